@@ -20,7 +20,7 @@ from catoptra_server.simulation import SimulationEvent
 from catoptra_server.transports.stream.server_info import CameraInfo, ServerInfo
 from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from helpers.loopback import HOST
-from helpers.robots import FakeViewProvider
+from helpers.robots import FakeViewProvider, make_p2at
 from helpers.stream_messages import CAMERA_MODEL
 
 MOUNT = Pose.from_rpy((0.1, 0.0, -0.5))
@@ -28,7 +28,7 @@ LANDMARK = Landmark("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow
 SERVER_INFO = ServerInfo(
     server="Catoptra test",
     world="field",
-    class_names=("USARBot.OmniP2AT",),
+    robots=(make_p2at(),),
     clock="lockstep",
     cameras={
         ("USARBot.OmniP2AT", "Omni"): CameraInfo(tuple(CAMERA_MODEL.items()), MOUNT, "traced")
@@ -49,12 +49,14 @@ class FakeSimulation:
     height: int = 6
     renders_frames: bool = True
     """Whether a requested frame ever arrives."""
+    has_room: bool = True
+    """Whether the queue of a client accepts more events."""
     num_rendered: int = 0
     """Frames rendered so far."""
     posted_events: list[SimulationEvent] = field(default_factory=list)
     mailboxes: Mailboxes | None = None
 
-    def post(self, event: SimulationEvent) -> None:
+    def post(self, event: SimulationEvent) -> bool:
         """Render a requested frame at once; record any other event."""
         match event:
             case FrameRequested(channel=channel):
@@ -64,12 +66,13 @@ class FakeSimulation:
                 pass
             case _:
                 self.posted_events.append(event)
+        return self.has_room
 
     def _render(self, channel: Channel) -> None:
         assert self.mailboxes is not None
         known = {CameraChannel(r, c) for r in ("", "OmniP2AT") for c in ("", "Omni")}
         if channel not in {IMAGE_PORT, *known}:
-            self.mailboxes.fail(channel)
+            self.mailboxes.fail(channel, "")
             return
         self.num_rendered += 1
         pose = Pose.from_rpy((0.01 * self.num_rendered, 0.0, -0.2))
@@ -100,6 +103,6 @@ async def serve_fake_simulation(simulation: FakeSimulation) -> AsyncIterator[Str
         mailboxes=simulation.mailboxes,
         post=simulation.post,
         server_info=SERVER_INFO,
-        query_plan=lambda camera, reply: reply(FakeViewProvider().view_state(camera)),
+        query_plan=lambda _, camera, reply: reply(FakeViewProvider().view_state(camera)),
     ) as server:
         yield server

@@ -46,13 +46,12 @@ class RawPeer:
         assert getattr(reply, "id", None) == request.id
         return reply
 
-    async def receive_error(self, *parts: bytes) -> str:
-        """Send malformed parts; return the reason of the error."""
+    async def receive_error(self, *parts: bytes) -> Error:
+        """Send malformed parts; return the error."""
         await self.send(*parts)
         reply, _ = await self.receive()
         assert isinstance(reply, Error)
-        assert reply.id == 0
-        return reply.reason
+        return reply
 
     async def request_frame(self, encoding: ImageEncoding = ImageEncoding.RAW) -> None:
         """Send a frame request."""
@@ -69,17 +68,22 @@ class RawPeer:
 
 
 @contextmanager
-def connect_raw_peer(port: int, *, high_water_mark: int = 1000) -> Iterator[RawPeer]:
+def connect_raw_peer(
+    port: int, *, high_water_mark: int = 1000, identity: bytes = b""
+) -> Iterator[RawPeer]:
     """Connect to a stream on the loopback.
 
     Args:
         port: TCP port.
         high_water_mark: Messages that may wait unread on this side.
+        identity: Identity of the socket; empty for one that the server chooses.
     """
     context = zmq.asyncio.Context()
     socket = context.socket(zmq.DEALER)
     try:
         socket.set(zmq.LINGER, 0)
+        if identity:
+            socket.set(zmq.IDENTITY, identity)
         socket.set(zmq.RCVHWM, high_water_mark)
         # A small mark only limits ZeroMQ's queue; the kernel's buffer would hold many more.
         if high_water_mark < 10:

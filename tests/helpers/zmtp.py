@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 
 from helpers.loopback import DEADLINE_S, HOST
@@ -32,11 +33,14 @@ def connect_with_handshake(port: int) -> socket.socket:
 
 def send_until_disconnect(port: int, block: bytes, *, max_bytes: int) -> int:
     """Send a block repeatedly; number of bytes sent before the connection was closed."""
-    sent = 0
     with connect_with_handshake(port) as peer:
-        try:
-            while sent < max_bytes:
-                sent += peer.send(block)
-        except ConnectionError:
-            pass
+        return send_until_closed(peer, block, max_bytes=max_bytes)
+
+
+def send_until_closed(peer: socket.socket, block: bytes, *, max_bytes: int = 1 << 40) -> int:
+    """Send a block repeatedly, and read nothing; number of bytes until the peer closed."""
+    sent = 0
+    with contextlib.suppress(ConnectionError):
+        while sent < max_bytes:
+            sent += peer.send(block)
     return sent

@@ -8,47 +8,49 @@ import threading
 from catoptra_protocol.stream.replies import Error, LandmarksReply, Reply
 from catoptra_protocol.stream.requests import GetLandmarksRequest
 from catoptra_server.frames.frame_request import CameraChannel
-from catoptra_server.simulation import LandmarksRequested, SimulationEvent
+from catoptra_server.simulation import Fault, LandmarksRequested, SimulationEvent
 from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
 from catoptra_server.transports.stream.landmark_replies import (
     camera_not_found,
-    handle_landmarks_request,
+    landmarks_reply,
+    request_projections,
 )
+from catoptra_server.transports.stream.pending_requests import PendingRequests
+from catoptra_server.transports.stream.robot_session import RobotSession
 from helpers.fake_simulation import LANDMARK
 from helpers.loopback import run_scenario
 
 
-async def query_landmarks(
-    request: GetLandmarksRequest, visible: tuple[LandmarkVisibility, ...] | None
+async def query_projections(
+    request: GetLandmarksRequest, result: tuple[LandmarkVisibility, ...] | Fault | None
 ) -> Reply:
-    """Reply to a request, with these projections of the simulation's thread at 1.5 s."""
+    """Reply to a request, with this result of the simulation's thread at 1.5 s."""
     replies: asyncio.Queue[Reply] = asyncio.Queue()
 
-    def post(event: SimulationEvent) -> None:
+    def post(event: SimulationEvent) -> bool:
         assert isinstance(event, LandmarksRequested)
-        assert event.channel == CameraChannel("A", "")
-        thread = threading.Thread(target=event.reply, args=(1.5, visible))
+        assert (event.client, event.channel) == (session, CameraChannel("A", ""))
+        thread = threading.Thread(target=event.reply, args=(1.5, result))
         thread.start()
         thread.join()
+        return True
 
-    handle_landmarks_request(request, (LANDMARK,), send_reply=replies.put_nowait, post=post)
+    session = RobotSession(post, on_fault=print)
+    pending = PendingRequests(replies.put_nowait)
+    request_projections(request, pending.add(request.id), session)
     return await replies.get()
 
 
-def test_landmarks_without_a_camera_are_sent_without_the_simulation() -> None:
-    async def scenario() -> None:
-        reply = await query_landmarks(GetLandmarksRequest(1), None)
-        assert isinstance(reply, LandmarksReply)
-        assert (reply.landmarks[0].name, reply.landmarks[0].visible) == ("a", None)
-        assert reply.time_s is None
-
-    run_scenario(scenario())
+def test_landmarks_without_a_camera_are_the_true_ones() -> None:
+    reply = landmarks_reply(1, (LANDMARK,))
+    assert (reply.landmarks[0].name, reply.landmarks[0].visible) == ("a", None)
+    assert reply.time_s is None
 
 
 def test_landmarks_of_a_camera_have_their_projections() -> None:
     async def scenario() -> None:
         projected = LandmarkVisibility(LANDMARK, (3.0, 4.0), True)
-        reply = await query_landmarks(GetLandmarksRequest(2, "A"), (projected,))
+        reply = await query_projections(GetLandmarksRequest(2, "A"), (projected,))
         assert isinstance(reply, LandmarksReply)
         (record,) = reply.landmarks
         assert (record.pixel, record.visible, reply.time_s) == ((3.0, 4.0), True, 1.5)
@@ -59,7 +61,15 @@ def test_landmarks_of_a_camera_have_their_projections() -> None:
 def test_landmarks_of_a_missing_camera_are_an_error() -> None:
     async def scenario() -> None:
         error = Error(3, "there is no camera of robot 'A'")
-        assert await query_landmarks(GetLandmarksRequest(3, "A", ""), None) == error
+        assert await query_projections(GetLandmarksRequest(3, "A", ""), None) == error
+
+    run_scenario(scenario())
+
+
+def test_landmarks_when_their_projection_failed_are_an_error_with_the_reason() -> None:
+    async def scenario() -> None:
+        reply = await query_projections(GetLandmarksRequest(3, "A", ""), Fault("a fault"))
+        assert reply == Error(3, "a fault")
 
     run_scenario(scenario())
 

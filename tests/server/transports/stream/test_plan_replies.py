@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
+
 from catoptra_protocol.stream.messages import bytes_from_message
 from catoptra_protocol.stream.replies import Error, PlanReply, Reply
 from catoptra_protocol.stream.requests import GetStatusRequest, SetAccuracyRequest
+from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
-from catoptra_server.simulation import AccuracyTargetChanged
+from catoptra_server.simulation import AccuracyTargetChanged, Fault, SimulationEvent
+from catoptra_server.transports.stream.pending_requests import PendingRequests
+from catoptra_server.transports.stream.plan_replies import request_plan
+from catoptra_server.transports.stream.robot_session import RobotSession
 from helpers.fake_simulation import FakeSimulation, serve_fake_simulation
 from helpers.loopback import run_scenario
 from helpers.robots import CAMERA
@@ -15,9 +21,9 @@ from helpers.stream_peer import connect_raw_peer
 
 
 def query_plan(
-    request: SetAccuracyRequest, *, has_camera: bool = True
+    request: SetAccuracyRequest, *, result: Fault | str | None = "camera"
 ) -> tuple[Reply, list[AccuracyTargetChanged]]:
-    """Reply of a server whose simulation has, or has not, a camera; and the posted events."""
+    """Reply of a server whose simulation finds a camera or this result; the posted events."""
     simulation = FakeSimulation()
     replies: list[Reply] = []
 
@@ -32,7 +38,8 @@ def query_plan(
                         max_error_px=change.max_error_px, budget_ms=change.budget_ms
                     )
                     spec = OmniCameraSpec(CAMERA.camera, RenderSettings(accuracy_target=target))
-                    change.reply(spec if has_camera else None, change.camera or "Omni")
+                    found = spec if isinstance(result, str) else result
+                    change.reply(found, change.camera or "Omni")
                     replies.append((await peer.receive())[0])
 
     run_scenario(scenario())
@@ -54,9 +61,37 @@ def test_plan_when_a_tolerance_is_set_describes_the_resulting_plan() -> None:
 
 
 def test_plan_of_a_missing_camera_is_an_error() -> None:
-    reply, _ = query_plan(SetAccuracyRequest(2, "Rear", None, None), has_camera=False)
+    reply, _ = query_plan(SetAccuracyRequest(2, "Rear", None, None), result=None)
     assert isinstance(reply, Error)
     assert "no robot with an omnidirectional camera 'Rear'" in reply.reason
+
+
+def test_plan_when_superseded_in_the_simulation_is_an_error_with_the_reason() -> None:
+    reply, _ = query_plan(SetAccuracyRequest(2, "", 0.5, None), result=Fault("superseded"))
+    assert reply == Error(2, "superseded")
+
+
+def test_plan_when_the_render_thread_has_none_is_an_error_with_the_reason() -> None:
+    async def scenario() -> None:
+        replies: asyncio.Queue[Reply] = asyncio.Queue()
+        clients = []
+
+        def post(event: SimulationEvent) -> bool:
+            assert isinstance(event, AccuracyTargetChanged)
+            event.reply(OmniCameraSpec(CAMERA.camera, RenderSettings()), "Omni")
+            return True
+
+        def find_no_plan(client: object, camera: OmniCameraSpec, reply: PlanCallback) -> None:
+            clients.append(client)
+            reply(PlanFailure("no plan"))
+
+        session = RobotSession(post, on_fault=print)
+        pending = PendingRequests(replies.put_nowait).add(4)
+        request_plan(SetAccuracyRequest(4, "", None, None), pending, session, find_no_plan)
+        assert await replies.get() == Error(4, "no plan")
+        assert clients == [session]
+
+    run_scenario(scenario())
 
 
 def test_plan_with_a_negative_budget_is_an_error_before_any_change() -> None:

@@ -27,8 +27,12 @@ class RouterFixture:
 
     def __init__(self, host: str = HOST) -> None:
         self.received: asyncio.Queue[tuple[bytes, list[bytes]]] = asyncio.Queue()
+        self.ended: asyncio.Queue[bytes] = asyncio.Queue()
         self.socket = RouterSocket(
-            host, 0, lambda peer, parts: self.received.put_nowait((peer, parts))
+            host,
+            0,
+            on_message=lambda peer, parts: self.received.put_nowait((peer, parts)),
+            on_disconnect=self.ended.put_nowait,
         )
 
     def __enter__(self) -> RouterFixture:
@@ -83,7 +87,7 @@ def test_message_when_sent_after_the_end_has_no_peer() -> None:
     run_scenario(scenario())
 
 
-def test_possible_disconnects_are_confirmed_by_sending() -> None:
+def test_end_of_a_connection_is_reported_for_its_peer_alone() -> None:
     async def scenario() -> None:
         with RouterFixture() as router, connect_raw_peer(router.socket.port) as connected:
             await connected.send(b"ping")
@@ -91,15 +95,50 @@ def test_possible_disconnects_are_confirmed_by_sending() -> None:
             with connect_raw_peer(router.socket.port) as leaving:
                 await leaving.send(b"ping")
                 identity, _ = await router.received.get()
-            disconnects: set[bytes] = set()
-            while not disconnects:
-                disconnects = router.socket.poll_disconnects()
-                await asyncio.sleep(0)
-            assert disconnects == {identity}
-            while router.socket.send(identity, [b"there?"]) is not SendResult.DISCONNECTED:
-                await asyncio.sleep(0)
+            assert await router.ended.get() == identity
+            assert router.socket.send(identity, [b"there?"]) is SendResult.DISCONNECTED
+            await connected.send(b"ping")
+            await router.received.get()
+            assert router.ended.empty()
 
     run_scenario(scenario())
+
+
+def test_end_of_a_connection_is_reported_before_messages_of_its_successor() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router:
+            for number in range(50):
+                with connect_raw_peer(router.socket.port, identity=b"same") as peer:
+                    await peer.send(b"%d" % number)
+                    assert await router.received.get() == (b"same", [b"%d" % number])
+                    # All but this one have ended, and each was reported once.
+                    assert router.ended.qsize() == number
+
+    run_scenario(scenario())
+
+
+def test_peer_when_disconnected_is_closed_and_others_stay() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router, connect_raw_peer(router.socket.port) as other:
+            with await asyncio.to_thread(connect_with_handshake, router.socket.port) as peer:
+                peer.sendall(zmtp_frame(b"ping"))
+                identity, _ = await router.received.get()
+                router.socket.disconnect(identity)
+                assert await router.ended.get() == identity
+                assert await asyncio.to_thread(read_until_end, peer)
+                router.socket.disconnect(identity)  # of no effect
+            await other.send(b"ping")
+            await router.received.get()
+            assert router.ended.empty()
+
+    run_scenario(scenario())
+
+
+def read_until_end(peer: socket.socket) -> bool:
+    """Read until the other side has closed."""
+    while peer.recv(1024):
+        pass
+    return True
 
 
 def test_message_to_an_unknown_peer_is_not_sent() -> None:
@@ -130,7 +169,7 @@ def test_port_when_in_use_raises_os_error_with_its_number() -> None:
         with socket.create_server((HOST, 0)) as in_use:
             port = in_use.getsockname()[1]
             with pytest.raises(OSError, match=f"stream port 127.0.0.1:{port}: Address already"):
-                RouterSocket(HOST, port, print)
+                RouterSocket(HOST, port, on_message=print, on_disconnect=print)
 
     run_scenario(scenario())
 
@@ -205,7 +244,7 @@ def test_socket_when_its_private_endpoint_fails_names_the_remedy(
 
     async def scenario() -> None:
         with pytest.raises(OSError, match="set TMPDIR to a short, writable path"):
-            RouterSocket(HOST, 0, print)
+            RouterSocket(HOST, 0, on_message=print, on_disconnect=print)
         assert list(deep.iterdir()) == []
 
     run_scenario(scenario())

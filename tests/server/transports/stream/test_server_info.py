@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.camera_conf import omni_camera_from_pairs
+from catoptra_protocol.camera_conf import any_camera_from_pairs, omni_camera_from_pairs
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.robot.robot_description import PerspectiveCameraDescription
 from catoptra_server.transports.stream.server_info import (
     build_server_info,
     records_from_decisions,
     transform_from_pose,
 )
-from helpers.configs import FIELD, OMNI_ROBOT
+from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS
+from helpers.robots import FORWARD_MOUNT, make_p2at
 
 
 def test_server_info_of_the_bundled_robot_has_its_camera() -> None:
@@ -25,6 +28,31 @@ def test_server_info_of_the_bundled_robot_has_its_camera() -> None:
     assert info.class_names == (robot.class_name,)
     assert info.landmarks == world.landmarks
     assert [start.name for start in info.start_poses] == [start.name for start in world.starts]
+
+
+def test_cameras_are_of_both_kinds_and_of_the_own_class_first() -> None:
+    omni, real = read_robot(OMNI_ROBOT)[0], read_robot(ROBOTS / "p2at_omni_real.ini")[0]
+    front = PerspectiveCameraDescription("Front", FORWARD_MOUNT, 64, 48, 0.8, 0.4, 1.6)
+    only_front = make_p2at(
+        class_name="USARBot.Plain", omni_camera=None, perspective_cameras=(front,)
+    )
+    robots = (omni, only_front, real)
+    info = build_server_info(robots, read_world(FIELD)[0], clock="realtime", plans={})
+
+    def find(name: str, spawned_as: str) -> tuple[str, str]:
+        found = info.find_camera(name, spawned_as=spawned_as)
+        assert found is not None
+        return found[0]
+
+    assert find("", "")[0] == omni.class_name
+    assert find("", "plain") == ("USARBot.Plain", "Front")
+    assert find("", real.class_name)[0] == real.class_name
+    assert find("FRONT", "") == ("USARBot.Plain", "Front")
+    assert find("Front", omni.class_name) == ("USARBot.Plain", "Front")
+    assert info.find_camera("Rear", spawned_as="") is None
+    camera = info.cameras["USARBot.Plain", "Front"]
+    assert any_camera_from_pairs(camera.camera_model) == PerspectiveCamera(64, 48, 0.8)
+    assert camera.robot_from_mirror.translation.tolist() == list(FORWARD_MOUNT.position_m)
 
 
 def test_transform_when_rotated_lists_the_matrix_row_by_row() -> None:

@@ -1,14 +1,24 @@
-"""One client and its robot, with a simulation whose reports the test delivers."""
+"""One client over the loopback, with a simulation whose replies the test plays."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
+import pytest
+
 from catoptra_protocol.stream.messages import bytes_from_message
-from catoptra_protocol.stream.replies import Error, Ok, Reply, SensorReports
+from catoptra_protocol.stream.replies import (
+    CameraReply,
+    Error,
+    Ok,
+    Reply,
+    SensorReports,
+)
 from catoptra_protocol.stream.requests import (
     DriveRequest,
+    GetCameraRequest,
     GetReadingsRequest,
     GetStatusRequest,
     Request,
@@ -16,173 +26,249 @@ from catoptra_protocol.stream.requests import (
     SpawnRequest,
     StepRequest,
 )
-from catoptra_protocol.usarsim.commands import Drive, GetStartPoses, Init, Step
-from catoptra_protocol.usarsim.reports import (
-    CommandResult,
-    OdometryReading,
-    Report,
-    StartPoses,
-    VehicleStatus,
+from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
+from catoptra_server.simulation import (
+    ClientDisconnected,
+    ResetRequested,
+    SimulationEvent,
+    StepRequested,
+    StepResult,
 )
-from catoptra_server.simulation import ClientDisconnected, CommandReceived, SimulationEvent
+from catoptra_server.transports.stream import stream_peer
+from catoptra_server.transports.stream.robot_session import RobotSession
 from catoptra_server.transports.stream.stream_peer import StreamPeer
+from catoptra_server.transports.stream.stream_server import StreamServer
 from helpers.fake_simulation import FakeSimulation, serve_fake_simulation
-from helpers.loopback import run_scenario
+from helpers.loopback import run_scenario, wait_until
+from helpers.stream_messages import SAMPLE_REQUESTS
 from helpers.stream_peer import RawPeer, connect_raw_peer
 
-SPAWN = SpawnRequest(1, "USARBot.OmniP2AT", "Mine", None, (0.0, 0.0, 0.0), "Centre")
+SPAWN = SpawnRequest(1, "USARBot.OmniP2AT", "Mine", None, "Centre")
 STATUS = VehicleStatus(1.0, 100)
 ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
 
 
 class PeerSession:
-    """A raw peer, its StreamPeer in the server, and the posted events."""
+    """A raw peer, its StreamPeer in the server, and the simulation between them."""
 
-    def __init__(self, raw: RawPeer, client: StreamPeer, posted: list[SimulationEvent]) -> None:
+    def __init__(self, raw: RawPeer, server: StreamServer, simulation: FakeSimulation) -> None:
         self.raw = raw
-        self.client = client
-        self.posted = posted
+        self.server = server
+        self.simulation = simulation
 
-    async def request(self, request: Request, *reports: Report) -> Reply:
-        """Send a request; deliver reports after the event of the request; return the reply."""
+    @property
+    def client(self) -> StreamPeer:
+        """Only client of the server."""
+        (client,) = self.server.peers
+        return client
+
+    @property
+    def posted(self) -> list[SimulationEvent]:
+        """Events of the client so far."""
+        return self.simulation.posted_events
+
+    async def send(self, request: Request) -> None:
+        """Send a request, and wait for its event."""
         before = len(self.posted)
         await self.raw.send(bytes_from_message(request))
-        if reports:
-            while len(self.posted) == before:
-                await self.raw.send_request(GetStatusRequest(next(self.raw.ids)))
-            self.client.deliver(reports)
+        await wait_until(lambda: len(self.posted) > before, f"event of {request}")
+
+    async def receive(self) -> Reply:
+        """Next reply."""
         return (await self.raw.receive())[0]
 
     async def spawn(self) -> Reply:
         """Spawn a robot; the reply."""
-        return await self.request(SPAWN, ODOMETRY, STATUS)
+        await self.send(SPAWN)
+        self.client.robot.confirm_spawn("Mine", None)
+        self.client.robot.deliver([ODOMETRY, STATUS])
+        return await self.receive()
 
 
 @asynccontextmanager
-async def open_session() -> AsyncIterator[PeerSession]:
-    simulation = FakeSimulation()
+async def open_session(simulation: FakeSimulation | None = None) -> AsyncIterator[PeerSession]:
+    simulation = simulation or FakeSimulation()
     async with serve_fake_simulation(simulation) as server:
         with connect_raw_peer(server.port) as raw:
             await raw.send_request(GetStatusRequest(1000))
-            yield PeerSession(raw, server.peers[0], simulation.posted_events)
+            yield PeerSession(raw, server, simulation)
 
 
-def test_spawn_when_successful_returns_the_first_readings() -> None:
+def run_session(
+    play: Callable[[PeerSession], Awaitable[None]],
+    simulation: FakeSimulation | None = None,
+) -> None:
+    """Run a coroutine function with an open session."""
+
     async def scenario() -> None:
-        async with open_session() as session:
-            reply = await session.spawn()
-            init = Init("USARBot.OmniP2AT", "Mine", None, (0.0, 0.0, 0.0), "Centre")
-            assert session.posted == [CommandReceived(session.client, init)]
-            assert isinstance(reply, SensorReports)
-            assert reply.id == 1
-            assert [line[:3] for line in reply.reports] == ["SEN", "STA"]
+        async with open_session(simulation) as session:
+            await play(session)
 
     run_scenario(scenario())
 
 
-def test_spawn_when_rejected_is_an_error_and_may_be_repeated() -> None:
+def test_drive_with_a_robot_is_ok_and_without_one_an_error() -> None:
+    async def play(session: PeerSession) -> None:
+        drive = DriveRequest(5, 1.0, None, True)
+        reply = await session.raw.send_request(drive)
+        assert isinstance(reply, Error)
+        assert "spawn one first" in reply.reason
+        await session.spawn()
+        assert await session.raw.send_request(drive) == Ok(5)
+
+    run_session(play)
+
+
+def test_reset_is_ok_and_readings_are_of_the_robot_alone() -> None:
+    async def play(session: PeerSession) -> None:
+        await session.spawn()
+        session.client.robot.deliver([OdometryReading("Odometry", 7.0, 2.0, 0.5)])
+        readings = await session.raw.send_request(GetReadingsRequest(9))
+        assert isinstance(readings, SensorReports)
+        assert "7.0" in readings.reports[0]
+        await session.send(ResetRequest(8))
+        reset = session.posted[-1]
+        assert isinstance(reset, ResetRequested)
+        reset.reply()
+        assert await session.receive() == Ok(8)
+        assert isinstance(await session.raw.send_request(GetReadingsRequest(9)), Error)
+        assert isinstance(await session.spawn(), SensorReports)
+
+    run_session(play)
+
+
+def test_requests_when_too_many_are_pending_are_errors_and_each_has_one_reply() -> None:
+    async def play(session: PeerSession) -> None:
+        for number in range(1, 70):
+            await session.raw.send(bytes_from_message(StepRequest(number, 0.1)))
+        refused = [await session.receive() for _ in range(5)]
+        reason = "64 requests are pending: wait for their replies"
+        assert refused == [Error(number, reason) for number in range(65, 70)]
+        for event in session.posted:
+            assert isinstance(event, StepRequested)
+            event.reply(StepResult(0.1))
+        replies = [await session.receive() for _ in range(64)]
+        assert [getattr(reply, "id", 0) for reply in replies] == list(range(1, 65))
+
+    run_session(play)
+
+
+def test_replies_when_more_than_zeromq_takes_are_all_received_in_order() -> None:
+    async def play(session: PeerSession) -> None:
+        for number in range(1, 101):
+            await session.raw.send(bytes_from_message(GetStatusRequest(number)))
+        replies = [await session.receive() for _ in range(100)]
+        assert [getattr(reply, "id", 0) for reply in replies] == list(range(1, 101))
+
+    run_session(play)
+
+
+def test_commands_when_the_queue_of_the_simulation_is_full_are_errors() -> None:
+    simulation = FakeSimulation()
+
+    async def play(session: PeerSession) -> None:
+        await session.spawn()
+        simulation.has_room = False
+        assert await session.raw.send_request(DriveRequest(2, 1.0, 1.0, False)) == Ok(2)
+        reply = await session.raw.send_request(DriveRequest(3, 1.0, 1.0, False))
+        assert isinstance(reply, Error)
+        assert "has not executed" in reply.reason
+        session.client.robot.resume_reading()
+        assert await session.raw.send_request(DriveRequest(4, 1.0, 1.0, False)) == Ok(4)
+
+    run_session(play, simulation)
+
+
+def test_fault_of_the_robot_rejects_pending_requests_and_the_client_stays() -> None:
+    async def play(session: PeerSession) -> None:
+        await session.spawn()
+        await session.send(StepRequest(2, 0.1))
+        step, faulty = session.posted[-1], session.client.robot
+        assert isinstance(step, StepRequested)
+        faulty.disconnect("a fault removed the robot")
+        assert await session.receive() == Error(2, "a fault removed the robot")
+        step.reply(StepResult(0.1))  # too late
+        assert session.posted[-1] == ClientDisconnected(faulty)
+        assert not session.client.robot.has_robot
+        assert isinstance(await session.spawn(), SensorReports)
+
+    run_session(play)
+
+
+def test_camera_when_unnamed_is_that_of_the_own_robot() -> None:
+    async def play(session: PeerSession) -> None:
+        await session.spawn()
+        camera = await session.raw.send_request(GetCameraRequest(2, ""))
+        assert isinstance(camera, CameraReply)
+        assert (camera.class_name, camera.camera) == ("USARBot.OmniP2AT", "Omni")
+
+    run_session(play)
+
+
+@pytest.mark.parametrize("request_", SAMPLE_REQUESTS, ids=lambda request: request.KIND)
+def test_request_when_its_handling_raises_is_an_error_and_the_server_goes_on(
+    request_: Request, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def raise_error(*arguments: object, **keywords: object) -> None:
+        raise ZeroDivisionError("injected")
+
+    simulation = FakeSimulation()
+
+    async def play(session: PeerSession) -> None:
+        await session.spawn()
+        if isinstance(request_, SpawnRequest):
+            session.client.robot.expects_robot = False
+        inject_fault(monkeypatch, session, raise_error)
+        reply = await session.raw.send_request(request_)
+        assert reply == Error(
+            request_.id, "an internal fault ended this request: see the server's log"
+        )
+        monkeypatch.undo()
+        assert not session.client.wants_heartbeat(0)  # nothing is pending
+        await session.raw.send_request(GetStatusRequest(99))
+
+    run_session(play, simulation)
+    assert "injected" in caplog.text
+
+
+def inject_fault(
+    monkeypatch: pytest.MonkeyPatch, session: PeerSession, raise_error: Callable[..., None]
+) -> None:
+    """Make each step behind the dispatch of a request raise."""
+    peer, info = session.client, session.server._server_info
+    for name in ("post", "readings_reply"):
+        monkeypatch.setattr(RobotSession, name, raise_error)
+    monkeypatch.setattr(type(info), "find_camera", raise_error)
+    monkeypatch.setattr(type(session.server), "_status_reply", raise_error)
+    monkeypatch.setattr(peer.frame_sender._mailboxes, "get", raise_error)
+    for name in ("landmarks_reply", "StartPosesReply"):
+        monkeypatch.setattr(f"catoptra_server.transports.stream.stream_server.{name}", raise_error)
+
+
+def test_client_when_it_reads_nothing_for_long_is_stalled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(stream_peer, "_MAX_BLOCKED_S", 0.0)
+
     async def scenario() -> None:
-        async with open_session() as session:
-            await session.raw.send(bytes_from_message(SPAWN))
-            while not session.posted:
-                await session.raw.send_request(GetStatusRequest(next(session.raw.ids)))
-            session.client.reject_init()
-            reply, _ = await session.raw.receive()
-            assert isinstance(reply, Error)
-            assert "unknown class" in reply.reason
-            assert isinstance(await session.spawn(), SensorReports)
+        async with serve_fake_simulation(FakeSimulation(640, 480)) as server:
+            with connect_raw_peer(server.port, high_water_mark=1) as stalled:
+                await stalled.send_request(GetStatusRequest(1000))
+                (client,) = server.peers
+                while client in server.peers:
+                    await stalled.request_frame()
+                    server.send_heartbeats()
+                    await asyncio.sleep(0)
 
     run_scenario(scenario())
 
 
-def test_spawn_when_there_is_a_robot_or_a_name_that_breaks_lines_is_an_error() -> None:
-    async def scenario() -> None:
-        async with open_session() as session:
-            for name, expected_reason in (("a}b", "braces"), ("a" * 257, "256 characters")):
-                bad = SpawnRequest(2, "USARBot.OmniP2AT", name, None, (0.0, 0.0, 0.0), "Centre")
-                reply = await session.request(bad)
-                assert isinstance(reply, Error)
-                assert expected_reason in reply.reason
-            await session.spawn()
-            reply = await session.request(SPAWN)
-            assert isinstance(reply, Error)
-            assert "reset first" in reply.reason
+def test_heartbeats_when_idle_are_due_up_to_a_number_and_when_waiting_always() -> None:
+    async def play(session: PeerSession) -> None:
+        assert [session.client.wants_heartbeat(2) for _ in range(4)] == [True, True, False, False]
+        session.client.reset_idle_count()
+        assert session.client.wants_heartbeat(2)
+        await session.send(StepRequest(2, 0.1))
+        assert all(session.client.wants_heartbeat(2) for _ in range(4))
 
-    run_scenario(scenario())
-
-
-def test_drive_with_a_robot_is_posted_and_without_one_an_error() -> None:
-    async def scenario() -> None:
-        async with open_session() as session:
-            drive = DriveRequest(5, 1.0, None, True)
-            reply = await session.request(drive)
-            assert isinstance(reply, Error)
-            assert "spawn one first" in reply.reason
-            await session.spawn()
-            assert await session.request(drive) == Ok(5)
-            assert session.posted[-1] == CommandReceived(session.client, Drive(1.0, None, True))
-
-    run_scenario(scenario())
-
-
-def test_step_when_successful_returns_the_cycle_and_when_failed_the_reason() -> None:
-    async def scenario() -> None:
-        async with open_session() as session:
-            succeeded = CommandResult(1.2, "Step", "Clock", "OK")
-            reply = await session.request(StepRequest(6, 0.2), ODOMETRY, succeeded)
-            assert session.posted == [CommandReceived(session.client, Step(0.2))]
-            assert isinstance(reply, SensorReports)
-            assert [line[:3] for line in reply.reports] == ["SEN", "RES"]
-            failed = CommandResult(1.2, "Step", "Clock", "Failed")
-            reply = await session.request(StepRequest(7, 0.2), failed)
-            assert isinstance(reply, Error)
-            assert "--clock lockstep" in reply.reason
-
-    run_scenario(scenario())
-
-
-def test_step_when_too_many_are_pending_is_an_error() -> None:
-    async def scenario() -> None:
-        async with open_session() as session:
-            for number in range(1, 18):
-                await session.raw.send(bytes_from_message(StepRequest(number, 0.1)))
-            reply, _ = await session.raw.receive()
-            assert isinstance(reply, Error)
-            assert reply.id == 17
-
-    run_scenario(scenario())
-
-
-def test_reset_when_the_removal_is_complete_is_ok_and_old_readings_are_dropped() -> None:
-    async def scenario() -> None:
-        async with open_session() as session:
-            await session.spawn()
-            await session.raw.send(bytes_from_message(ResetRequest(8)))
-            while len(session.posted) < 3:
-                await session.raw.send_request(GetStatusRequest(next(session.raw.ids)))
-            assert session.posted[1:] == [
-                ClientDisconnected(session.client),
-                CommandReceived(session.client, GetStartPoses()),
-            ]
-            session.client.deliver([STATUS])  # of the removed robot
-            session.client.deliver([StartPoses(())])
-            assert (await session.raw.receive())[0] == Ok(8)
-            reply = await session.request(GetReadingsRequest(9))
-            assert isinstance(reply, Error)
-            assert isinstance(await session.spawn(), SensorReports)
-
-    run_scenario(scenario())
-
-
-def test_readings_when_requested_are_the_newest_of_each_sensor() -> None:
-    async def scenario() -> None:
-        async with open_session() as session:
-            await session.spawn()
-            session.client.deliver([OdometryReading("Odometry", 7.0, 2.0, 0.5)])
-            reply = await session.request(GetReadingsRequest(9))
-            assert isinstance(reply, SensorReports)
-            odometry, status = reply.reports
-            assert "7.0" in odometry
-            assert status.startswith("STA")
-
-    run_scenario(scenario())
+    run_session(play)

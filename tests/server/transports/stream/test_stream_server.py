@@ -24,12 +24,15 @@ from catoptra_protocol.stream.requests import (
     GetStatusRequest,
     ImageEncoding,
 )
+from catoptra_server.frames.frame import Frame
 from catoptra_server.simulation import ClientDisconnected
 from catoptra_server.transports.stream import stream_server
+from catoptra_server.transports.stream.stream_peer import StreamPeer
 from helpers.fake_simulation import SERVER_INFO, FakeSimulation, serve_fake_simulation
-from helpers.loopback import run_scenario
+from helpers.loopback import run_scenario, wait_until
 from helpers.stream_messages import CAMERA_MODEL
 from helpers.stream_peer import connect_raw_peer
+from helpers.zmtp import connect_with_handshake, send_until_closed, zmtp_frame
 
 
 def test_requests_about_the_server_have_replies() -> None:
@@ -64,28 +67,32 @@ def test_camera_when_unknown_is_an_error_with_the_known_ones() -> None:
     run_scenario(scenario())
 
 
+# Parts of a message, and the id of the error.
 MALFORMED = {
-    "empty": (b"",),
-    "garbage": (b"\xc1\xff\0",),
-    "text": (b"INIT {ClassName USARBot.P2AT}\r\n",),
-    "no kind": (msgpack.packb({"id": 1}),),
-    "unknown kind": (msgpack.packb({"kind": "fly", "id": 1}),),
-    "missing field": (msgpack.packb({"kind": "step", "id": 1}),),
-    "not finite": (msgpack.packb({"kind": "step", "id": 1, "time_s": float("inf")}),),
-    "two parts": (msgpack.packb({"kind": "get_status", "id": 1}), b"more"),
-    "a reply": (msgpack.packb({"kind": "heartbeat", "version": 1}),),
+    "empty": ((b"",), 0),
+    "garbage": ((b"\xc1\xff\0",), 0),
+    "text": ((b"INIT {ClassName USARBot.P2AT}\r\n",), 0),
+    "no kind": ((msgpack.packb({"id": 3}),), 3),
+    "unknown kind": ((msgpack.packb({"kind": "fly", "id": 3}),), 3),
+    "missing field": ((msgpack.packb({"kind": "step", "id": 3}),), 3),
+    "not finite": ((msgpack.packb({"kind": "step", "id": 3, "time_s": float("inf")}),), 3),
+    "id 0": ((msgpack.packb({"kind": "get_status", "id": 0}),), 0),
+    "two parts": ((msgpack.packb({"kind": "get_status", "id": 3}), b"more"), 0),
+    "a reply": ((msgpack.packb({"kind": "heartbeat", "version": 1}),), 0),
 }
 
 
-@pytest.mark.parametrize("parts", MALFORMED.values(), ids=MALFORMED.keys())
+@pytest.mark.parametrize(("parts", "id_"), MALFORMED.values(), ids=MALFORMED.keys())
 def test_message_when_malformed_is_an_error_and_disturbs_no_other_client(
-    parts: tuple[bytes, ...],
+    parts: tuple[bytes, ...], id_: int
 ) -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as malformed, connect_raw_peer(server.port) as other:
                 assert (await other.get_frame())[0].sequence == 1
-                assert await malformed.receive_error(*parts)
+                error = await malformed.receive_error(*parts)
+                assert error.id == id_
+                assert error.reason
                 assert (await other.get_frame())[0].sequence == 2
                 assert (await malformed.get_frame())[0].sequence == 3
 
@@ -147,8 +154,9 @@ def test_client_when_it_requests_without_reading_is_sent_a_bounded_number() -> N
                     await other.get_frame()
                 senders = [peer.frame_sender for peer in server.peers]
                 unread, served = sorted(senders, key=lambda sender: sender.num_sent)
-                # Eight of 0.9 MB are queued, the rest is in the buffers of the kernel and the peer.
-                assert 1 <= unread.num_sent <= 25
+                # Two of 0.9 MB are queued, one waits, the rest is in the buffers of the kernel and
+                # the peer.
+                assert 1 <= unread.num_sent <= 20
                 assert unread.num_dropped >= 50
                 assert (served.num_sent, served.num_dropped) == (100, 0)
 
@@ -162,10 +170,8 @@ def test_peer_when_its_connection_ends_is_removed_from_the_simulation() -> None:
             with connect_raw_peer(server.port) as peer:
                 await peer.send_request(GetStatusRequest(1))
                 (client,) = server.peers
-            while not simulation.posted_events:
-                server.send_heartbeats()
-                await asyncio.sleep(0)
-            assert simulation.posted_events == [ClientDisconnected(client)]
+            await wait_until(lambda: bool(simulation.posted_events), "end of the connection")
+            assert simulation.posted_events == [ClientDisconnected(client.robot)]
             assert server.peers == ()
 
     run_scenario(scenario())
@@ -263,6 +269,115 @@ def test_server_when_it_ends_disconnects_every_peer() -> None:
                 await peer.send(bytes_from_message(GetFrameRequest(2, "", "", ImageEncoding.RAW)))
                 (client,) = server.peers
                 server.disconnect_peers()
-                assert simulation.posted_events == [ClientDisconnected(client)]
+                assert simulation.posted_events == [ClientDisconnected(client.robot)]
+
+    run_scenario(scenario())
+
+
+def test_newcomer_with_the_identity_of_a_departed_client_is_another_client() -> None:
+    async def scenario() -> None:
+        simulation = FakeSimulation()
+        async with serve_fake_simulation(simulation) as server:
+            robots = []
+            for number in range(20):
+                # Without a pause: the server has not noticed the end of the connection before.
+                with connect_raw_peer(server.port, identity=b"same") as peer:
+                    status = await peer.send_request(GetStatusRequest(1))
+                    assert isinstance(status, StatusReply)
+                    assert not status.has_robot
+                    (client,) = server.peers
+                    robots.append(client.robot)
+                    client.robot.has_robot = True
+                    assert simulation.posted_events == list(map(ClientDisconnected, robots[:-1]))
+                assert len(set(robots)) == number + 1
+
+    run_scenario(scenario())
+
+
+def test_reply_when_it_is_for_a_departed_client_does_not_reach_its_successor() -> None:
+    async def scenario() -> None:
+        async with serve_fake_simulation(FakeSimulation()) as server:
+            with connect_raw_peer(server.port, identity=b"same") as peer:
+                await peer.send_request(GetStatusRequest(1))
+                (departed,) = server.peers
+            with connect_raw_peer(server.port, identity=b"same") as peer:
+                await peer.send_request(GetStatusRequest(1))
+                departed.send_reply(Ok(2))
+                await peer.send_request(GetStatusRequest(3))
+
+    run_scenario(scenario())
+
+
+def test_client_when_it_never_reads_its_replies_is_disconnected_and_others_stay(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def scenario() -> None:
+        async with serve_fake_simulation(FakeSimulation(640, 480)) as server:
+            with connect_raw_peer(server.port) as peer:
+                await peer.send_request(GetStatusRequest(1))
+                await asyncio.to_thread(request_frames_until_closed, server.port)
+                await peer.send_request(GetStatusRequest(3))
+                await wait_until(lambda: len(server.peers) == 1, "end of the deaf client")
+
+    run_scenario(scenario())
+    assert caplog.text.count("reads nothing: disconnected") == 1
+
+
+def request_frames_until_closed(port: int) -> None:
+    """Request frames without reading any, until the server closes the connection."""
+    requests = (GetFrameRequest(id_, "", "", ImageEncoding.RAW) for id_ in range(1, 101))
+    block = b"".join(zmtp_frame(bytes_from_message(request)) for request in requests)
+    with connect_with_handshake(port) as deaf:
+        send_until_closed(deaf, block)
+
+
+def test_frame_requests_when_superseded_have_an_error_each() -> None:
+    async def scenario() -> None:
+        async with serve_fake_simulation(FakeSimulation(renders_frames=False)) as server:
+            with connect_raw_peer(server.port) as peer:
+                for _ in range(12):
+                    await peer.request_frame()
+                for number in range(1, 12):
+                    expected = Error(number, f"superseded by request {number + 1}")
+                    assert (await peer.receive())[0] == expected
+
+    run_scenario(scenario())
+
+
+def test_frame_when_its_encoding_raises_is_an_error_and_the_next_is_sent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def raise_error(*arguments: object) -> bytes:
+        raise ZeroDivisionError
+
+    async def scenario() -> None:
+        async with serve_fake_simulation(FakeSimulation()) as server:
+            with connect_raw_peer(server.port) as peer:
+                with monkeypatch.context() as patch:
+                    patch.setattr(Frame, "encode", raise_error)
+                    await peer.request_frame()
+                    reply = (await peer.receive())[0]
+                assert isinstance(reply, Error)
+                assert (reply.id, "internal fault" in reply.reason) == (1, True)
+                assert (await peer.get_frame())[0].sequence == 2
+
+    run_scenario(scenario())
+
+
+def test_heartbeats_when_one_raises_go_on(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(stream_server, "HEARTBEAT_INTERVAL_S", 0.001)
+
+    async def scenario() -> None:
+        simulation = FakeSimulation(renders_frames=False)
+        async with serve_fake_simulation(simulation) as server:
+            with connect_raw_peer(server.port) as peer:
+                await peer.send_request(GetStatusRequest(1))
+                with monkeypatch.context() as patch:
+                    patch.setattr(StreamPeer, "wants_heartbeat", lambda *_: 1 / 0)
+                    await wait_until(lambda: "heartbeats failed" in caplog.text, "failed heartbeat")
+                await peer.request_frame()
+                assert (await peer.receive_head()).KIND == "heartbeat"
 
     run_scenario(scenario())

@@ -6,23 +6,26 @@ There is no queue. Without a request nothing is rendered, encoded or stored.
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import Callable
 
 from catoptra_protocol.stream.messages import SCHEMA_VERSION, bytes_from_message
-from catoptra_protocol.stream.replies import FrameHeader
+from catoptra_protocol.stream.replies import Error, FrameHeader
 from catoptra_protocol.stream.requests import GetFrameRequest
+from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.transports.stream.landmark_replies import camera_not_found
-from catoptra_server.transports.stream.router_socket import SendResult
+from catoptra_server.transports.stream.outbox import Outbox
+from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT, SendReply
 from catoptra_server.transports.stream.server_info import (
     records_from_decisions,
     transform_from_pose,
 )
 
-SendMessage = Callable[[list[bytes]], SendResult]
+log = logging.getLogger(__name__)
 
 # Channels with a recorded last frame per client, so that one that alternates between cameras gets
 # no frame twice; a forgotten channel starts from any frame.
@@ -34,26 +37,31 @@ class FrameSender:
 
     def __init__(
         self,
-        send: SendMessage,
+        outbox: Outbox,
         mailboxes: Mailboxes,
         *,
+        send_reply: SendReply,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """Start without a request.
 
         Args:
-            send: Sends parts to the client.
+            outbox: Receives frames.
             mailboxes: Newest frame of each channel.
+            send_reply: Sends an error to the client.
             monotonic: Clock of the frame age, in seconds.
         """
-        self._send = send
+        self._outbox = outbox
         self._mailboxes = mailboxes
+        self._send_reply = send_reply
         self._monotonic = monotonic
         self._task: asyncio.Task[None] | None = None
-        self._pending: GetFrameRequest | None = None
-        self._channel: Channel = IMAGE_PORT
+        # A request waits for a frame, then its frame is encoded, then sent.
+        self._waiting: GetFrameRequest | None = None
+        self._encoding: GetFrameRequest | None = None
+        self._last_sent_id = 0
+        self._last_received_id = 0
         self._subscriptions: dict[Channel, tuple[Mailbox, int]] = {}
-        self._last_id = 0
         self.num_sent = 0
         self.num_missed = 0
         self.num_dropped = 0
@@ -61,52 +69,69 @@ class FrameSender:
     @property
     def has_pending_request(self) -> bool:
         """Whether a request has no reply yet."""
-        return self._pending is not None
+        return self._waiting is not None or self._encoding is not None
 
     def submit(self, request: GetFrameRequest) -> None:
         """Serve a request.
 
-        One with the last id changes nothing; any other replaces the pending one.
+        One with the last id changes nothing; any other replaces a waiting one, which gets an error.
         """
-        if request.id == self._last_id:
+        if request.id == self._last_received_id:
             return
-        self._last_id = request.id
-        self._pending = request
-        channel = _select_channel(request)
-        # A pending wait for another channel's frame would delay this one.
-        if channel != self._channel:
-            self.close()
-        self._channel = channel
+        self._last_received_id = request.id
+        replaced, self._waiting = self._waiting, request
+        if replaced is not None:
+            self._reject_superseded(replaced.id, by=request.id)
+            # A wait for another channel's frame would delay this one.
+            if self._encoding is None and _select_channel(replaced) != _select_channel(request):
+                self.close()
         # A running task serves the replaced request: one task per client at most.
         if self._task is None or self._task.done():
-            self._task = asyncio.create_task(self._answer_requests(channel))
+            self._task = asyncio.create_task(self._answer_requests())
 
     def close(self) -> None:
-        """Cancel the pending request."""
+        """End the task, without a reply."""
         if self._task is not None:
             self._task.cancel()
             self._task = None
 
-    async def _answer_requests(self, channel: Channel) -> None:
-        """Reply to requests of one channel until none is pending."""
-        while self._pending is not None:
-            # Popped and set again after the frame: the dict's order is that of use.
-            mailbox, last = self._subscriptions.pop(channel, (self._mailboxes.get(channel), 0))
+    async def _answer_requests(self) -> None:
+        """Reply to requests until none waits."""
+        while self._waiting is not None:
             try:
-                frame = await mailbox.wait_for_newer(last)
-            except ChannelUnavailableError:
-                request, self._pending = self._pending, None
-                error = camera_not_found(request.id, request.robot, request.camera)
-                self._send([bytes_from_message(error)])
-                continue
-            request, self._pending = self._pending, None
-            # In a thread: encoding takes milliseconds, in which the loop serves other clients.
-            payload = await asyncio.to_thread(frame.encode, request.encoding)
-            self._remember(channel, mailbox, frame.sequence)
-            self._send_frame(frame, request, payload, last=last)
+                await self._answer(_select_channel(self._waiting))
+            except Exception:
+                log_fault(log, "a frame request failed")
+                failed = self._encoding or self._take_waiting()
+                self._encoding = None
+                self._send_reply(Error(failed.id, INTERNAL_FAULT))
+
+    async def _answer(self, channel: Channel) -> None:
+        """Reply to the request that waits for a channel when a frame arrives."""
+        mailbox, last = self._subscriptions.get(channel) or (self._mailboxes.get(channel), 0)
+        try:
+            frame = await mailbox.wait_for_newer(last)
+        except ChannelUnavailableError as error:
+            self._subscriptions.pop(channel, None)
+            self._send_reply(_channel_error(self._take_waiting(), error.reason))
+            return
+        self._encoding = request = self._take_waiting()
+        # In a thread: encoding takes milliseconds, in which the loop serves other clients.
+        payload = await asyncio.to_thread(frame.encode, request.encoding)
+        self._send_frame(frame, request, payload, last=last)
+        self._encoding = None
+        self._remember(channel, mailbox, frame.sequence)
+
+    def _take_waiting(self) -> GetFrameRequest:
+        """Remove and return the waiting request."""
+        request, self._waiting = self._waiting, None
+        assert request is not None, "a request is replaced, and taken by this task alone"
+        return request
 
     def _remember(self, channel: Channel, mailbox: Mailbox, sequence: int) -> None:
         """Record the last frame sent of a channel."""
+        # Removed and set again: the dict's order is that of use.
+        self._subscriptions.pop(channel, None)
         while len(self._subscriptions) >= _MAX_CHANNELS:
             self._subscriptions.pop(next(iter(self._subscriptions)))
         self._subscriptions[channel] = (mailbox, sequence)
@@ -117,13 +142,18 @@ class FrameSender:
         if last:
             # At least 0: a robot that respawned under its old name restarts its count.
             self.num_missed += max(0, frame.sequence - last - 1)
-        header = self._make_header(frame, request)
-        if self._send([bytes_from_message(header), payload]) is SendResult.SENT:
-            self.num_sent += 1
-        else:
+        # One unread frame at most, the newest: a client that stalls costs no more memory.
+        if self._outbox.withdraw_frame():
+            self.num_sent -= 1
             self.num_dropped += 1
-            # So that the client may repeat its request for the frame it did not read.
-            self._last_id = 0
+            self._reject_superseded(self._last_sent_id, by=request.id)
+        header = self._make_header(frame, request)
+        self._outbox.send_frame(bytes_from_message(header), payload)
+        self._last_sent_id = request.id
+        self.num_sent += 1
+
+    def _reject_superseded(self, id_: int, *, by: int) -> None:
+        self._send_reply(Error(id_, f"superseded by request {by}"))
 
     def _make_header(self, frame: Frame, request: GetFrameRequest) -> FrameHeader:
         metadata, mount = frame.metadata, frame.metadata.robot_from_camera
@@ -157,3 +187,9 @@ def _select_channel(request: GetFrameRequest) -> Channel:
     """Channel of a request: the image port, or a camera by name."""
     has_name = request.robot or request.camera
     return CameraChannel(request.robot, request.camera) if has_name else IMAGE_PORT
+
+
+def _channel_error(request: GetFrameRequest, reason: str) -> Error:
+    if reason:
+        return Error(request.id, reason)
+    return camera_not_found(request.id, request.robot, request.camera)

@@ -2,44 +2,41 @@
 
 from __future__ import annotations
 
-import asyncio
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.stream.replies import Error, LandmarkRecord, LandmarksReply, Reply
 from catoptra_protocol.stream.requests import GetLandmarksRequest
 from catoptra_server.frames.frame_request import CameraChannel
-from catoptra_server.simulation import LandmarksRequested, SimulationEvent
+from catoptra_server.simulation import Fault, LandmarksRequested
 from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
+from catoptra_server.transports.stream.pending_requests import PendingRequest
+from catoptra_server.transports.stream.robot_session import RobotSession
 
 
-def handle_landmarks_request(
-    request: GetLandmarksRequest,
-    landmarks: Sequence[Landmark],
-    *,
-    send_reply: Callable[[Reply], None],
-    post: Callable[[SimulationEvent], None],
+def landmarks_reply(id_: int, landmarks: Sequence[Landmark]) -> LandmarksReply:
+    """Reply with the true positions, without a camera's view."""
+    return LandmarksReply(id_, tuple(map(_record_from_landmark, landmarks)))
+
+
+def request_projections(
+    request: GetLandmarksRequest, pending: PendingRequest, session: RobotSession
 ) -> None:
-    """Reply at once, or with a camera as soon as the simulation has projected the landmarks.
+    """Have the simulation project the landmarks into a camera, and reply then.
 
     Args:
-        request: Request of the client.
-        landmarks: True landmarks of the world.
-        send_reply: Sends the reply; called on the loop.
-        post: Hands an event to the simulation.
+        request: Request with a robot or a camera, or with two empty names.
+        pending: Receives the reply.
+        session: Client of the simulation.
     """
-    # True positions never change, so no event is needed.
-    if request.robot is None and request.camera is None:
-        send_reply(LandmarksReply(request.id, tuple(map(_record_from_landmark, landmarks))))
-        return
-    # The simulation replies in its own thread; sockets belong to the loop.
-    loop = asyncio.get_running_loop()
 
-    def reply(time_s: float, visibilities: tuple[LandmarkVisibility, ...] | None) -> None:
-        loop.call_soon_threadsafe(send_reply, _landmarks_reply(request, time_s, visibilities))
+    def reply(time_s: float, result: tuple[LandmarkVisibility, ...] | Fault | None) -> None:
+        pending.reply_from_thread(partial(_projections_reply, request, time_s, result))
 
-    post(LandmarksRequested(CameraChannel(request.robot or "", request.camera or ""), reply))
+    channel = CameraChannel(request.robot or "", request.camera or "")
+    session.post(LandmarksRequested(session, channel, reply))
 
 
 def camera_not_found(id_: int, robot: str, camera: str) -> Error:
@@ -49,18 +46,20 @@ def camera_not_found(id_: int, robot: str, camera: str) -> Error:
     return Error(id_, f"there is no {name} of {owner}")
 
 
-def _landmarks_reply(
+def _projections_reply(
     request: GetLandmarksRequest,
     time_s: float,
-    visibilities: tuple[LandmarkVisibility, ...] | None,
+    result: tuple[LandmarkVisibility, ...] | Fault | None,
 ) -> Reply:
-    if visibilities is None:
+    if result is None:
         return camera_not_found(request.id, request.robot or "", request.camera or "")
+    if isinstance(result, Fault):
+        return Error(request.id, result.reason)
     records = (
         dataclasses.replace(
             _record_from_landmark(one.landmark), pixel=one.pixel, visible=one.is_visible
         )
-        for one in visibilities
+        for one in result
     )
     return LandmarksReply(request.id, tuple(records), time_s)
 

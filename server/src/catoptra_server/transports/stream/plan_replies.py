@@ -1,42 +1,42 @@
 """Replies to accuracy requests: the rendering plan of a camera, under a new target if given.
 
-The simulation holds the camera, the render thread its plan: a request passes through both.
+The simulation holds the camera, the render thread its plan: a request passes through both. A newer
+request of the client supersedes one that waits in either.
 """
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
+from functools import partial
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.stream.replies import Error, PlanAlternative, PlanReply, Reply
 from catoptra_protocol.stream.requests import SetAccuracyRequest
-from catoptra_server.frames.render_thread import PlanCallback
+from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.frames.view_cache import ViewState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.plan_choice import PlanOption
 from catoptra_server.robot.render_settings import AccuracyTarget
-from catoptra_server.simulation import AccuracyTargetChanged, Client, SimulationEvent
+from catoptra_server.simulation import AccuracyTargetChanged, Fault
+from catoptra_server.transports.stream.pending_requests import PendingRequest
+from catoptra_server.transports.stream.robot_session import RobotSession
 
-# Camera, and the callback with its plan, called by any thread.
-QueryPlan = Callable[[OmniCameraSpec, PlanCallback], None]
+# Client, camera, and the callback with the camera's plan, called by any thread.
+QueryPlan = Callable[[Hashable, OmniCameraSpec, PlanCallback], None]
 
 
-def handle_plan_request(
+def request_plan(
     request: SetAccuracyRequest,
-    client: Client,
-    *,
-    send_reply: Callable[[Reply], None],
-    post: Callable[[SimulationEvent], None],
+    pending: PendingRequest,
+    session: RobotSession,
     query_plan: QueryPlan,
 ) -> None:
     """Reply once the simulation has set the target and the render thread has planned.
 
     Args:
         request: Request of the client.
-        client: Client with the robot.
-        send_reply: Sends the reply; called on the loop.
-        post: Hands an event to the simulation.
+        pending: Receives the reply.
+        session: Client of the simulation, with the robot.
         query_plan: Hands a camera to the render thread.
     """
     # Checked here and not in the simulation, so that a wrong number has its reply at once.
@@ -45,33 +45,37 @@ def handle_plan_request(
             max_error_px=request.max_error_px, budget_ms=request.budget_ms
         )
     except DomainError as error:
-        send_reply(Error(request.id, str(error)))
+        pending.reject(str(error))
         return
-    loop = asyncio.get_running_loop()
 
-    def query_camera_plan(camera: OmniCameraSpec | None, name: str) -> None:
-        def reply(state: ViewState | None) -> None:
-            loop.call_soon_threadsafe(send_reply, _plan_reply(request.id, name, camera, state))
-
+    def query_camera_plan(camera: OmniCameraSpec | Fault | None, name: str) -> None:
         # `name` is that of the camera the simulation selected, since a request may leave it empty.
-        if camera is None:
-            reply(None)
-        else:
-            query_plan(camera, reply)
+        if not isinstance(camera, OmniCameraSpec):
+            pending.reply_from_thread(partial(_camera_error, request.id, name, camera))
+            return
+        make_reply = partial(_plan_reply, request.id, name, camera)
+        query_plan(
+            session, camera, lambda state: pending.reply_from_thread(partial(make_reply, state))
+        )
 
-    post(
+    session.post(
         AccuracyTargetChanged(
-            client, request.camera, request.max_error_px, request.budget_ms, query_camera_plan
+            session, request.camera, request.max_error_px, request.budget_ms, query_camera_plan
         )
     )
 
 
+def _camera_error(id_: int, name: str, fault: Fault | None) -> Error:
+    if fault is not None:
+        return Error(id_, fault.reason)
+    return Error(id_, f"this client has no robot with an omnidirectional camera {name[:80]!r}")
+
+
 def _plan_reply(
-    id_: int, name: str, camera: OmniCameraSpec | None, state: ViewState | None
+    id_: int, name: str, camera: OmniCameraSpec, state: ViewState | PlanFailure
 ) -> Reply:
-    if camera is None or state is None:
-        reason = f"this client has no robot with an omnidirectional camera {name[:80]!r}"
-        return Error(id_, reason)
+    if isinstance(state, PlanFailure):
+        return Error(id_, state.reason)
     # The target as the simulation has it, not as requested: None in a request leaves a value
     # unchanged.
     choice, target = state.choice, camera.render_settings.accuracy_target

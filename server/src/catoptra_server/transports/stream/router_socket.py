@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import os
+import socket
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from enum import Enum, auto
 from tempfile import TemporaryDirectory
 
@@ -24,9 +26,9 @@ from catoptra_server.transports.stream.connection_guard import (
     create_listener,
 )
 
-# Messages that wait for one peer, besides its TCP connection. A peer with one pending request has
-# at most one frame, one reply and some heartbeats there.
-_SEND_HIGH_WATER_MARK = 8
+# Messages of one peer in the queue of ZeroMQ, besides its TCP connection; replies that find no room
+# wait in the peer's outbox. No more than keeps the connection busy: each may be a frame of 50 MB.
+_SEND_HIGH_WATER_MARK = 2
 # Messages of one peer that wait for the server; the rest stays in TCP, which blocks the peer.
 _RECEIVE_HIGH_WATER_MARK = 16
 # A longer part ends its connection as soon as its length is read, before memory is allocated.
@@ -53,19 +55,29 @@ class SendResult(Enum):
 class RouterSocket:
     """A bound ROUTER behind a connection guard."""
 
-    def __init__(self, host: str, port: int, on_message: MessageHandler) -> None:
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        *,
+        on_message: MessageHandler,
+        on_disconnect: Callable[[bytes], None],
+    ) -> None:
         """Bind the port.
 
         Args:
             host: Host name or address of the interface.
             port: TCP port; 0 = a free one, see `port`.
             on_message: Called with the identity of a peer and the parts of its message.
+            on_disconnect: Called with the identity of a peer whose connection has ended, before
+                any message of another connection with the same identity.
 
         Raises:
             OSError: The port, or the private socket of the ROUTER, is not available.
         """
         self._loop = asyncio.get_running_loop()
         self._on_message = on_message
+        self._on_disconnect = on_disconnect
         with ExitStack() as resources:
             listener = resources.enter_context(create_listener(host, port))
             self.port: int = listener.getsockname()[1]
@@ -77,10 +89,14 @@ class RouterSocket:
             self._socket = _bind_router(context, f"ipc://{path}", monitor=self._monitor)
             resources.callback(ConnectionGuard(listener, path).close)
             self._release = resources.pop_all().close
+        # File descriptors of the connections: open ones, and those of peers with a message.
+        self._open_connections: set[int] = set()
         self._connections: dict[bytes, int] = {}
+        self._identities: dict[int, bytes] = {}
         self._is_closed = False
         self._scheduled_read: asyncio.Handle | None = None
         self._loop.add_reader(self._socket.FD, self._read)
+        self._loop.add_reader(self._monitor.FD, self._read_monitor)
         self._schedule_read()
 
     def send(self, peer: bytes, parts: Sequence[bytes]) -> SendResult:
@@ -104,25 +120,29 @@ class RouterSocket:
         except zmq.ZMQError as error:
             if error.errno != errno.EHOSTUNREACH:
                 raise
-            self._connections.pop(peer, None)
+            self._forget(peer)
             return SendResult.DISCONNECTED
         return SendResult.SENT
 
-    def poll_disconnects(self) -> set[bytes]:
-        """Peers that may have disconnected since the last call.
-
-        The monitor reports file descriptors, which another connection may use by now: a send to the
-        peer decides.
-        """
-        ended: set[int] = set()
-        while self._monitor.poll(0):
-            ended.add(parse_monitor_message(self._monitor.recv_multipart())["value"])
-        return {peer for peer, connection in self._connections.items() if connection in ended}
+    def disconnect(self, peer: bytes) -> None:
+        """End the connection of a peer; unsent messages are dropped."""
+        connection = self._connections.get(peer)
+        if connection is None or self._is_closed:
+            return
+        # ZeroMQ has no call for this, so the connection is shut down below it. The descriptor is
+        # duplicated first: if it is not reported as ended after that, it was the peer's until then,
+        # and the duplicate stays so.
+        with ExitStack() as stack, suppress(OSError):
+            end = stack.enter_context(socket.socket(fileno=os.dup(connection)))
+            self._read_monitor()
+            if self._connections.get(peer) == connection:
+                end.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Release the port and drop all unsent messages."""
         self._is_closed = True
         self._loop.remove_reader(self._socket.FD)
+        self._loop.remove_reader(self._monitor.FD)
         if self._scheduled_read is not None:
             self._scheduled_read.cancel()
         self._release()
@@ -143,9 +163,47 @@ class RouterSocket:
                 head, *parts = self._socket.recv_multipart(flags=zmq.NOBLOCK, copy=False)
             except zmq.Again:
                 return
-            self._connections[head.bytes] = int(head.get(zmq.SRCFD))
-            self._on_message(head.bytes, [part.bytes for part in parts])
+            # Ends that were reported before this message are known before it is handled: a
+            # newcomer must not pass for the departed peer whose identity or descriptor it has.
+            self._read_monitor()
+            if self._register(head.bytes, int(head.get(zmq.SRCFD))):
+                self._on_message(head.bytes, [part.bytes for part in parts])
         self._schedule_read()
+
+    def _register(self, peer: bytes, connection: int) -> bool:
+        """Record the connection of a peer; False for one that has ended, whose rest is dropped."""
+        if connection not in self._open_connections:
+            return False
+        if self._connections.get(peer, connection) != connection:
+            self._end(peer)
+        self._connections[peer] = connection
+        self._identities[connection] = peer
+        return True
+
+    def _read_monitor(self) -> None:
+        """Read the beginnings and ends of connections, all that are reported."""
+        while True:
+            try:
+                event = parse_monitor_message(self._monitor.recv_multipart(flags=zmq.NOBLOCK))
+            except zmq.Again:
+                return
+            connection = event["value"]
+            if event["event"] == zmq.EVENT_ACCEPTED:
+                self._open_connections.add(connection)
+                continue
+            self._open_connections.discard(connection)
+            peer = self._identities.get(connection)
+            if peer is not None:
+                self._end(peer)
+
+    def _end(self, peer: bytes) -> None:
+        self._forget(peer)
+        self._on_disconnect(peer)
+
+    def _forget(self, peer: bytes) -> None:
+        connection = self._connections.pop(peer, None)
+        if connection is not None:
+            self._identities.pop(connection, None)
 
 
 def _bind_router(
@@ -156,7 +214,7 @@ def _bind_router(
     Args:
         context: ZeroMQ context.
         endpoint: Private endpoint.
-        monitor: PAIR socket that receives an event for every connection that ends.
+        monitor: PAIR socket that receives an event for every connection that begins or ends.
 
     Raises:
         OSError: The endpoint is not available.
@@ -172,7 +230,7 @@ def _bind_router(
     router.set(zmq.HEARTBEAT_IVL, _PING_INTERVAL_MS)
     router.set(zmq.HEARTBEAT_TIMEOUT, _PING_TIMEOUT_MS)
     router.set(zmq.LINGER, 0)
-    router.monitor(_MONITOR_ENDPOINT, zmq.EVENT_DISCONNECTED)
+    router.monitor(_MONITOR_ENDPOINT, zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
     # Without a limit: ZeroMQ's thread must never wait for the loop to read the monitor.
     monitor.set(zmq.RCVHWM, 0)
     monitor.connect(_MONITOR_ENDPOINT)

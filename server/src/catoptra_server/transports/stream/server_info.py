@@ -13,6 +13,8 @@ from catoptra_protocol.stream.replies import EffectRecord, StartPoseRecord, Tran
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.world_description import World
+from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
+from catoptra_server.simulation.spawning import find_class
 
 # Class of the robot, name of the camera.
 CameraKey = tuple[str, str]
@@ -20,14 +22,14 @@ CameraKey = tuple[str, str]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraInfo:
-    """An omnidirectional camera of a robot class."""
+    """A camera of a robot class, of either kind."""
 
     camera_model: Pairs
     """Pairs of CONF."""
     robot_from_mirror: Pose
-    """Pose of the effective viewpoint."""
+    """Pose of the effective viewpoint, or of the pinhole with all joints at 0."""
     plan: str | None = None
-    """Description of the rendering plan, if known at the start."""
+    """Description of the rendering plan, if known at the start; None for a perspective camera."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,14 +40,37 @@ class ServerInfo:
     """Product and release."""
     world: str
     """Name of the world."""
-    class_names: tuple[str, ...]
+    robots: tuple[RobotDescription, ...]
     """Robot classes that can be spawned."""
     clock: str
     """`realtime` or `lockstep`."""
     cameras: dict[CameraKey, CameraInfo]
-    """Omnidirectional cameras by class of the robot and name of the camera."""
+    """Cameras by class of the robot and name of the camera, the omnidirectional one of a class
+    first."""
     landmarks: tuple[Landmark, ...]
     start_poses: tuple[StartPoseRecord, ...]
+
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """Names of the robot classes."""
+        return tuple(robot.class_name for robot in self.robots)
+
+    def find_camera(self, name: str, *, spawned_as: str) -> tuple[CameraKey, CameraInfo] | None:
+        """Camera of a name in any case, of the class of a robot or else of the first that has it.
+
+        Args:
+            name: Name of the camera; empty for the first one.
+            spawned_as: Class of the client's robot as its spawn request names it; empty without a
+                robot.
+        """
+        own = find_class(self.robots, spawned_as).class_name if spawned_as else ""
+        found = [
+            (key, info)
+            for key, info in self.cameras.items()
+            if name.lower() in ("", key[1].lower())
+        ]
+        # False sorts before True, and the order of the classes is kept.
+        return min(found, key=lambda entry: entry[0][0] != own, default=None)
 
 
 def build_server_info(
@@ -63,15 +88,11 @@ def build_server_info(
     # Cameras of classes and not of robots, so that clients can read a model before any robot
     # exists.
     for robot in robots:
-        omni = robot.omni_camera
-        if omni is not None:
-            pairs = pairs_from_omni_camera(omni.camera, robot.viewpoint_height_m)
-            plan = plans.get(robot.class_name)
-            cameras[robot.class_name, omni.name] = CameraInfo(pairs, omni.robot_from_mirror, plan)
+        cameras |= _cameras_of_class(robot, plans.get(robot.class_name))
     return ServerInfo(
         server=f"Catoptra {version('catoptra-server')}",
         world=world.name,
-        class_names=tuple(robot.class_name for robot in robots),
+        robots=tuple(robots),
         clock=clock,
         cameras=cameras,
         landmarks=world.landmarks,
@@ -79,6 +100,19 @@ def build_server_info(
             StartPoseRecord(s.name, s.location_m, s.rotation_rad) for s in world.starts
         ),
     )
+
+
+def _cameras_of_class(robot: RobotDescription, plan: str | None) -> dict[CameraKey, CameraInfo]:
+    cameras: dict[CameraKey, CameraInfo] = {}
+    omni = robot.omni_camera
+    if omni is not None:
+        pairs = pairs_from_omni_camera(omni.camera, robot.viewpoint_height_m)
+        cameras[robot.class_name, omni.name] = CameraInfo(pairs, omni.robot_from_mirror, plan)
+    for description in robot.perspective_cameras:
+        camera = PerspectiveCameraSensor(description, robot)
+        info = CameraInfo(camera.camera_model(), camera.robot_from_camera({}))
+        cameras[robot.class_name, camera.name] = info
+    return cameras
 
 
 def transform_from_pose(pose: Pose) -> Transform:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable
+from collections import deque
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 
 from catoptra_protocol.errors import InvalidRequestError, RemoteProtocolError
 from catoptra_protocol.stream.messages import (
@@ -30,21 +32,21 @@ from catoptra_protocol.stream.requests import (
     GetStartPosesRequest,
     GetStatusRequest,
     Request,
-    SetAccuracyRequest,
 )
+from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.mailbox import Mailboxes
-from catoptra_server.simulation import SimulationEvent
-from catoptra_server.transports.stream.frame_sender import FrameSender
-from catoptra_server.transports.stream.landmark_replies import handle_landmarks_request
-from catoptra_server.transports.stream.plan_replies import QueryPlan, handle_plan_request
+from catoptra_server.transports.stream.landmark_replies import landmarks_reply
+from catoptra_server.transports.stream.outbox import Outbox
+from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT
+from catoptra_server.transports.stream.plan_replies import QueryPlan
+from catoptra_server.transports.stream.robot_session import Post
 from catoptra_server.transports.stream.router_socket import RouterSocket, SendResult
 from catoptra_server.transports.stream.server_info import ServerInfo, transform_from_pose
 from catoptra_server.transports.stream.stream_peer import StreamPeer
 
 log = logging.getLogger(__name__)
 
-# A client treats three missed heartbeats as a lost server; also the interval at which the server
-# detects ended connections.
+# A client treats three missed heartbeats as a lost server.
 HEARTBEAT_INTERVAL_S = 0.5
 # Encoded once: all clients get the same bytes.
 _HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
@@ -54,6 +56,10 @@ _HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
 MAX_IDLE_HEARTBEATS = 16
 # Each client may have a robot.
 MAX_PEERS = 256
+# Messages that ZeroMQ had no room for are tried again: 400 of them a second cost the loop less than
+# a hundredth of its time.
+_FLUSH_INTERVAL_S = 0.02
+_FLUSHED_PEERS = 8
 
 
 class StreamServer:
@@ -65,7 +71,7 @@ class StreamServer:
         port: int,
         *,
         mailboxes: Mailboxes,
-        post: Callable[[SimulationEvent], None],
+        post: Post,
         server_info: ServerInfo,
         query_plan: QueryPlan,
     ) -> None:
@@ -82,13 +88,18 @@ class StreamServer:
         Raises:
             OSError: The port is not available.
         """
+        self._loop = asyncio.get_running_loop()
         self._mailboxes = mailboxes
         self._post = post
         self._server_info = server_info
         self._query_plan = query_plan
         self._peers: dict[bytes, StreamPeer] = {}
-        self._possibly_disconnected: set[bytes] = set()
-        self._socket = RouterSocket(host, port, self._handle_message)
+        # Peers with waiting messages, and the timer that sends them.
+        self._blocked: deque[StreamPeer] = deque()
+        self._flush_timer: asyncio.TimerHandle | None = None
+        self._socket = RouterSocket(
+            host, port, on_message=self._handle_message, on_disconnect=self._remove_peer
+        )
         self.port = self._socket.port
 
     @property
@@ -99,94 +110,135 @@ class StreamServer:
     def close(self) -> None:
         """Disconnect all clients and close the socket."""
         self.disconnect_peers()
+        if self._flush_timer is not None:
+            self._flush_timer.cancel()
         self._socket.close()
 
     def disconnect_peers(self) -> None:
         """Disconnect all clients: their robots are removed."""
         # A copy: each disconnection removes its client from the dict.
         for identity in list(self._peers):
-            self._disconnect(identity)
+            self._remove_peer(identity)
 
     def send_heartbeats(self) -> None:
-        """Send due heartbeats, and remove clients whose connection has ended.
-
-        Only a failed send identifies the client of an ended connection, and ZeroMQ may report the
-        end a moment late: a possibly disconnected client gets one heartbeat now and one at the next
-        call.
-        """
-        ended = self._socket.poll_disconnects()
-        to_check = ended | self._possibly_disconnected
+        """Send due heartbeats, and remove clients that read nothing."""
         for identity, peer in list(self._peers.items()):
-            if peer.wants_heartbeat(MAX_IDLE_HEARTBEATS) or identity in to_check:
+            if peer.is_stalled():
+                self._end_connection(identity, peer)
+            elif peer.wants_heartbeat(MAX_IDLE_HEARTBEATS):
                 self._send(identity, [_HEARTBEAT])
-        self._possibly_disconnected = ended
 
     def _send(self, identity: bytes, parts: list[bytes]) -> SendResult:
         result = self._socket.send(identity, parts)
         if result is SendResult.DISCONNECTED:
-            self._disconnect(identity)
+            self._remove_peer(identity)
         return result
 
-    def _disconnect(self, identity: bytes) -> None:
+    def _remove_peer(self, identity: bytes) -> None:
         peer = self._peers.pop(identity, None)
         if peer is not None:
             peer.disconnect()
             num_sent = peer.frame_sender.num_sent
             log.info("stream client %s disconnected after %d frames", identity.hex(), num_sent)
 
+    def _end_connection(self, identity: bytes, peer: StreamPeer) -> None:
+        """Disconnect a client that reads too little for its replies."""
+        if self._peers.get(identity) is peer:
+            log.warning("stream client %s reads nothing: disconnected", identity.hex())
+            self._remove_peer(identity)
+            self._socket.disconnect(identity)
+
     def _handle_message(self, identity: bytes, parts: list[bytes]) -> None:
+        try:
+            self._receive(identity, parts)
+        except Exception:
+            log_fault(log, "a stream message failed")
+            self._reject(identity, Error(0, INTERNAL_FAULT))
+
+    def _receive(self, identity: bytes, parts: list[bytes]) -> None:
         try:
             request = _parse_request(parts)
         except RemoteProtocolError as error:
             log.debug("from stream client %s: %s", identity.hex(), error)
             id_ = error.request_id if isinstance(error, InvalidRequestError) else 0
-            self._send(identity, [bytes_from_message(Error(id_, str(error)))])
+            self._reject(identity, Error(id_, str(error)))
             return
         log.debug("from stream client %s: %s", identity.hex(), request)
         # A client exists from its first valid request on; malformed messages add none.
         peer = self._peers.get(identity) or self._add_peer(identity)
         if peer is None:
-            error_reply = Error(request.id, f"the limit of {MAX_PEERS} clients is reached")
-            self._send(identity, [bytes_from_message(error_reply)])
+            limit = f"the limit of {MAX_PEERS} clients is reached"
+            self._reject(identity, Error(request.id, limit))
             return
         # A client that sends a request has read its heartbeats.
         peer.reset_idle_count()
-        self._handle_request(peer, request)
+        refusal = peer.find_refusal(request)
+        if refusal:
+            peer.send_reply(Error(request.id, refusal))
+        else:
+            self._handle_request(peer, request)
+
+    def _reject(self, identity: bytes, error: Error) -> None:
+        """Send an error about a message, whether or not its sender is a client."""
+        peer = self._peers.get(identity)
+        if peer is not None:
+            peer.send_reply(error)
+        # A sender of malformed messages only, which does not read, has no queue.
+        elif self._send(identity, [bytes_from_message(error)]) is SendResult.QUEUE_FULL:
+            self._socket.disconnect(identity)
 
     def _add_peer(self, identity: bytes) -> StreamPeer | None:
         """New client; None at the limit."""
         if len(self._peers) >= MAX_PEERS:
             return None
-
-        def send(parts: list[bytes]) -> SendResult:
-            return self._send(identity, parts)
-
-        frame_sender = FrameSender(send, self._mailboxes)
-        peer = self._peers[identity] = StreamPeer(send, self._post, frame_sender)
+        outbox = Outbox(
+            partial(self._send, identity),
+            on_blocked=lambda: self._schedule_flush(peer),
+            # Later: the caller has more to do with the peer.
+            on_overflow=lambda: self._loop.call_soon(self._end_connection, identity, peer),
+        )
+        peer = self._peers[identity] = StreamPeer(
+            outbox, mailboxes=self._mailboxes, post=self._post, query_plan=self._query_plan
+        )
         log.info("stream client %s connected", identity.hex())
         return peer
 
+    def _schedule_flush(self, peer: StreamPeer | None = None) -> None:
+        """Send waiting messages soon, those of a newly blocked peer among them."""
+        if peer is not None:
+            self._blocked.append(peer)
+        if self._blocked and self._flush_timer is None:
+            self._flush_timer = self._loop.call_later(_FLUSH_INTERVAL_S, self._flush_blocked)
+
+    def _flush_blocked(self) -> None:
+        self._flush_timer = None
+        # A few in turn, so that peers that read nothing cost no time, however many.
+        for _ in range(min(_FLUSHED_PEERS, len(self._blocked))):
+            peer = self._blocked.popleft()
+            peer.outbox.flush()
+            if peer.outbox.is_blocked:
+                self._blocked.append(peer)
+        self._schedule_flush()
+
     def _handle_request(self, peer: StreamPeer, request: Request) -> None:
+        """Reply to a request; a fault in its handling ends this request only."""
+        try:
+            self._dispatch_request(peer, request)
+        except Exception:
+            log_fault(log, "a stream request %s failed", request.KIND)
+            peer.reject_request(request, INTERNAL_FAULT)
+
+    def _dispatch_request(self, peer: StreamPeer, request: Request) -> None:
         """Serve requests about the server itself; all others belong to the client.
 
         A request without a case here or in StreamPeer fails the type check.
         """
         match request:
             case GetCameraRequest(id_, camera):
-                peer.send_reply(self._camera_reply(id_, camera))
-            case GetLandmarksRequest():
-                landmarks = self._server_info.landmarks
-                handle_landmarks_request(
-                    request, landmarks, send_reply=peer.send_reply, post=self._post
-                )
-            case SetAccuracyRequest():
-                handle_plan_request(
-                    request,
-                    peer,
-                    send_reply=peer.send_reply,
-                    post=self._post,
-                    query_plan=self._query_plan,
-                )
+                peer.send_reply(self._camera_reply(id_, camera, peer))
+            # True positions never change, so neither robot nor simulation is needed.
+            case GetLandmarksRequest(id_, None, None):
+                peer.send_reply(landmarks_reply(id_, self._server_info.landmarks))
             case GetStartPosesRequest(id_):
                 peer.send_reply(StartPosesReply(id_, self._server_info.start_poses))
             case GetStatusRequest(id_):
@@ -194,15 +246,15 @@ class StreamServer:
             case _:
                 peer.handle_request(request)
 
-    def _camera_reply(self, id_: int, camera: str) -> CameraReply | Error:
-        """Reply with the first camera of a name; an empty name selects the first of all."""
-        # The first class with the camera: models are the same for all robots of a class.
-        for (class_name, name), info in self._server_info.cameras.items():
-            if camera in ("", name):
-                model, mount = dict(info.camera_model), transform_from_pose(info.robot_from_mirror)
-                return CameraReply(id_, class_name, name, model, mount, info.plan)
-        known = ", ".join(name for _, name in self._server_info.cameras) or "none"
-        return Error(id_, f"no camera {camera[:80]!r}: this server's robots have {known}")
+    def _camera_reply(self, id_: int, camera: str, peer: StreamPeer) -> CameraReply | Error:
+        spawned_as = peer.robot.class_name if peer.robot.has_robot else ""
+        found = self._server_info.find_camera(camera, spawned_as=spawned_as)
+        if found is None:
+            known = ", ".join(name for _, name in self._server_info.cameras) or "none"
+            return Error(id_, f"no camera {camera[:80]!r}: this server's robots have {known}")
+        (class_name, name), info = found
+        model, mount = dict(info.camera_model), transform_from_pose(info.robot_from_mirror)
+        return CameraReply(id_, class_name, name, model, mount, info.plan)
 
     def _status_reply(self, id_: int, peer: StreamPeer) -> StatusReply:
         info = self._server_info
@@ -214,7 +266,7 @@ class StreamServer:
             class_names=info.class_names,
             clock=info.clock,
             num_clients=len(self._peers),
-            has_robot=peer.has_robot,
+            has_robot=peer.robot.has_robot,
             sent_frames=peer.frame_sender.num_sent,
         )
 
@@ -225,7 +277,7 @@ async def serve_stream(
     port: int,
     *,
     mailboxes: Mailboxes,
-    post: Callable[[SimulationEvent], None],
+    post: Post,
     server_info: ServerInfo,
     query_plan: QueryPlan,
 ) -> AsyncIterator[StreamServer]:
@@ -250,7 +302,11 @@ async def serve_stream(
 async def _run_heartbeats(server: StreamServer) -> None:
     while True:
         await asyncio.sleep(HEARTBEAT_INTERVAL_S)
-        server.send_heartbeats()
+        try:
+            server.send_heartbeats()
+        # Without heartbeats all clients would take the server for lost.
+        except Exception:
+            log_fault(log, "heartbeats failed")
 
 
 def _parse_request(parts: list[bytes]) -> Request:

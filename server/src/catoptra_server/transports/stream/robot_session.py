@@ -1,0 +1,219 @@
+"""The robot of one stream client: a client of the simulation, like a TCP connection.
+
+Commands are posted in order, and the simulation executes them in order, so that each confirmation
+belongs to the oldest request of its kind.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+
+from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.limits import MAX_NAME_CHARS
+from catoptra_protocol.stream.replies import Ok, Reply, SensorReports
+from catoptra_protocol.stream.requests import DriveRequest, SpawnRequest
+from catoptra_protocol.usarsim.command_results import STATUS_OK, CommandResult
+from catoptra_protocol.usarsim.commands import Drive, Init, line_from_command
+from catoptra_protocol.usarsim.reports import Report, line_from_report
+from catoptra_protocol.vectors import Vector3
+from catoptra_server.fault_log import log_fault
+from catoptra_server.simulation import (
+    ClientDisconnected,
+    CommandReceived,
+    ResetRequested,
+    SimulationEvent,
+    StepRequested,
+    StepResult,
+)
+from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT, PendingRequest
+
+log = logging.getLogger(__name__)
+
+Post = Callable[[SimulationEvent], bool]
+
+
+class RobotSession:
+    """At most one robot at a time, from the connection to its end or to a fault of the robot.
+
+    The methods of `simulation.Client` may be called from any thread, all others on the loop.
+    """
+
+    def __init__(self, post: Post, *, on_fault: Callable[[str], None]) -> None:
+        """Begin without a robot.
+
+        Args:
+            post: Hands an event to the simulation; False if the queue of this client is full.
+            on_fault: Called with the reason after a fault has removed the robot; the session is
+                closed then, and another one replaces it.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._post_event = post
+        self._on_fault = on_fault
+        self._is_closed = False
+        # Without the others that are on their way, `has_robot` is the state of the simulation.
+        self._pending_spawns: deque[tuple[PendingRequest, str]] = deque()
+        self._num_pending_resets = 0
+        self._confirmed_spawn: tuple[PendingRequest, Vector3 | None] | None = None
+        self._readings: dict[object, Report] = {}
+        self.has_robot = False
+        self.expects_robot = False
+        """Whether there will be a robot once all posted commands are executed."""
+        self.class_name = ""
+        """Class of the robot, as its spawn request names it."""
+        self.has_room = True
+        """Whether the simulation accepts another command now."""
+
+    def deliver(self, reports: Sequence[Report]) -> None:
+        """Receive reports of the simulation."""
+        self._call_on_loop(self._store_reports, tuple(reports))
+
+    def confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
+        """Receive the success of the oldest spawn; the first reports follow."""
+        self._call_on_loop(self._confirm_spawn, moved_to)
+
+    def reject_init(self, reason: str) -> None:
+        """Receive the failure of the oldest spawn."""
+        self._call_on_loop(self._fail_spawn, reason)
+
+    def disconnect(self, reason: str) -> None:
+        """Receive the removal of the robot by a fault."""
+        self._call_on_loop(self._fail, reason)
+
+    def resume_reading(self) -> None:
+        """Receive that the simulation accepts commands again."""
+        self._call_on_loop(self._set_has_room)
+
+    def close(self) -> None:
+        """End the session: waiting commands are dropped, the robot is removed."""
+        if not self._is_closed:
+            self._is_closed = True
+            self._post_event(ClientDisconnected(self))
+
+    def post(self, event: SimulationEvent) -> None:
+        """Hand an event of this client to the simulation."""
+        if not self._post_event(event):
+            self.has_room = False
+
+    def find_spawn_error(self, request: SpawnRequest) -> str:
+        """Reason against a spawn before the simulation decides; empty if there is none."""
+        if self.expects_robot:
+            return "this client has its robot: reset first, or connect again for another"
+        names = (request.class_name, request.name or "", request.start or "")
+        if max(map(len, names)) > MAX_NAME_CHARS:
+            return f"a name of more than {MAX_NAME_CHARS} characters"
+        if not all(map(str.isprintable, names)):
+            return "a name with control characters"
+        try:
+            # Names go into lines of the control protocol, where a brace would forge a block.
+            line_from_command(_init_from_request(request))
+        except LocalProtocolError as error:
+            return str(error)
+        return ""
+
+    def spawn(self, request: SpawnRequest, pending: PendingRequest) -> None:
+        """Spawn a robot."""
+        self._pending_spawns.append((pending, request.class_name))
+        self.expects_robot = True
+        self.post(CommandReceived(self, _init_from_request(request)))
+
+    def drive(self, request: DriveRequest) -> None:
+        """Set the wheel speeds."""
+        drive = Drive(request.left, request.right, request.normalized)
+        self.post(CommandReceived(self, drive))
+
+    def step(self, duration_s: float, pending: PendingRequest) -> None:
+        """Advance a lockstep clock."""
+
+        def receive(result: StepResult) -> None:
+            self._call_on_loop(self._finish_step, pending, result)
+
+        self.post(StepRequested(self, duration_s, receive))
+
+    def reset(self, pending: PendingRequest) -> None:
+        """Remove the robot."""
+        # At once: commands behind the reset find no robot.
+        self.has_robot = self.expects_robot = False
+        self._num_pending_resets += 1
+        self.post(ResetRequested(self, lambda: self._call_on_loop(self._finish_reset, pending)))
+
+    def readings_reply(self, id_: int) -> Reply:
+        """Reply with the newest reading of each sensor."""
+        return SensorReports(id_, _lines_from_reports(self._readings.values()))
+
+    def _call_on_loop(self, function: Callable[..., None], *arguments: object) -> None:
+        # Sockets and replies belong to the loop.
+        self._loop.call_soon_threadsafe(self._run_unless_closed, function, *arguments)
+
+    def _run_unless_closed(self, function: Callable[..., None], *arguments: object) -> None:
+        if self._is_closed:
+            return
+        try:
+            function(*arguments)
+        except Exception:
+            log_fault(log, "a reply of the simulation could not be handled")
+            self._fail(INTERNAL_FAULT)
+
+    def _store_reports(self, reports: tuple[Report, ...]) -> None:
+        confirmed, self._confirmed_spawn = self._confirmed_spawn, None
+        # Reports of a robot whose reset is on its way have no reader.
+        if not self._num_pending_resets:
+            for report in reports:
+                # One entry per sensor: as many as the robot file lists.
+                self._readings[type(report), getattr(report, "name", "")] = report
+        if confirmed is not None:
+            pending, moved_to = confirmed
+            pending.reply(SensorReports(pending.id, _lines_from_reports(reports), moved_to))
+
+    def _confirm_spawn(self, moved_to: Vector3 | None) -> None:
+        pending, self.class_name = self._pending_spawns.popleft()
+        self._confirmed_spawn = pending, moved_to
+        self.has_robot = not self._num_pending_resets
+
+    def _fail_spawn(self, reason: str) -> None:
+        # A spawn may also fail after its confirmation, at the first reading of a sensor.
+        confirmed, self._confirmed_spawn = self._confirmed_spawn, None
+        pending = confirmed[0] if confirmed else self._pending_spawns.popleft()[0]
+        self.has_robot = False
+        self.expects_robot = bool(self._pending_spawns)
+        pending.reject(reason)
+
+    def _finish_step(self, pending: PendingRequest, result: StepResult) -> None:
+        if result.failure:
+            pending.reject(result.failure)
+            return
+        self._store_reports(result.readings)
+        reports = (*result.readings, CommandResult(result.time_s, "Step", "Clock", STATUS_OK))
+        pending.reply(SensorReports(pending.id, _lines_from_reports(reports)))
+
+    def _finish_reset(self, pending: PendingRequest) -> None:
+        self._num_pending_resets -= 1
+        self._readings.clear()
+        pending.reply(Ok(pending.id))
+
+    def _fail(self, reason: str) -> None:
+        # Commands behind the fault are dropped, so that none meets a client that knows nothing of
+        # the fault.
+        self.close()
+        self._on_fault(reason)
+
+    def _set_has_room(self) -> None:
+        self.has_room = True
+
+
+def _init_from_request(request: SpawnRequest) -> Init:
+    rotation_rad = request.rotation_rad or (0.0, 0.0, 0.0)
+    return Init(request.class_name, request.name, request.location_m, rotation_rad, request.start)
+
+
+def _lines_from_reports(reports: Iterable[Report]) -> tuple[str, ...]:
+    """Lines of the control protocol, without reports that have no valid line."""
+    lines: list[str] = []
+    for report in reports:
+        try:
+            lines += line_from_report(report).decode("latin-1").splitlines()
+        except LocalProtocolError as error:
+            log.error("not sent: %s", error)
+    return tuple(lines)

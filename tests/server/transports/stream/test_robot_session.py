@@ -1,0 +1,265 @@
+"""The robot of a client, with a simulation whose events and replies the test plays."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+
+import pytest
+
+from catoptra_protocol.stream.replies import Error, Ok, Reply, SensorReports
+from catoptra_protocol.stream.requests import DriveRequest, SpawnRequest
+from catoptra_protocol.usarsim.commands import Drive, Init
+from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
+from catoptra_server.simulation import (
+    ClientDisconnected,
+    CommandReceived,
+    ResetRequested,
+    SimulationEvent,
+    StepRequested,
+    StepResult,
+)
+from catoptra_server.transports.stream.pending_requests import PendingRequests
+from catoptra_server.transports.stream.robot_session import RobotSession
+from helpers.loopback import run_scenario
+
+SPAWN = SpawnRequest(1, "USARBot.OmniP2AT", "Mine", None, "Centre")
+ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
+STATUS = VehicleStatus(1.0, 100)
+
+
+@dataclass
+class Recorder:
+    """A session, and all that it posts, sends and reports."""
+
+    has_room: bool = True
+    posted: list[SimulationEvent] = field(default_factory=list)
+    sent: list[Reply] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.pending = PendingRequests(self.sent.append)
+        self.session = RobotSession(self._post, on_fault=self.faults.append)
+
+    def _post(self, event: SimulationEvent) -> bool:
+        self.posted.append(event)
+        return self.has_room
+
+    async def spawn(self, id_: int = 1) -> None:
+        """Spawn a robot, with two reports."""
+        self.session.spawn(SPAWN, self.pending.add(id_))
+        self.session.confirm_spawn("Mine", None)
+        self.session.deliver([ODOMETRY, STATUS])
+        await settle()
+
+    def answer_reset(self) -> None:
+        """Reply to the newest event, a reset."""
+        reset = self.posted[-1]
+        assert isinstance(reset, ResetRequested)
+        reset.reply()
+
+
+async def settle() -> None:
+    """Run what other threads have scheduled on the loop."""
+    await asyncio.sleep(0)
+
+
+def words(reply: Reply) -> list[str]:
+    """First words of the reports of a reply."""
+    assert isinstance(reply, SensorReports)
+    return [line.split()[0] for line in reply.reports]
+
+
+def test_spawn_when_confirmed_is_answered_with_the_first_readings() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        session = recorder.session
+        session.spawn(SPAWN, recorder.pending.add(1))
+        init = Init("USARBot.OmniP2AT", "Mine", None, (0.0, 0.0, 0.0), "Centre")
+        assert recorder.posted == [CommandReceived(session, init)]
+        assert (session.has_robot, session.expects_robot) == (False, True)
+        session.confirm_spawn("Mine", (1.0, 2.0, 0.0))
+        await settle()
+        assert (session.has_robot, session.class_name) == (True, "USARBot.OmniP2AT")
+        assert recorder.sent == []
+        session.deliver([ODOMETRY, STATUS])
+        await settle()
+        (reply,) = recorder.sent
+        assert words(reply) == ["SEN", "STA"]
+        assert isinstance(reply, SensorReports)
+        assert (reply.id, reply.moved_to) == (1, (1.0, 2.0, 0.0))
+
+    run_scenario(scenario())
+
+
+def test_spawn_when_rejected_has_the_reason_and_may_be_repeated() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        recorder.session.spawn(SPAWN, recorder.pending.add(1))
+        recorder.session.reject_init("there is no class 'X'")
+        await settle()
+        assert recorder.sent == [Error(1, "there is no class 'X'")]
+        assert recorder.session.find_spawn_error(SPAWN) == ""
+        await recorder.spawn(2)
+        assert words(recorder.sent[1]) == ["SEN", "STA"]
+
+    run_scenario(scenario())
+
+
+def test_spawn_when_its_first_reading_fails_is_rejected_after_the_confirmation() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        recorder.session.spawn(SPAWN, recorder.pending.add(1))
+        recorder.session.confirm_spawn("Mine", None)
+        recorder.session.reject_init("an internal fault")
+        recorder.session.deliver([STATUS])  # of no spawn
+        await settle()
+        assert recorder.sent == [Error(1, "an internal fault")]
+        assert not recorder.session.has_robot
+
+    run_scenario(scenario())
+
+
+@pytest.mark.parametrize(
+    ("spawn", "reason"),
+    [
+        (SpawnRequest(2, "a}b", None, None, "Centre"), "braces"),
+        (SpawnRequest(2, "P2AT", "a" * 257, None, "Centre"), "256 characters"),
+        (SpawnRequest(2, "P2AT", "a\x1b[2J", None, "Centre"), "control characters"),
+        (SpawnRequest(2, "P2AT", None, None, "a\nDRIVE"), "control characters"),
+    ],
+)
+def test_spawn_when_a_name_is_impossible_has_the_reason(spawn: SpawnRequest, reason: str) -> None:
+    async def scenario() -> None:
+        assert reason in Recorder().session.find_spawn_error(spawn)
+
+    run_scenario(scenario())
+
+
+def test_spawn_when_there_is_or_will_be_a_robot_is_an_error() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        recorder.session.spawn(SPAWN, recorder.pending.add(1))
+        assert "reset first" in recorder.session.find_spawn_error(SPAWN)
+        recorder.session.reset(recorder.pending.add(2))
+        assert recorder.session.find_spawn_error(SPAWN) == ""
+
+    run_scenario(scenario())
+
+
+def test_spawn_and_reset_and_spawn_when_sent_at_once_are_all_answered() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        session = recorder.session
+        session.spawn(SPAWN, recorder.pending.add(1))
+        session.reset(recorder.pending.add(2))
+        reset = recorder.posted[-1]
+        session.spawn(SPAWN, recorder.pending.add(3))
+        assert isinstance(reset, ResetRequested)
+        # In the order of the commands, as the simulation executes them.
+        session.confirm_spawn("Mine", None)
+        session.deliver([STATUS])
+        reset.reply()
+        session.confirm_spawn("Mine2", None)
+        session.deliver([ODOMETRY])
+        await settle()
+        assert [getattr(reply, "id", 0) for reply in recorder.sent] == [1, 2, 3]
+        assert session.has_robot
+        assert words(session.readings_reply(4)) == ["SEN"]
+
+    run_scenario(scenario())
+
+
+def test_reset_removes_the_robot_at_once_and_is_answered_after_the_removal() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        await recorder.spawn()
+        recorder.session.reset(recorder.pending.add(2))
+        assert not recorder.session.has_robot
+        recorder.session.deliver([STATUS])  # of the robot that is being removed
+        await settle()
+        assert len(recorder.sent) == 1
+        recorder.answer_reset()
+        await settle()
+        assert recorder.sent[1:] == [Ok(2)]
+        assert words(recorder.session.readings_reply(3)) == []
+
+    run_scenario(scenario())
+
+
+def test_step_is_answered_with_the_whole_cycle_and_its_end() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        await recorder.spawn()
+        recorder.session.step(0.2, recorder.pending.add(2))
+        step = recorder.posted[-1]
+        assert isinstance(step, StepRequested)
+        assert step.duration_s == 0.2
+        step.reply(StepResult(1.2, (OdometryReading("Odometry", 7.0, 2.0, 0.5),)))
+        await settle()
+        assert words(recorder.sent[1]) == ["SEN", "RES"]
+        (odometry, _) = recorder.session.readings_reply(3).reports  # type: ignore[union-attr] # reports
+        assert "7.0" in odometry
+
+    run_scenario(scenario())
+
+
+def test_step_when_it_fails_is_an_error_with_the_reason() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        recorder.session.step(0.2, recorder.pending.add(2))
+        step = recorder.posted[-1]
+        assert isinstance(step, StepRequested)
+        step.reply(StepResult(0.0, failure="no step: the clock is real time"))
+        await settle()
+        assert recorder.sent == [Error(2, "no step: the clock is real time")]
+
+    run_scenario(scenario())
+
+
+def test_drive_is_posted() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        recorder.session.drive(DriveRequest(1, 1.0, None, True))
+        expected = CommandReceived(recorder.session, Drive(1.0, None, True))
+        assert recorder.posted == [expected]
+
+    run_scenario(scenario())
+
+
+def test_queue_when_full_has_no_room_until_the_simulation_resumes() -> None:
+    async def scenario() -> None:
+        recorder = Recorder(has_room=False)
+        recorder.session.drive(DriveRequest(1, 1.0, None, True))
+        assert not recorder.session.has_room
+        recorder.session.resume_reading()
+        await settle()
+        assert recorder.session.has_room
+
+    run_scenario(scenario())
+
+
+def test_fault_of_the_robot_closes_the_session_and_later_replies_are_dropped() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        await recorder.spawn()
+        recorder.session.disconnect("a fault removed the robot")
+        recorder.session.deliver([STATUS])
+        await settle()
+        assert recorder.faults == ["a fault removed the robot"]
+        assert recorder.posted[-1] == ClientDisconnected(recorder.session)
+        recorder.session.close()
+        assert sum(isinstance(event, ClientDisconnected) for event in recorder.posted) == 1
+
+    run_scenario(scenario())
+
+
+def test_reply_when_it_cannot_be_handled_is_a_fault(caplog: pytest.LogCaptureFixture) -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        recorder.session.confirm_spawn("Nobody's", None)  # without a spawn
+        await settle()
+        assert len(recorder.faults) == 1
+
+    run_scenario(scenario())
+    assert "IndexError" in caplog.text
