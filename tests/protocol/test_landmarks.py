@@ -107,7 +107,7 @@ def test_file_when_unreadable_is_named(tmp_path: Path, content: bytes | None) ->
     path = tmp_path / "x.csv"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"x\.csv.*: file=.*(a CSV file|UTF-8)"):
+    with pytest.raises(ConfigError, match=r"x\.csv.*: file=.*(a readable CSV file|UTF-8)"):
         read_landmarks(path)
 
 

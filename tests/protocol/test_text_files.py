@@ -12,7 +12,7 @@ from catoptra_protocol.text_files import read_text_file
 
 
 def read(path: Path, max_bytes: int = 1000) -> str:
-    return read_text_file(path, kind="a list", max_bytes=max_bytes)
+    return read_text_file(path, kind="list", max_bytes=max_bytes)
 
 
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
@@ -31,7 +31,7 @@ def test_file_when_not_utf_8_names_the_line_of_the_byte(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["missing.txt", ".", "a\0b"])
 def test_file_when_unreadable_is_named(tmp_path: Path, name: str) -> None:
-    with pytest.raises(ConfigError, match="a list that can be read"):
+    with pytest.raises(ConfigError, match="a readable list"):
         read(tmp_path / name)
 
 
@@ -47,7 +47,7 @@ def test_file_of_40_gb_is_rejected_after_its_first_bytes(tmp_path: Path) -> None
         file.truncate(40 * 10**9)  # sparse: takes no space on the disk
     tracemalloc.start()
     try:
-        with pytest.raises(ConfigError, match="a list of at most 1000 bytes"):
+        with pytest.raises(ConfigError, match="a smaller list: at most 1000 bytes"):
             read(path)
         assert tracemalloc.get_traced_memory()[1] < 1e6
     finally:
@@ -55,5 +55,5 @@ def test_file_of_40_gb_is_rejected_after_its_first_bytes(tmp_path: Path) -> None
 
 
 def test_device_without_a_size_is_rejected() -> None:
-    with pytest.raises(ConfigError, match="a list of at most 1000 bytes"):
+    with pytest.raises(ConfigError, match="a smaller list: at most 1000 bytes"):
         read(Path("/dev/zero"))

@@ -59,7 +59,7 @@ def read_landmarks(path: Path) -> tuple[Landmark, ...]:
     Raises:
         ConfigError: The file is unreadable, too large or wrong; names line, column and value.
     """
-    text = read_text_file(path, kind="a CSV file", max_bytes=MAX_LANDMARK_FILE_BYTES)
+    text = read_text_file(path, kind="CSV file", max_bytes=MAX_LANDMARK_FILE_BYTES)
     # Split at LF only: splitlines would also split at form feeds, and shift the line numbers.
     return landmarks_from_lines(text.split("\n"), file=str(path))
 

@@ -12,7 +12,7 @@ def read_text_file(path: Path, *, kind: str, max_bytes: int) -> str:
 
     Args:
         path: the file.
-        kind: kind of file for error messages, such as `an ini file`.
+        kind: kind of file for error messages, such as `ini file`.
         max_bytes: size above which the file is rejected; no more is read.
 
     Raises:
@@ -26,10 +26,10 @@ def read_text_file(path: Path, *, kind: str, max_bytes: int) -> str:
             data = file.read(max_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise ConfigError(
-            where, key="file", value=str(path), expected=f"{kind} that can be read ({error})"
+            where, key="file", value=str(path), expected=f"a readable {kind} ({error})"
         ) from error
     if len(data) > max_bytes:
-        expected = f"{kind} of at most {max_bytes} bytes"
+        expected = f"a smaller {kind}: at most {max_bytes} bytes"
         raise ConfigError(where, key="file", value=str(path), expected=expected)
     return _decode(data, where)
 

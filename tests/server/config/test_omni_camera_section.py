@@ -11,7 +11,7 @@ import pytest
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
-from catoptra_server.config.robot_file import read_robot
+from catoptra_server.config.robot_file import read_robot, read_robots
 from catoptra_server.robot.render_settings import AccuracyTarget, PerPixel
 from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
@@ -210,3 +210,39 @@ def test_capture_camera_when_missing_names_its_parent(tmp_path: Path) -> None:
     path.write_text("\n".join(line for line in lines if not line.startswith("Cameras=")))
     with pytest.raises(ConfigError, match=r'Cameras=.*an item with Parent="OmniCam"'):
         read_robot(path)
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        (Edit("ResolutionX=360", "ResolutionX=8192"), Edit("ResolutionY=360", "ResolutionY=8192")),
+        (
+            Edit("ResolutionX=360", "ResolutionX=720"),
+            Edit("Samples=2 ", "Samples=16 "),
+            Edit("ResolutionY=360", "ResolutionY=720"),
+        ),
+        (Edit(CLIENT_W, f"{CLIENT_W}\nTextureSize=8192"),),
+        (
+            Edit(CLIENT_W, f"{CLIENT_W}\nTextureSize=4096"),
+            Edit("ResolutionX=360", "ResolutionX=360\nFaceSamples=8"),
+        ),
+    ],
+)
+def test_camera_when_larger_than_the_memory_limit_is_rejected_at_its_line(
+    tmp_path: Path, edits: tuple[Edit, ...]
+) -> None:
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, *edits)
+    expected = (
+        r"OmniCaptureCamera\.ResolutionX='\d+ x \d+ px, Samples=.*fewer pixels.* MiB.* of 1024"
+    )
+    with pytest.raises(ConfigError, match=expected) as caught:
+        read_robots(path)
+    assert caught.value.location.line == find_line_number(path, "ResolutionX=")
+    robots, _ = read_robots(path, limit_bytes=2**36)
+    assert robots[0].omni_camera is not None
+
+
+def test_mirror_when_cut_into_too_many_polygons_is_rejected(tmp_path: Path) -> None:
+    edit = Edit("Polygons=0 ", "Sectors=10000\nRings=51\n")
+    with pytest.raises(ConfigError, match="at most 1000000 polygons"):
+        read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, edit))

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from catoptra_server.config.robot_file import read_robot
-from helpers.configs import ROBOTS
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.robot_file import read_robot, read_robots
+from helpers.configs import ROBOTS, write_edited_copy
 
 
 def test_camera_when_of_the_real_udk_line_has_its_class_s_numbers() -> None:
@@ -19,3 +24,16 @@ def test_camera_when_of_the_p2at_sits_on_its_pan_tilt() -> None:
 
 def test_camera_when_part_of_the_omni_camera_is_no_perspective_one() -> None:
     assert read_robot(ROBOTS / "omni_p2dx.ini")[0].perspective_cameras == ()
+
+
+def test_camera_when_larger_than_the_memory_limit_is_rejected_at_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "robot.ini"
+    path.write_text(
+        "[Configuration]\nBasedOn=p3at_udk.ini\n[USARSensor.USARCamera]\nResolutionX=8192\n"
+        "ResolutionY=8192\n"
+    )
+    write_edited_copy(ROBOTS / "p3at_udk.ini", tmp_path)
+    with pytest.raises(ConfigError, match=r"ResolutionX='8192 x 8192 px'.*fewer pixels.* MiB"):
+        read_robots(path)
+    robots, _ = read_robots(path, limit_bytes=2**34)
+    assert robots[0].perspective_cameras[0].width_px == 8192

@@ -7,7 +7,12 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.robot_file import read_robot, read_robots
+from catoptra_server.config.robot_file import (
+    MAX_ITEMS,
+    MAX_ROBOT_CLASSES,
+    read_robot,
+    read_robots,
+)
 from catoptra_server.sensors.ground_truth import GroundTruthDescription
 from catoptra_server.sensors.odometry import OdometryDescription
 from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, find_line_number, write_edited_copy
@@ -173,3 +178,20 @@ def test_classes_when_unknown_are_reported_and_the_rest_is_read(
     assert [record.message.partition(": ")[2] for record in caplog.records] == [
         "class USARBot.Sniffer is unknown: item CO2 has no effect"
     ]
+
+
+@pytest.mark.parametrize("key", ["Sensors", "AddParts", "Cameras", "MisPkgs", "JointParts"])
+def test_list_of_too_many_items_is_rejected_at_the_next_line(tmp_path: Path, key: str) -> None:
+    lines = [f'{key}=(ItemName="a{n}")' for n in range(MAX_ITEMS + 1)]
+    path = write_file(tmp_path, BARE + "\n".join(lines))
+    with pytest.raises(ConfigError, match=rf"robot\.ini:{9 + MAX_ITEMS + 1}: .*at most 256 items"):
+        read_robot(path)
+
+
+def test_file_of_too_many_robots_is_rejected_at_the_next(tmp_path: Path) -> None:
+    robots = [BARE.replace("P2AT", f"A{n}") for n in range(MAX_ROBOT_CLASSES + 1)]
+    path = write_file(tmp_path, "".join(robots))
+    with pytest.raises(
+        ConfigError, match=rf"robot\.ini:{9 * MAX_ROBOT_CLASSES + 2}: .*at most 256"
+    ):
+        read_robots(path)

@@ -8,6 +8,7 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_server.frames.encode import crop
 from catoptra_server.frames.multi_view import (
+    MAX_TILES,
     Tile,
     TileLayout,
     ViewportConfig,
@@ -129,3 +130,13 @@ def test_omni_camera_in_a_tile_is_scaled_and_centred() -> None:
     np.testing.assert_allclose(
         direction_from_pixel(small, there)[0], direction_from_pixel(camera, places)[0], atol=1e-14
     )
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(1000, 1000), (65, 1), (1, 65), (8, 9)])
+def test_layout_of_too_many_tiles_is_rejected(columns: int, rows: int) -> None:
+    with pytest.raises(DomainError, match=f"{columns} x {rows} tiles.*at most 64"):
+        multi_view_layout(columns, rows, width_px=4, height_px=4)
+
+
+def test_layout_of_as_many_tiles_as_allowed_is_made() -> None:
+    assert len(multi_view_layout(8, 8, width_px=4, height_px=4).tiles) == MAX_TILES

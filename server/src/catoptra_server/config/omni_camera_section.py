@@ -18,6 +18,9 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.effect_settings import read_effect_settings
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
+from catoptra_server.planning.explicit_plan import requested_samples
+from catoptra_server.planning.view_size import omni_view_size
 from catoptra_server.robot.render_settings import (
     AccuracyTarget,
     MirrorSurface,
@@ -31,6 +34,8 @@ from catoptra_server.scene.mirror_mesh import (
     tessellation_from_polygon_count,
 )
 
+# The paper's meshes end at 4096. A million take 0.3 GB while they are drawn into the lookup map.
+_MAX_POLYGONS = 1_000_000
 # 8192^2 raw pixels are 201 MB for a frame; the largest texture of OpenGL devices is not far above.
 _MAX_SIDE_PX = 8192
 # A capture camera so far off the pinhole (metres) displaces the image by 0.04 px at 360 px. Beyond
@@ -40,11 +45,19 @@ _PINHOLE_TOLERANCE_M = 5e-5
 _AXIS_TOLERANCE_RAD = 1e-3
 
 
-def read_omni_camera(file: IniFile, section: SectionReader) -> OmniCameraDescription | None:
+def read_omni_camera(
+    file: IniFile, section: SectionReader, *, limit_bytes: int = DEFAULT_LIMIT_BYTES
+) -> OmniCameraDescription | None:
     """Camera of a robot's section; None where CamTexActors names no viewpoint.
 
+    Args:
+        file: file with the sections of the camera's groups.
+        section: the robot's section.
+        limit_bytes: memory that the camera's view may take.
+
     Raises:
-        ConfigError: for a capture camera off the pinhole, an impossible mirror, or a missing group.
+        ConfigError: for a capture camera off the pinhole, an impossible mirror, a missing group, or
+            a view larger than the limit.
     """
     clients = section.get_structs("CamTexActors")
     if not clients:
@@ -63,7 +76,7 @@ def read_omni_camera(file: IniFile, section: SectionReader) -> OmniCameraDescrip
     capture = file.get_section(capture_item.get_str("ItemClass"))
     mirror = _read_mirror(mirror_item, mirror_settings)
     camera = _read_camera_model(mirror, mirror_settings, capture, capture_item)
-    return OmniCameraDescription(
+    description = OmniCameraDescription(
         name=capture_item.get_wire_name("ItemName"),
         camera=camera,
         robot_from_mirror=_read_viewpoint_pose(viewpoint),
@@ -72,6 +85,25 @@ def read_omni_camera(file: IniFile, section: SectionReader) -> OmniCameraDescrip
         min_frame_interval_s=capture.get_float("FrameInterval", 0.0, min_value=0.0, max_value=60.0),
         capture_fov_rad=_capture_fov(camera),
         effects=read_effect_settings(capture),
+    )
+    _reserve_view(description, capture, MemoryBudget(limit_bytes))
+    return description
+
+
+def _reserve_view(
+    omni: OmniCameraDescription, capture: SectionReader, memory: MemoryBudget
+) -> None:
+    """Raise ConfigError for a view that would take too much memory, before any is taken."""
+    camera, settings = omni.camera, omni.render_settings
+    size = omni_view_size(camera, settings, has_effects=bool(omni.effects.settings))
+    samples = requested_samples(settings)
+    faces = f", faces of {settings.face_size_px} px" if settings.face_size_px else ""
+    memory.reserve(
+        size.num_bytes,
+        where=capture.find_location("ResolutionX"),
+        key=f"{capture.name}.ResolutionX",
+        value=f"{camera.width_px} x {camera.height_px} px, Samples={samples}{faces}",
+        remedy="fewer pixels, Samples, or texels (TextureSize, FaceSamples)",
     )
 
 
@@ -223,7 +255,7 @@ def _read_surface(mirror: SectionReader) -> MirrorSurface:
         "Interpolation", [i.value for i in Interpolation], Interpolation.UV.value
     )
     interpolation = Interpolation(name)
-    polygons = mirror.get_int("Polygons", 0, max_value=1_000_000)
+    polygons = mirror.get_int("Polygons", 0, max_value=_MAX_POLYGONS)
     sectors = mirror.get_int("Sectors", 0, max_value=10_000)
     rings = mirror.get_int("Rings", 0, max_value=10_000)
     # An explicit grid wins over a polygon count, which only suggests one.
@@ -231,6 +263,11 @@ def _read_surface(mirror: SectionReader) -> MirrorSurface:
         if sectors < 3 or rings < 1:
             raise mirror.make_error(
                 "Sectors", expected="Sectors of at least 3 with Rings of at least 1"
+            )
+        if 2 * sectors * rings > _MAX_POLYGONS:
+            raise mirror.make_error(
+                "Sectors",
+                expected=f"at most {_MAX_POLYGONS} polygons, two for each sector and ring",
             )
         return Tessellation(sectors, rings, interpolation)
     if not polygons:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mounting import read_mount
 from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
+from catoptra_server.planning.view_size import perspective_view_size
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription
 
 _CLASSES = ("robotcamera", "usarcamera", "camera")
@@ -18,18 +21,25 @@ def is_perspective_camera(item: SectionReader) -> bool:
 
 
 def read_perspective_camera(
-    file: IniFile, robot: SectionReader, item: SectionReader
+    file: IniFile,
+    robot: SectionReader,
+    item: SectionReader,
+    *,
+    limit_bytes: int = DEFAULT_LIMIT_BYTES,
 ) -> PerspectiveCameraDescription:
     """Camera of an item, with the field of view and resolution of the section of its class.
 
     Defaults and units (radians) are those of UDK's DefaultUSAR.ini.
+
+    Raises:
+        ConfigError: for a value out of range, or a view that takes more than `limit_bytes`.
     """
     section = file.get_section(item.get_str("ItemClass"))
     min_fov_rad = section.get_float("CameraMinFOV", 0.3491, min_value=0.01, max_value=_MAX_FOV_RAD)
     max_fov_rad = section.get_float(
         "CameraMaxFOV", 2.0944, min_value=min_fov_rad, max_value=_MAX_FOV_RAD
     )
-    return PerspectiveCameraDescription(
+    description = PerspectiveCameraDescription(
         name=item.get_wire_name("ItemName"),
         mount=read_mount(robot, item),
         width_px=section.get_int("ResolutionX", 320, min_value=1, max_value=8192),
@@ -44,3 +54,12 @@ def read_perspective_camera(
         min_fov_rad=min_fov_rad,
         max_fov_rad=max_fov_rad,
     )
+    camera = PerspectiveCamera(description.width_px, description.height_px, description.fov_rad)
+    MemoryBudget(limit_bytes).reserve(
+        perspective_view_size(camera).num_bytes,
+        where=section.find_location("ResolutionX"),
+        key=f"{section.name}.ResolutionX",
+        value=f"{camera.width_px} x {camera.height_px} px",
+        remedy="fewer pixels",
+    )
+    return description

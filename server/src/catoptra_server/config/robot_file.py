@@ -29,11 +29,17 @@ from catoptra_server.config.section_reader import (
     is_wire_name,
 )
 from catoptra_server.config.sensor_readers import is_sensor, read_sensor, report_unknown_class
+from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES
 from catoptra_server.robot.robot_description import DriveBase, RobotDescription
 from catoptra_server.robot.standard_bases import STANDARD_BASES
 
 # UT2004 has a list for sensors; UDK has one for items of all kinds.
 _ITEM_LISTS = ("Sensors", "AddParts")
+# UT2004's file has 24 robots; the camera of each class is prepared at start.
+MAX_ROBOT_CLASSES = 256
+# The longest list of a real file has 26 items. Each is a sensor in every tick, and hinges are
+# compared with each other.
+MAX_ITEMS = 256
 
 
 def read_robot(path: Path) -> tuple[RobotDescription, IniFile]:
@@ -42,8 +48,14 @@ def read_robot(path: Path) -> tuple[RobotDescription, IniFile]:
     return robots[0], file
 
 
-def read_robots(path: Path) -> tuple[tuple[RobotDescription, ...], IniFile]:
+def read_robots(
+    path: Path, *, limit_bytes: int = DEFAULT_LIMIT_BYTES
+) -> tuple[tuple[RobotDescription, ...], IniFile]:
     """All robots of a file, in the file's order before those of base files.
+
+    Args:
+        path: the file.
+        limit_bytes: memory that the view of each camera may take.
 
     Returns:
         The descriptions, at least one, and the file, whose unknown keys can be reported now.
@@ -52,7 +64,12 @@ def read_robots(path: Path) -> tuple[tuple[RobotDescription, ...], IniFile]:
         ConfigError: with file, line, key, value and the expected form.
     """
     file = IniFile(path)
-    robots = tuple(_read_robot_section(file, section) for section in _find_robot_sections(file))
+    sections = tuple(_find_robot_sections(file))
+    if len(sections) > MAX_ROBOT_CLASSES:
+        raise sections[MAX_ROBOT_CLASSES].make_error(
+            "SteeringType", expected=f"at most {MAX_ROBOT_CLASSES} robots in a file"
+        )
+    robots = tuple(_read_robot_section(file, section, limit_bytes) for section in sections)
     if not robots:
         raise file.get_section("USARBot.X").make_error(
             "SteeringType", expected="a section [USARBot.X] with SteeringType=SkidSteered"
@@ -79,10 +96,13 @@ def _find_known_base(section: SectionReader) -> DriveBase | None:
     return STANDARD_BASES.get(model.lower()) if package.lower() == "usarbot" else None
 
 
-def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescription:
+def _read_robot_section(
+    file: IniFile, section: SectionReader, limit_bytes: int
+) -> RobotDescription:
+    _require_few_items(section)
     _require_unique_names(section)
     items = [struct for key in _ITEM_LISTS for struct in section.get_structs(key)]
-    omni = read_omni_camera(file, section)
+    omni = read_omni_camera(file, section, limit_bytes=limit_bytes)
     # The capture camera is in the list too, but as a part of the omnidirectional camera.
     camera_items = [
         s for s in section.get_structs("Cameras") if not omni or _item_name(s) != omni.name.lower()
@@ -99,11 +119,20 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
         status_interval_s=section.get_float("msgTimer", 0.2, min_value=0.01, max_value=60.0),
         battery_s=section.get_float("batteryLife", 1200.0, min_value=0.0),
         perspective_cameras=tuple(
-            read_perspective_camera(file, section, struct) for struct in cameras
+            read_perspective_camera(file, section, struct, limit_bytes=limit_bytes)
+            for struct in cameras
         ),
         mission_packages=read_mission_packages(file, section),
         chassis_joints=read_joint_parts(section),
+        stand_in=section.get_str("StandIn", ""),
     )
+
+
+def _require_few_items(section: SectionReader) -> None:
+    for key in (*_ITEM_LISTS, "Cameras", "MisPkgs", "JointParts"):
+        items = section.get_structs(key)
+        if len(items) > MAX_ITEMS:
+            raise items[MAX_ITEMS].make_error(key, expected=f"at most {MAX_ITEMS} items in a list")
 
 
 def _item_name(struct: SectionReader) -> str:

@@ -223,9 +223,15 @@ class SectionReader:
             expected: an acceptable value, as a phrase.
         """
         entries = self._use_entries(key)
-        where = entries.last.where if entries else self.where
         value = entries.last.value if entries else ""
-        return ConfigError(where, key=f"{self.name}.{key}", value=value, expected=expected)
+        return ConfigError(
+            self.find_location(key), key=f"{self.name}.{key}", value=value, expected=expected
+        )
+
+    def find_location(self, key: str) -> SourceLocation:
+        """File and line of a key's last entry; those of the section without one."""
+        entries = self._use_entries(key)
+        return entries.last.where if entries else self.where
 
 
 def is_wire_name(text: str) -> bool:

@@ -57,7 +57,7 @@ def read_sections(path: Path) -> tuple[Section, ...]:
     Raises:
         ConfigError: for an unreadable or oversized file, or a line outside the grammar.
     """
-    text = read_text_file(path, kind="an ini file", max_bytes=_MAX_FILE_BYTES)
+    text = read_text_file(path, kind="ini file", max_bytes=_MAX_FILE_BYTES)
     return parse_sections(text, file=str(path))
 
 

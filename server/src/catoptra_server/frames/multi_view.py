@@ -22,6 +22,9 @@ from catoptra_protocol.limits import MAX_IMAGE_PAYLOAD_BYTES, MAX_IMAGE_SIDE_PX
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.render.renderer import Image
 
+# UDK's largest layout in use has 4 x 4 tiles. Each tile is a camera of its own.
+MAX_TILES = 64
+
 
 class ViewportConfig(Enum):
     """Config of UT2004's `SET {Type Viewports}`."""
@@ -105,7 +108,7 @@ def multi_view_layout(columns: int, rows: int, *, width_px: int, height_px: int)
     """Layout of UDK's CameraTileX x CameraTileY tiles of CameraWidth x CameraHeight pixels.
 
     Raises:
-        DomainError: The image would exceed the limits of a frame.
+        DomainError: The image would exceed the limits of a frame, or have more than MAX_TILES.
     """
     width, height = columns * width_px, rows * height_px
     # Four bytes a pixel: the largest payload, raw rows with padding, has to fit into a message.
@@ -113,6 +116,10 @@ def multi_view_layout(columns: int, rows: int, *, width_px: int, height_px: int)
         raise DomainError(
             f"an image of {width} x {height} px exceeds the limits of {MAX_IMAGE_SIDE_PX} px a "
             f"side and {MAX_IMAGE_PAYLOAD_BYTES // 4} px in all"
+        )
+    if columns * rows > MAX_TILES:
+        raise DomainError(
+            f"{columns} x {rows} tiles are too many: a layout has at most {MAX_TILES}"
         )
     return TileLayout(columns, rows, width_px, height_px, width, height)
 
