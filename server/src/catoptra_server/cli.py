@@ -8,6 +8,7 @@ import logging
 import math
 import re
 from collections.abc import Sequence
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import cast
@@ -35,7 +36,7 @@ log = logging.getLogger(__name__)
 
 EXIT_FAULT = 1
 EXIT_CANNOT_START = 2
-# With the grace of `termination` less than the promised second.
+# With the grace of `termination`, less than the promised second.
 _FLUSH_TIMEOUT_S = 0.1
 _PORT_REMEDY = ". Is another server running there? --control-port 0 --image-port 0 take free ones"
 _MULTI_VIEW = re.compile(r"(\d+)x(\d+):(\d+)x(\d+)", re.ASCII)
@@ -76,12 +77,17 @@ async def _serve_until_signalled(
     options: Options, termination: Termination, writer: LogWriter
 ) -> None:
     stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    # Before the files are read: a signal during a long start ends the server in the same way.
-    with termination.call_on_signal(
-        partial(loop.call_soon_threadsafe, stop.set), flush=partial(_end_log, writer)
-    ):
-        await serve(options, _print_addresses, stop)
+    stop_soon = partial(asyncio.get_running_loop().call_soon_threadsafe, stop.set)
+    with ExitStack() as listening:
+
+        def announce(address: ListeningAddress) -> None:
+            # Before, a signal ends the process at once: there is no connection to close.
+            listening.enter_context(
+                termination.call_on_signal(stop_soon, flush=partial(_end_log, writer))
+            )
+            _print_addresses(address)
+
+        await serve(options, announce, stop)
 
 
 def _end_log(writer: LogWriter) -> None:
