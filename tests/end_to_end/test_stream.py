@@ -94,7 +94,7 @@ def test_frame_of_the_stream_suffices_to_unproject_a_pixel(tmp_path: Path) -> No
 def test_robot_when_rejected_reset_or_disconnected_is_reported(tmp_path: Path) -> None:
     with start_server(tmp_path, "--clock", "lockstep") as server:
         with connect_client(server) as client:
-            with pytest.raises(CatoptraError, match="unknown class"):
+            with pytest.raises(CatoptraError, match="there is no class"):
                 client.spawn("USARBot.Submarine", start_pose="Centre")
             client.spawn(CLASS, name="Same", start_pose="Centre")
             client.reset()

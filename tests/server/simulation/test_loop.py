@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import threading
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import get_args
@@ -74,6 +75,7 @@ from catoptra_server.simulation import (
     StopRequested,
 )
 from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
+from helpers.loopback import DEADLINE_S
 from helpers.robots import (
     CAMERA,
     ENCODER,
@@ -245,6 +247,25 @@ def test_step_when_negative_or_too_long_fails_and_no_time_passes(time_s: float) 
 
 def test_step_when_of_a_minute_is_the_longest() -> None:
     assert results(run_commands(Step(60.0))) == [CommandResult(60.0, "Step", "Clock", "OK")]
+
+
+def test_step_when_slower_than_the_budget_of_a_tick_does_not_delay_the_next() -> None:
+    client, steps = FakeClient(), list[StepResult]()
+
+    def reply(step: StepResult) -> None:
+        steps.append(step)
+        if len(steps) < 3:
+            simulation.post(StepRequested(client, 0.1, reply))
+        else:
+            post_stop(simulation)
+
+    simulation = make_simulation(monotonic=TickingClock(1.0))
+    simulation.post(StepRequested(client, 0.1, reply))
+    # A daemon: a simulation that waits for ever must not keep the test run alive.
+    thread = threading.Thread(target=simulation.run, daemon=True)
+    thread.start()
+    thread.join(DEADLINE_S)
+    assert len(steps) == 3
 
 
 def test_step_without_a_robot_has_only_a_result() -> None:

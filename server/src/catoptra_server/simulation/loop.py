@@ -131,7 +131,7 @@ class Simulation:
         on_ready()
         self._started_s = self._monotonic()
         while True:
-            self._inbox.wait(self._wait_timeout_s(), for_work=self._work_left_s > 0.0)
+            self._inbox.wait(self._wait_timeout_s(), for_work=self._has_budget())
             self._handle_urgent_events()
             self._serve_waiting_work()
             if self._is_stopped:
