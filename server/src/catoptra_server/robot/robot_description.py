@@ -124,6 +124,8 @@ class RobotDescription:
     mission_packages: tuple[MissionPackageDescription, ...] = ()
     chassis_joints: MissionPackageDescription | None = None
     """Joints of the robot itself, such as flippers."""
+    stand_in: str = ""
+    """How the robot differs from USARSim's of this class, logged when it spawns; mostly empty."""
 
     @property
     def model_name(self) -> str:

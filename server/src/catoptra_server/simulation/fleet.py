@@ -201,6 +201,8 @@ class Fleet:
         robot = Robot(description, pose, name=name, seed=self._seed, time_s=time_s)
         self._robots[client] = robot
         log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
+        if description.stand_in:
+            log.warning("robot %s is %s", name, description.stand_in)
         moved_to = None
         if pose != requested:
             log.info("robot %s moved there from %s, which is not free", name, requested)
