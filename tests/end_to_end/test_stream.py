@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import time
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 
 from catoptra_client.frame_sources.frame_source import open_frame_source
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.errors import CatoptraError, ConnectionLostError
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.requests import ImageEncoding
@@ -18,6 +20,8 @@ from helpers.server_process import DEADLINE_S, RunningServer, start_server
 
 CLASS = "USARBot.OmniP2AT"
 HOST = "127.0.0.1"
+# 1.5 s of silence (SPEC.md 9.6), and some time of a busy machine; calls have a minute otherwise.
+MAX_LOSS_S = 2.0
 
 
 def connect_client(server: RunningServer) -> StreamClient:
@@ -126,3 +130,20 @@ def test_client_when_the_server_restarts_reconnects(tmp_path: Path) -> None:
             client.drive(1.0, 1.0)
         client.spawn(CLASS, start_pose="Centre")
         wait_for_robot(client)
+
+
+def test_server_when_stopped_or_killed_is_lost_within_two_seconds(tmp_path: Path) -> None:
+    with start_server(tmp_path) as server, connect_client(server) as client:
+        client.spawn(CLASS, start_pose="Centre")
+        server.process.send_signal(signal.SIGSTOP)
+        begin_s = time.monotonic()
+        with pytest.raises(ConnectionLostError, match="no heartbeat"):
+            client.get_frame()
+        server.process.send_signal(signal.SIGCONT)
+        assert time.monotonic() - begin_s < MAX_LOSS_S
+        assert client.get_status().has_robot
+        server.process.kill()
+        begin_s = time.monotonic()
+        with pytest.raises(ConnectionLostError):
+            client.get_frame()
+        assert time.monotonic() - begin_s < MAX_LOSS_S

@@ -9,14 +9,17 @@ import pytest
 
 from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_protocol.camera_conf import pairs_from_perspective_camera
 from catoptra_protocol.errors import (
     CatoptraError,
     ConnectionLostError,
     DeadlineExceededError,
     RemoteProtocolError,
 )
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.stream.messages import bytes_from_message
 from catoptra_protocol.stream.replies import (
+    CameraReply,
     Error,
     LandmarksReply,
     Ok,
@@ -37,7 +40,7 @@ from catoptra_protocol.stream.requests import (
 )
 from catoptra_protocol.usarsim.reports import OdometryReading, line_from_report
 from helpers.scripted_stream import HEARTBEAT, Script, serve_stream_script
-from helpers.stream_messages import HEADER, LANDMARK
+from helpers.stream_messages import HEADER, LANDMARK, UPRIGHT_TRANSFORM
 
 HOST = "127.0.0.1"
 # A timeout that expires in the test.
@@ -153,6 +156,19 @@ def test_server_when_it_sends_nothing_is_lost() -> None:
         with StreamClient(HOST, port, timeout_s=SHORT_S) as client:
             with pytest.raises(ConnectionLostError, match="no heartbeat"):
                 client.get_frame()
+
+
+def test_camera_when_perspective_is_a_model_without_a_height() -> None:
+    pairs = dict(pairs_from_perspective_camera(PerspectiveCamera(64, 48, 0.8)))
+
+    def reply_with_camera(request: Request) -> list[list[bytes]]:
+        reply = CameraReply(request.id, "USARBot.P2AT", "Camera", pairs, UPRIGHT_TRANSFORM, None)
+        return [[bytes_from_message(reply)]]
+
+    with serve_stream_script(reply_with_camera) as port, StreamClient(HOST, port) as client:
+        assert client.get_camera("Camera") == PerspectiveCamera(64, 48, 0.8)
+        with pytest.raises(RemoteProtocolError, match="Mirror"):
+            client.get_camera_and_height("Camera")
 
 
 def test_server_when_it_sends_heartbeats_and_no_frame_is_slow() -> None:

@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from catoptra_client.frame_sources.stream import zmq_socket
 from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.stream.messages import bytes_from_message
@@ -17,6 +18,12 @@ STATUS_REQUEST = bytes_from_message(GetStatusRequest(1))
 
 def reply_with_heartbeat(request: Request) -> list[list[bytes]]:
     return [[HEARTBEAT]]
+
+
+def send_repeatedly(socket: StreamSocket, deadline_s: float) -> None:
+    """Send until an error: the first message may still go into a connection that is ending."""
+    while True:
+        socket.send(STATUS_REQUEST, deadline_s)
 
 
 def test_reply_when_received_has_its_parts() -> None:
@@ -51,5 +58,37 @@ def test_server_when_it_sends_heartbeats_is_not_lost() -> None:
     with serve_stream_script(reply_with_heartbeat, sends_heartbeats=True) as port:
         socket = StreamSocket("127.0.0.1", port)
         socket.send(STATUS_REQUEST, time.monotonic() + 5.0)
-        assert not socket.is_lost()
+        socket.begin_wait()
+        socket.check_alive()
         socket.close()
+
+
+def test_server_when_silent_is_lost_long_before_the_deadline(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(zmq_socket, "SERVER_TIMEOUT_S", 0.2)
+    with serve_stream_script(lambda request: []) as port:
+        socket = StreamSocket("127.0.0.1", port)
+        deadline_s = time.monotonic() + 60.0
+        socket.send(STATUS_REQUEST, deadline_s)
+        socket.begin_wait()
+        with pytest.raises(ConnectionLostError, match="no heartbeat"):
+            socket.receive(deadline_s)
+        assert time.monotonic() < deadline_s - 30.0
+        socket.close()
+
+
+def test_server_when_gone_is_lost_long_before_the_deadline_of_a_message(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with serve_stream_script(reply_with_heartbeat) as port:
+        socket = StreamSocket("127.0.0.1", port)
+        socket.send(STATUS_REQUEST, time.monotonic() + 5.0)
+        assert socket.receive(time.monotonic() + 5.0) == [HEARTBEAT]
+    monkeypatch.setattr(zmq_socket, "SERVER_TIMEOUT_S", 0.2)
+    deadline_s = time.monotonic() + 60.0
+    socket.begin_wait()
+    with pytest.raises(ConnectionLostError, match="no stream server"):
+        send_repeatedly(socket, deadline_s)
+    assert time.monotonic() < deadline_s - 30.0
+    socket.close()

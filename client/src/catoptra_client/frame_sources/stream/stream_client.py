@@ -22,14 +22,18 @@ from catoptra_client.frame_sources.stream.landmark_projections import (
     projections_from_reply,
 )
 from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
-from catoptra_protocol.camera_conf import omni_camera_from_pairs
+from catoptra_protocol.camera_conf import (
+    Pairs,
+    any_camera_from_pairs,
+    omni_camera_from_pairs,
+)
 from catoptra_protocol.errors import (
     CatoptraError,
-    ConnectionLostError,
     DeadlineExceededError,
     RemoteProtocolError,
 )
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
 from catoptra_protocol.stream.replies import (
@@ -75,9 +79,10 @@ _Parts = list[bytes]
 class StreamClient:
     """One client of a stream server, from `connect` to `close`; also a context manager.
 
-    Waiting calls raise ConnectionLostError if the server sends nothing, DeadlineExceededError if it
-    sends heartbeats but no reply within `timeout_s`, and CatoptraError with the server's reason if
-    the request is rejected. Each call may be repeated: the connection is restored by itself.
+    Waiting calls raise ConnectionLostError if the server sends nothing for 1.5 s,
+    DeadlineExceededError if it sends heartbeats but no reply within `timeout_s`, and CatoptraError
+    with the server's reason if the request is rejected. Each call may be repeated: the connection
+    is restored by itself.
     """
 
     def __init__(
@@ -185,14 +190,29 @@ class StreamClient:
         """Newest reading of each sensor of the robot."""
         return _parse_reports(self._call(GetReadingsRequest(next(self._ids)), SensorReports))
 
-    def get_camera(self, name: str = "") -> OmniCamera:
-        """Model of a camera: projection of directions to pixels, and back."""
-        return self.get_camera_and_height(name)[0]
+    def get_camera(self, name: str = "") -> OmniCamera | PerspectiveCamera:
+        """Model of a camera of either kind: projection of directions to pixels, and back.
+
+        Args:
+            name: Name in any case; empty = the first camera of this client's robot, or without a
+                robot that of the first class with a camera.
+        """
+        return any_camera_from_pairs(self._get_camera_pairs(name))
 
     def get_camera_and_height(self, name: str = "") -> tuple[OmniCamera, float]:
-        """Model of a camera, and the height of its viewpoint above the floor in metres."""
+        """Model of an omnidirectional camera, and the viewpoint's height above the floor in metres.
+
+        Args:
+            name: As in `get_camera`.
+
+        Raises:
+            RemoteProtocolError: The camera is a perspective one.
+        """
+        return omni_camera_from_pairs(self._get_camera_pairs(name))
+
+    def _get_camera_pairs(self, name: str) -> Pairs:
         reply = self._call(GetCameraRequest(next(self._ids), name), CameraReply)
-        return omni_camera_from_pairs(tuple(reply.camera_model.items()))
+        return tuple(reply.camera_model.items())
 
     def set_accuracy(
         self,
@@ -271,6 +291,7 @@ class StreamClient:
         """Send a request; its reply and the parts after the reply."""
         data = bytes_from_message(request)
         deadline_s = self._clock() + self._timeout_s
+        self._socket.begin_wait()
         while True:
             _LOG.debug("to %s: %s", self._socket.address, request)
             # Repeated for frames only: a repeated drive or step would be executed twice.
@@ -280,7 +301,13 @@ class StreamClient:
             if received is not None:
                 return self._check_reply(received[0], reply_type), received[1]
             if self._clock() >= deadline_s:
-                raise self._timeout_error(description)
+                # Heartbeats distinguish a lost server from a slow one: the remedies differ.
+                self._socket.check_alive()
+                raise DeadlineExceededError(
+                    f"{self._socket.address} sends heartbeats but not {description} within "
+                    f"{self._timeout_s:g} s: it is busy rendering or stepping; wait, or use a "
+                    "larger timeout_s"
+                )
 
     def _wait_for_reply(self, id_: int, deadline_s: float) -> tuple[Reply, _Parts] | None:
         """Reply with an id; heartbeats and late replies of earlier requests are skipped."""
@@ -303,20 +330,6 @@ class StreamClient:
         if not isinstance(reply, reply_type):
             raise RemoteProtocolError(f"{self._socket.address} replied with {reply.KIND}")
         return reply
-
-    def _timeout_error(self, description: str) -> CatoptraError:
-        """Error of a call without a reply: the server is lost, or slow."""
-        # Heartbeats distinguish the two cases: the remedies differ.
-        if self._socket.is_lost():
-            return ConnectionLostError(
-                f"lost the stream server at {self._socket.address}: no heartbeat. See the log of "
-                "the server; call again once it is back, and spawn again"
-            )
-        return DeadlineExceededError(
-            f"{self._socket.address} sends heartbeats but not {description} within "
-            f"{self._timeout_s:g} s: it is busy rendering or stepping; wait, or use a larger "
-            "timeout_s"
-        )
 
 
 def _parse_reports(reply: SensorReports) -> list[Report]:

@@ -19,7 +19,8 @@ SERVER_TIMEOUT_S = 1.5
 # Unread messages: frames arrive on request only, so the others are heartbeats.
 _RECEIVE_QUEUE_SIZE = 64
 _MIN_RECONNECT_MS = 100
-_MAX_RECONNECT_MS = 1000
+# A restarted server is found within SERVER_TIMEOUT_S, before a call gives up.
+_MAX_RECONNECT_MS = 500
 # A connection whose other end vanished without closing is ended after the timeout and made anew.
 _ZMTP_PING_INTERVAL_MS = 1000
 _ZMTP_PING_TIMEOUT_MS = 3000
@@ -40,11 +41,17 @@ class StreamSocket:
         # An IPv6 address has colons of its own.
         name = f"[{host}]" if ":" in host else host
         self._socket.connect(f"tcp://{name}:{port}")
-        self._last_received_s = self._clock()
+        # A server that has never been there may be on its way; one that was is lost.
+        self._has_received = False
+        self._silent_since_s = self._clock()
 
     def close(self) -> None:
         """End the connection: the server removes the robot."""
         self._context.destroy(linger=0)
+
+    def begin_wait(self) -> None:
+        """Begin to wait for a reply: the server's silence counts from now on."""
+        self._silent_since_s = self._clock()
 
     def send(self, data: bytes, deadline_s: float) -> None:
         """Send a message once there is a connection.
@@ -54,10 +61,11 @@ class StreamSocket:
             deadline_s: Time of the clock at which to stop waiting.
 
         Raises:
-            ConnectionLostError: No connection before the deadline.
+            ConnectionLostError: No connection before the deadline, or for SERVER_TIMEOUT_S to a
+                server that has been there.
         """
-        left_s = deadline_s - self._clock()
-        if not self._socket.poll(max(0, round(1000 * left_s)), zmq.POLLOUT):
+        until_s = min(deadline_s, self._lost_at_s) if self._has_received else deadline_s
+        if not self._poll(until_s, zmq.POLLOUT):
             raise ConnectionLostError(
                 f"no stream server at {self.address}: start catoptra-server, and check --host and "
                 "--stream-port; the next call tries again"
@@ -65,21 +73,42 @@ class StreamSocket:
         self._socket.send(data)
 
     def receive(self, deadline_s: float) -> list[bytes] | None:
-        """Next message; None if none arrives before the deadline."""
-        left_s = deadline_s - self._clock()
-        if not self._socket.poll(max(0, round(1000 * left_s)), zmq.POLLIN):
-            return None
-        self._last_received_s = self._clock()
-        return self._socket.recv_multipart()
+        """Next message; None if none arrives before the deadline.
 
-    def is_lost(self) -> bool:
-        """Whether the server sends nothing at all; may wait for its next heartbeat."""
-        # At most SERVER_TIMEOUT_S after the last message, so a lost server is reported soon after
-        # the deadline of the call.
-        while (left_s := self._last_received_s + SERVER_TIMEOUT_S - self._clock()) > 0.0:
-            if self._socket.poll(max(1, round(1000 * left_s)), zmq.POLLIN):
-                return False
-        return True
+        Raises:
+            ConnectionLostError: The server has sent nothing for SERVER_TIMEOUT_S.
+        """
+        if self._poll(min(deadline_s, self._lost_at_s), zmq.POLLIN):
+            self._has_received = True
+            self._silent_since_s = self._clock()
+            return self._socket.recv_multipart()
+        if self._lost_at_s <= deadline_s:
+            raise self._lost_error()
+        return None
+
+    def check_alive(self) -> None:
+        """Wait for the next sign of life of the server.
+
+        Raises:
+            ConnectionLostError: The server has sent nothing for SERVER_TIMEOUT_S.
+        """
+        if not self._poll(self._lost_at_s, zmq.POLLIN):
+            raise self._lost_error()
+
+    @property
+    def _lost_at_s(self) -> float:
+        """Time of the clock at which a server that stays silent is lost."""
+        return self._silent_since_s + SERVER_TIMEOUT_S
+
+    def _poll(self, until_s: float, event: int) -> bool:
+        left_s = until_s - self._clock()
+        return bool(self._socket.poll(max(0, round(1000 * left_s)), event))
+
+    def _lost_error(self) -> ConnectionLostError:
+        return ConnectionLostError(
+            f"lost the stream server at {self.address}: no heartbeat. See the log of the server; "
+            "call again once it is back, and spawn again"
+        )
 
 
 _SOCKET_OPTIONS = {
