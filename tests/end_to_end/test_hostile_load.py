@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
-from load.attacks import SOAK_ATTACKS
+from load.attacks import ATTACKS, SOAK_ARGUMENTS
 from load.soak import run_load
 from load.soak_limits import SoakLimits, evaluate_soak
 
@@ -19,7 +19,9 @@ _LIMITS = SoakLimits().relax(3.0)
 
 
 def test_honest_clients_under_attack_keep_a_third_of_the_required_service(tmp_path: Path) -> None:
-    control = asyncio.run(run_load(tmp_path / "control", _CONTROL_S))
-    attacked = asyncio.run(run_load(tmp_path / "attacked", _ATTACK_S, attacks=SOAK_ATTACKS))
-    results = evaluate_soak(control, attacked, _LIMITS, num_attacks=len(SOAK_ATTACKS))
+    control = asyncio.run(run_load(tmp_path / "control", _CONTROL_S, *SOAK_ARGUMENTS))
+    attacked = asyncio.run(
+        run_load(tmp_path / "attacked", _ATTACK_S, *SOAK_ARGUMENTS, attacks=tuple(ATTACKS))
+    )
+    results = evaluate_soak(control, attacked, _LIMITS, num_attacks=len(ATTACKS))
     assert not [result for result in results if not result.is_met]

@@ -21,6 +21,8 @@ from catoptra_protocol.stream.messages import bytes_from_message
 from catoptra_protocol.stream.requests import Request
 
 HOST = "127.0.0.1"
+# Of the honest client: attackers may know its name, which is in every frame of the stream.
+HONEST_ROBOT = "Honest"
 # Longer than any reply of a healthy server under attack: a lost reply stops an attack no longer.
 TIMEOUT_S = 5.0
 _READ_BYTES = 1 << 16
@@ -85,13 +87,16 @@ def send_unread(connection: socket.socket, blocks: Iterable[bytes]) -> None:
         connection.sendall(block)
 
 
-def hold_connections(ports: Iterable[int], count: int, first_bytes: bytes) -> None:
+def hold_connections(ports: Iterable[int], count: int, first_bytes: bytes) -> Iterator[None]:
     """Keep a number of connections that send some bytes and then nothing, and replace ended ones.
 
     Args:
         ports: Ports, taken in turn.
         count: Number of connections.
         first_bytes: Sent once on each connection.
+
+    Yields:
+        Ten times a second, with as many connections as the server accepts.
     """
     turn = list(ports)
     held: list[socket.socket] = []
@@ -101,6 +106,7 @@ def hold_connections(ports: Iterable[int], count: int, first_bytes: bytes) -> No
                 connection = connect(turn[len(held) % len(turn)])
                 held.append(connection)
                 connection.sendall(first_bytes)
+        yield
         time.sleep(0.1)
         held = [connection for connection in held if _is_open(connection)]
 

@@ -80,7 +80,6 @@ async def run_attacks(
         *command,
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.DEVNULL,
         env=os.environ | {"PYTHONPATH": path},
         start_new_session=True,
     )

@@ -21,12 +21,12 @@ class Attack:
     """Further arguments of that server."""
     max_descriptors: int = 0
     """Limit of that server's descriptors; 0: the limit of this process."""
-    is_part_of_soak: bool = True
-    """Whether the soak runs this attack beside the others."""
 
 
+# The class P2AT has the range scanner of flood_scans.
+SOAK_ARGUMENTS = ("--robot", "p2at")
 _ATTACKS = (
-    Attack(control_attacks.flood_scans),
+    Attack(control_attacks.flood_scans, arguments=SOAK_ARGUMENTS),
     Attack(control_attacks.flood_failed_scans),
     Attack(control_attacks.flood_drives),
     Attack(control_attacks.flood_multidrives),
@@ -54,4 +54,3 @@ _ATTACKS = (
     Attack(stream_attacks.hold_unterminated_message),
 )
 ATTACKS = {attack.run.__name__: attack for attack in _ATTACKS}
-SOAK_ATTACKS = tuple(name for name, attack in ATTACKS.items() if attack.is_part_of_soak)

@@ -132,7 +132,7 @@ def close_halfway(ports: AttackedPorts) -> None:
     """Request something, end the sending direction at once, and keep the connection."""
     requests = (
         (ports.control, b"GETSTARTPOSES\r\n"),
-        (ports.control, b"INIT {ClassName USARBot.P2AT} {Location 2.2,1.8,0}\r\n"),
+        (ports.control, b"INIT {ClassName USARBot.OmniP2AT} {Location 2.2,1.8,0}\r\n"),
         (ports.image, b"OKOKOK"),
     )
     held = []

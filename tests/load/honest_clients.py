@@ -23,10 +23,10 @@ from catoptra_protocol.usarsim.commands import Drive, Init, Step
 from catoptra_protocol.usarsim.control_connection import ControlClient
 from catoptra_protocol.usarsim.image_port import ImageFrameReader, encode_full_frame_request
 from catoptra_protocol.usarsim.reports import CommandResult, VehicleStatus
-from load.attack_tools import HOST, AttackedPorts
+from load.attack_tools import HONEST_ROBOT, HOST, AttackedPorts
 
 IMAGE_VIEWER, STREAM_VIEWER = "image port", "stream"
-_ROBOT = "Honest"
+
 _STEP_S = 0.2
 
 
@@ -85,7 +85,7 @@ async def _run_robot(ports: AttackedPorts, record: HonestRecord) -> None:
     reader, writer = await asyncio.open_connection(HOST, ports.control)
     protocol = ControlClient()
     with closing(writer):
-        writer.write(protocol.send(Init("USARBot.OmniP2AT", _ROBOT, start="Centre")))
+        writer.write(protocol.send(Init("USARBot.OmniP2AT", HONEST_ROBOT, start="Centre")))
         writer.write(protocol.send(Drive(1.0, 0.4)))
         while data := await reader.read(65536):
             now_s = time.monotonic()
@@ -98,7 +98,7 @@ async def _run_stepping_robot(ports: AttackedPorts, record: HonestRecord) -> Non
     reader, writer = await asyncio.open_connection(HOST, ports.control)
     protocol = ControlClient()
     with closing(writer):
-        writer.write(protocol.send(Init("USARBot.OmniP2AT", _ROBOT, start="Centre")))
+        writer.write(protocol.send(Init("USARBot.OmniP2AT", HONEST_ROBOT, start="Centre")))
         writer.write(protocol.send(Drive(1.0, 0.4)) + protocol.send(Step(_STEP_S)))
         while data := await reader.read(65536):
             if any(isinstance(report, CommandResult) for report in protocol.receive(data)):
@@ -125,7 +125,7 @@ async def _run_stream_viewer(ports: AttackedPorts, record: HonestRecord) -> None
             peer.set(zmq.LINGER, 0)
             peer.connect(f"tcp://{HOST}:{ports.stream}")
             for id_ in count(1):
-                request = GetFrameRequest(id_, _ROBOT, "", ImageEncoding.RAW)
+                request = GetFrameRequest(id_, HONEST_ROBOT, "", ImageEncoding.RAW)
                 await peer.send(bytes_from_message(request))
                 reply = await _receive_frame(peer)
                 if isinstance(reply, FrameHeader):

@@ -10,9 +10,12 @@ import random
 import time
 from itertools import cycle, repeat
 
+from catoptra_protocol.stream.requests import GetLandmarksRequest, GetStatusRequest
 from load.attack_tools import (
+    HONEST_ROBOT,
     AttackedPorts,
     connect,
+    connect_peer,
     flood,
     hold_connections,
     reset,
@@ -24,13 +27,24 @@ _IDLE_CONNECTIONS = 320
 
 
 def idle_on_images(ports: AttackedPorts) -> None:
-    """Keep idle connections on the image port."""
-    hold_connections([ports.image], _IDLE_CONNECTIONS, b"")
+    """Keep idle connections on the image port, and request landmarks meanwhile.
+
+    A server that loads modules at the first request for landmarks finds no descriptor then.
+    """
+    with connect_peer(ports) as peer:
+        # The stream's connection is made at once, while there is a descriptor for it.
+        peer.send(GetStatusRequest(1))
+        peer.wait_for_replies(1)
+        held = hold_connections([ports.image], _IDLE_CONNECTIONS, b"")
+        for id_, _ in enumerate(held, 2):
+            peer.send(GetLandmarksRequest(id_, HONEST_ROBOT, ""))
+            peer.discard_replies()
 
 
 def hold_half_requests(ports: AttackedPorts) -> None:
     """Keep connections on all ports that never complete their first request."""
-    hold_connections(ports, 90, b"\xff\x00O")
+    for _ in hold_connections(ports, 90, b"\xff\x00O"):
+        pass
 
 
 def request_unread_frames(ports: AttackedPorts) -> None:

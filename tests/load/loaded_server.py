@@ -86,9 +86,9 @@ async def start_loaded_server(
         sample_interval_s: Interval of the samples of the process.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    # The server's own defaults, in place of those of the tests.
-    defaults = ("--threads", "0", "--robot", str(ROBOTS / "p2at.ini"))
-    with start_server(folder, *defaults, *arguments, robot=ROBOTS / f"{robot}.ini") as server:
+    # The server's own default, in place of that of the tests.
+    threads = ("--threads", "0")
+    with start_server(folder, *threads, *arguments, robot=ROBOTS / f"{robot}.ini") as server:
         if max_descriptors:
             _limit_descriptors(server.process, max_descriptors)
         ports = AttackedPorts(server.control_port, server.image_port, server.stream_port)

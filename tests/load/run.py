@@ -25,7 +25,7 @@ from rich.console import Console
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from helpers.requirement_results import RequirementResult, print_requirements
-from load.attacks import ATTACKS, SOAK_ATTACKS
+from load.attacks import ATTACKS, SOAK_ARGUMENTS
 from load.single_attack import HEADINGS, format_row, measure_attack
 from load.soak import LoadResult, run_load
 from load.soak_limits import SoakLimits, evaluate_soak
@@ -67,9 +67,11 @@ def _print_attacks(names: Sequence[str], seconds: float, folder: Path) -> None:
 async def _run_soak(
     folder: Path, duration_s: float
 ) -> tuple[list[RequirementResult], dict[str, LoadResult]]:
-    control = await run_load(folder / "control", duration_s)
-    attacked = await run_load(folder / "attacked", duration_s, attacks=SOAK_ATTACKS)
-    results = evaluate_soak(control, attacked, SoakLimits(), num_attacks=len(SOAK_ATTACKS))
+    control = await run_load(folder / "control", duration_s, *SOAK_ARGUMENTS)
+    attacked = await run_load(
+        folder / "attacked", duration_s, *SOAK_ARGUMENTS, attacks=tuple(ATTACKS)
+    )
+    results = evaluate_soak(control, attacked, SoakLimits(), num_attacks=len(ATTACKS))
     return results, {"control": control, "attacked": attacked}
 
 

@@ -55,9 +55,10 @@ async def measure_attack(name: str, seconds: float, folder: Path) -> AttackResul
     async with _start_server(name, folder) as loaded:
         begin_s = time.monotonic()
         await loaded.wait(_QUIET_S)
-        async with run_attacks(loaded.ports, [name]):
+        async with run_attacks(loaded.ports, [name]) as attackers:
             attacked_s = time.monotonic()
             await loaded.wait(seconds)
+            assert attackers.measure().num_processes == 1, f"{name} ended by itself"
         over_s = time.monotonic()
         recovery_s = await _wait_for_recovery(loaded)
         now_s = time.monotonic()

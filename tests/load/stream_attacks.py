@@ -96,6 +96,13 @@ def hold_unterminated_message(ports: AttackedPorts) -> None:
 
 
 def _spawn(peer: AttackingPeer, name: str, location_m: tuple[float, float, float]) -> None:
-    class_name = "USARBot.OmniP2AT"
-    peer.send(SpawnRequest(1, class_name, name, location_m, None))
+    request = SpawnRequest(
+        id=1,
+        class_name="USARBot.OmniP2AT",
+        name=name,
+        location_m=location_m,
+        rotation_rad=(0.0, 0.0, 0.0),
+        start=None,
+    )
+    peer.send(request)
     peer.wait_for_replies(1)
