@@ -100,8 +100,8 @@ def call_all_requests(client: StreamClient, cameras: tuple[str, ...]) -> None:
         client.get_landmark_projections("R", camera)
         for encoding in ImageEncoding:
             client.get_frame(encoding=encoding, robot="R", camera=camera)
-    for target in ({}, {"max_error_px": 0.5}, {"budget_ms": 5.0}):
-        client.set_accuracy(**target)
+    for max_error_px, budget_ms in ((None, None), (0.5, None), (0.0, 5.0)):
+        client.set_accuracy(max_error_px=max_error_px, budget_ms=budget_ms)
         client.get_frame(robot="R", camera=OMNI)
     client.reset()
 

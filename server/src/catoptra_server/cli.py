@@ -56,7 +56,7 @@ def main(arguments: Sequence[str], termination: Termination) -> int:
     raise_descriptor_limit()
     with write_log(level) as writer:
         try:
-            asyncio.run(_serve_until_signalled(options, termination, writer))
+            asyncio.run(_serve_until_signal(options, termination, writer))
         except ThreadFailedError as error:
             # The log has the traceback.
             return _report(writer, error, EXIT_FAULT)
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str], termination: Termination) -> int:
         return 0
 
 
-async def _serve_until_signalled(
+async def _serve_until_signal(
     options: Options, termination: Termination, writer: LogWriter
 ) -> None:
     stop = asyncio.Event()

@@ -89,10 +89,10 @@ def test_lines_are_written_in_order(pipe: Pipe, logger: logging.Logger, writer: 
 def test_unread_pipe_blocks_no_caller_and_dropped_lines_are_counted(
     pipe: Pipe, logger: logging.Logger, writer: LogWriter
 ) -> None:
-    done = threading.Event()
-    caller = threading.Thread(target=lambda: (fill(logger), done.set()), daemon=True)
+    caller = threading.Thread(target=fill, args=(logger,), daemon=True)
     caller.start()
-    assert done.wait(DEADLINE_S), "a caller is blocked"
+    caller.join(DEADLINE_S)
+    assert not caller.is_alive(), "a caller is blocked"
     pipe.read_until("lines of the log dropped: standard error is read too slowly\n")
     logger.debug("read again")
     pipe.read_until("read again")
