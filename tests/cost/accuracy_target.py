@@ -37,6 +37,7 @@ from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 
@@ -121,7 +122,7 @@ def main() -> int:
         choice = choose_renderer("auto", scene, world)
         states = tuple(circle_path(4))
         views = ViewCache(
-            RenderPlanner(choice),
+            RenderPlanner(RendererPool(choice)),
             SceneSummarizer(scene, world),
             calibration_states=states,
             max_views=1,

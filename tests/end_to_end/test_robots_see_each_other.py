@@ -14,6 +14,7 @@ from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
+from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.simulation import Fleet
@@ -40,7 +41,11 @@ def view_cache():
     """Traced views of the field."""
     views = ViewCache(
         RenderPlanner(
-            RendererChoice(TraceRenderer(STARTUP.scene, STARTUP.world), RendererKind.TRACE, "test")
+            RendererPool(
+                RendererChoice(
+                    TraceRenderer(STARTUP.scene, STARTUP.world), RendererKind.TRACE, "test"
+                )
+            )
         ),
         SceneSummarizer(STARTUP.scene, STARTUP.world),
     )

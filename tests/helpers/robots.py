@@ -166,6 +166,8 @@ class FakeClient:
 class FakeView:
     """A view whose images have the number of the rendering in every byte."""
 
+    memory_bytes = 0
+
     def __init__(self) -> None:
         self.camera_states: list[CameraState] = []
         self.is_closed = False

@@ -25,6 +25,7 @@ from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.explicit_plan import requested_samples
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
@@ -147,7 +148,9 @@ def _explain_camera(
 ) -> CameraEffectReport:
     samples = requested_samples(omni.render_settings)
     choice = choose_renderer(renderer, startup.scene, startup.world, samples=samples)
-    views = ViewCache(RenderPlanner(choice), SceneSummarizer(startup.scene, startup.world))
+    views = ViewCache(
+        RenderPlanner(RendererPool(choice)), SceneSummarizer(startup.scene, startup.world)
+    )
     spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
     rendered = [views.render(ViewRequest(spec, camera_state)) for _ in range(_NUM_FRAMES)]
     views.close()

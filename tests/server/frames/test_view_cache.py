@@ -5,28 +5,41 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, ImageEffect
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.capture_context import EMPTY_CONTEXT
+from catoptra_server.effects.effect import (
+    NO_EFFECT_SETTINGS,
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    EffectType,
+    ImageEffect,
+)
 from catoptra_server.effects.medium.fog import Fog
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.quantisation import Quantisation
 from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache, ViewFailedError
+from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
+from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
+from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
@@ -55,6 +68,8 @@ class CountingRenderer:
 
 
 class CountingView:
+    memory_bytes = 1000
+
     def __init__(self, log: list[str], camera: PerspectiveCamera | OmniCamera) -> None:
         self._log, self._camera = log, camera
 
@@ -68,7 +83,7 @@ class CountingView:
 
 def make_cache(renderer: Any, *, capacity: int = 16) -> ViewCache:
     return ViewCache(
-        RenderPlanner(RendererChoice(renderer, RendererKind.TRACE, "test")),
+        RenderPlanner(RendererPool(RendererChoice(renderer, RendererKind.TRACE, "test"))),
         renderer,  # the effect renderer summarizes its own scene
         max_views=capacity,
     )
@@ -95,7 +110,7 @@ def test_view_rendered_longest_ago_is_closed_first() -> None:
     renderer = CountingRenderer()
     views = make_cache(renderer, capacity=2)
     render(views, 20, 30, 20, 40)
-    assert renderer.log[-2:] == ["close 30", "prepare 40"]
+    assert renderer.log[-2:] == ["prepare 40", "close 30"]
     assert len(views) == 2
 
 
@@ -218,6 +233,8 @@ class SlowRenderer:
 
 
 class SlowView:
+    memory_bytes = 1000
+
     def __init__(self, renderer: SlowRenderer, plan: RenderPlan) -> None:
         self._renderer, self._plan = renderer, plan
 
@@ -245,7 +262,7 @@ def make_budgeted_cache(
         return [PlanTiming(plan, {"trace": 1.0 * plan.samples**2}) for plan in plans]
 
     choice = RendererChoice(renderer, RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
-    planning = RenderPlanner(choice, measure=measure)
+    planning = RenderPlanner(RendererPool(choice), measure=measure)
     views = ViewCache(planning, renderer, clock=lambda: renderer.now_s, error_bounds=published)
     return views, ViewRequest(OmniCameraSpec(CAMERA.camera, render_settings), CAMERA_STATE)
 
@@ -283,9 +300,12 @@ def test_budget_when_frames_become_fast_again_is_used_fully() -> None:
     renderer = SlowRenderer(2.0)
     views, request = make_budgeted_cache(renderer, 10.0)
     render_repeatedly(views, request, 100)
+    assert " 2^2 samples" in views.render(request).plan
     renderer.ms_per_sample = 0.9
     render_repeatedly(views, request, 1000)
-    assert [plan.samples for plan in renderer.plans] == [3, 2, 3]
+    assert " 3^2 samples" in views.render(request).plan
+    # The first view is still prepared.
+    assert [plan.samples for plan in renderer.plans] == [3, 2]
 
 
 def test_plan_of_a_frame_when_replanning_is_the_one_that_rendered_the_frame() -> None:
@@ -327,3 +347,231 @@ def test_bound_of_a_prepared_view_is_published() -> None:
 def test_perspective_camera_has_no_bound() -> None:
     request = ViewRequest(PerspectiveCamera(20, 10, 1.0), CAMERA_STATE)
     assert make_cache(CountingRenderer()).render(request).error_bounds is None
+
+
+def spec_with_tolerance(max_error_px: float) -> OmniCameraSpec:
+    target = AccuracyTarget(max_error_px=max_error_px)
+    return OmniCameraSpec(
+        CAMERA.camera, replace(CAMERA.render_settings, accuracy_target=target), NO_EFFECT_SETTINGS
+    )
+
+
+def test_hundred_tolerances_need_a_view_for_each_of_a_few_plans() -> None:
+    renderer = SlowRenderer(1.0)
+    views, _ = make_budgeted_cache(renderer, 10.0)
+    for tolerance_px in np.geomspace(0.08, 3.0, 100).tolist():
+        views.render(ViewRequest(spec_with_tolerance(tolerance_px), CAMERA_STATE))
+    assert 2 < len(renderer.plans) == len(views) <= 8
+
+
+def test_planned_cameras_are_limited_and_so_are_published_bounds() -> None:
+    renderer, published = SlowRenderer(1.0), ErrorBoundTable()
+    views, _ = make_budgeted_cache(renderer, 10.0, published)
+    specs = [spec_with_tolerance(1.0 + 0.001 * n) for n in range(300)]
+    for spec in specs:
+        views.render(ViewRequest(spec, CAMERA_STATE))
+    assert sum(published.get(spec) is not None for spec in specs) == 256
+    assert published.get(specs[-1]) is not None
+
+
+class InjectedError(Exception):
+    """A fault of a renderer, not an error that Catoptra raises."""
+
+
+class FaultyRenderer:
+    """Renders black; raises in places that a test names, as often as the test says."""
+
+    def __init__(self, faults: list[str], log: list[str], name: str) -> None:
+        self._faults, self._log, self._name = faults, log, name
+        self._log.append(f"create {name}")
+
+    def describe(self) -> str:
+        return self._name
+
+    def raise_at(self, place: str) -> None:
+        if f"{self._name} {place}" in self._faults:
+            self._faults.remove(f"{self._name} {place}")
+            raise InjectedError(place)
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+        self.raise_at("prepare")
+        return FaultyView(self, camera)
+
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> Any:
+        self.raise_at("prepare")
+        return FaultyView(self, camera)
+
+    def close(self) -> None:
+        self._log.append(f"close {self._name}")
+        self.raise_at("close")
+
+
+class FaultyView:
+    memory_bytes = 1
+
+    def __init__(self, renderer: FaultyRenderer, camera: OmniCamera | PerspectiveCamera) -> None:
+        self._renderer, self._camera = renderer, camera
+
+    def render(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+    ) -> RenderedImage:
+        self._renderer.raise_at("render")
+        height, width = self._camera.height_px, self._camera.width_px
+        image = np.zeros((height, width, 3), dtype=np.float32)
+        for effect in effects:
+            image = effect.apply(image, cast(OmniCamera, self._camera), EMPTY_CONTEXT)
+        return RenderedImage(image.astype(np.uint8), {})
+
+    def close(self) -> None:
+        self._renderer.raise_at("close view")
+
+
+class FaultyRenderers:
+    """Views of a trace renderer with raster as its alternative, both faulty on demand."""
+
+    def __init__(self, *faults: str, may_replace: bool = True, named: bool = False) -> None:
+        self.faults, self.log = list[str](), list[str]()
+        create = {kind: partial(self._create, kind.value) for kind in RendererKind}
+        choice = RendererChoice(
+            create[RendererKind.TRACE](),
+            RendererKind.TRACE,
+            "test",
+            {} if named else {RendererKind.RASTER: create[RendererKind.RASTER]},
+            create[RendererKind.TRACE],
+        )
+        self.views = ViewCache(
+            RenderPlanner(RendererPool(choice, may_replace=may_replace)),
+            cast(Any, EffectRenderer()),
+        )
+        self.faults.extend(faults)
+
+    def _create(self, name: str) -> Any:
+        if f"{name} create" in self.faults:
+            self.faults.remove(f"{name} create")
+            raise InjectedError("create")
+        return FaultyRenderer(self.faults, self.log, name)
+
+
+LENS, MIRROR = PerspectiveCamera(20, 10, 1.0), OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
+BOTH_KINDS = pytest.mark.parametrize("camera", [LENS, MIRROR], ids=["lens", "mirror"])
+PLACES = pytest.mark.parametrize("place", ["prepare", "render"])
+
+
+@BOTH_KINDS
+@PLACES
+def test_renderer_that_raises_once_is_made_anew_and_renders_the_frame(
+    camera: CameraSpec, place: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    renderers = FaultyRenderers(f"trace {place}", "trace close", "trace close view")
+    rendered = renderers.views.render(ViewRequest(camera, CAMERA_STATE))
+    assert rendered.plan.startswith("trace")
+    assert "failed" not in rendered.plan
+    assert renderers.log == ["create trace", "close trace", "create trace"]
+    assert "trace failed to render a view and is made anew" in caplog.text
+
+
+@BOTH_KINDS
+@pytest.mark.parametrize(
+    "faults",
+    [
+        ("trace prepare", "trace prepare"),
+        ("trace render", "trace render"),
+        ("trace prepare", "trace render"),
+        ("trace render", "trace create"),
+    ],
+)
+def test_renderer_that_raises_twice_is_replaced_and_the_plan_says_so(
+    camera: CameraSpec, faults: tuple[str, ...]
+) -> None:
+    renderers = FaultyRenderers(*faults)
+    for _ in range(2):
+        rendered = renderers.views.render(ViewRequest(camera, CAMERA_STATE))
+        assert rendered.plan.startswith("raster")
+        assert "raster in place of trace, which failed" in rendered.plan
+    assert renderers.faults == []
+    assert renderers.log[-1] == "create raster"
+
+
+@BOTH_KINDS
+@PLACES
+@pytest.mark.parametrize("settings", [{"may_replace": False}, {"named": True}], ids=str)
+def test_view_is_refused_under_lockstep_and_by_a_named_renderer(
+    camera: CameraSpec, place: str, settings: dict[str, bool]
+) -> None:
+    renderers = FaultyRenderers(*2 * (f"trace {place}",), **settings)
+    with pytest.raises(ViewFailedError, match="trace failed to render the view: see the server"):
+        renderers.views.render(ViewRequest(camera, CAMERA_STATE))
+    assert renderers.views.render(ViewRequest(camera, CAMERA_STATE)).plan.startswith("trace")
+
+
+@BOTH_KINDS
+@PLACES
+def test_view_that_fails_on_all_renderers_leaves_the_first_one_working(
+    camera: CameraSpec, place: str
+) -> None:
+    renderers = FaultyRenderers(*2 * (f"trace {place}",), f"raster {place}")
+    with pytest.raises(ViewFailedError, match="trace and raster failed to render the view"):
+        renderers.views.render(ViewRequest(camera, CAMERA_STATE))
+    for other in (LENS, MIRROR):
+        rendered = renderers.views.render(ViewRequest(other, CAMERA_STATE))
+        assert rendered.plan.startswith("trace")
+        assert "failed" not in rendered.plan
+
+
+@PLACES
+def test_view_that_no_renderer_could_draw_is_refused_without_a_new_renderer(place: str) -> None:
+    renderers = FaultyRenderers()
+
+    def refuse(*_: object) -> None:
+        raise DomainError("too many samples")
+
+    target = FaultyRenderer if place == "prepare" else FaultyView
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(target, place, refuse)
+        with pytest.raises(ViewFailedError, match="too many samples"):
+            renderers.views.render(ViewRequest(MIRROR, CAMERA_STATE))
+    assert renderers.log == ["create trace"]
+    assert renderers.views.render(ViewRequest(MIRROR, CAMERA_STATE)).plan.startswith("trace")
+
+
+def test_planning_that_raises_refuses_the_view_and_leaves_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    renderers = FaultyRenderers()
+
+    def fail(*_: object) -> PlanChoice:
+        raise InjectedError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RenderPlanner, "choose_plan", fail)
+        with pytest.raises(ViewFailedError, match="no plan was found: see the server's log"):
+            renderers.views.render(ViewRequest(MIRROR, CAMERA_STATE))
+        renderers.views.render(ViewRequest(LENS, CAMERA_STATE))
+    renderers.views.render(ViewRequest(MIRROR, CAMERA_STATE))
+
+
+def test_view_prepared_ahead_is_prepared_by_a_new_renderer_after_a_fault() -> None:
+    renderers = FaultyRenderers("trace prepare")
+    assert "test" in renderers.views.prepare(MIRROR)
+    assert len(renderers.views) == 1
+
+
+@pytest.mark.parametrize("type_", EFFECT_TYPES, ids=lambda type_: type_.name)
+@pytest.mark.parametrize("place", ["bound", "apply"])
+def test_effect_that_raises_refuses_its_view_and_no_other(
+    type_: EffectType, place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    effect = type_.factory(**{each.field: each.default for each in type_.parameters})
+    method = "apply_to_scene" if place == "apply" and effect.changes_scene else place
+    settings = EffectSettings((EffectSetting(effect, EffectMode.ALWAYS),))
+    camera = replace(MIRROR, effect_settings=settings)
+    renderers = FaultyRenderers()
+
+    def fail(*_: object) -> None:
+        raise InjectedError(type_.name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(effect), method, fail)
+        with pytest.raises(ViewFailedError, match="trace and raster failed"):
+            renderers.views.render(ViewRequest(camera, CAMERA_STATE))
+        assert renderers.views.render(ViewRequest(MIRROR, CAMERA_STATE)).plan.startswith("trace")

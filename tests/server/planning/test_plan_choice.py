@@ -7,6 +7,7 @@ import itertools
 import pytest
 
 from catoptra_server.planning.candidate_plans import generate_candidate_plans
+from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.plan_choice import PlanChoice, PlanOption, choose_plan, pareto_front
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
@@ -31,7 +32,11 @@ class FakeCostPredictor:
 
 
 def make_front(costs: FakeCostPredictor) -> tuple[PlanOption, ...]:
-    return pareto_front(CAMERA, generate_candidate_plans(PerPixel(), CAMERA, KINDS), costs)
+    plans = generate_candidate_plans(PerPixel(), CAMERA, KINDS)
+    return pareto_front(
+        PlanOption(plan, error_bound(CAMERA, plan).outline_error_px, costs.predict_frame_ms(plan))
+        for plan in plans
+    )
 
 
 def choose_for(target: AccuracyTarget, costs: FakeCostPredictor | None = None) -> PlanChoice:

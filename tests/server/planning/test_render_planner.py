@@ -13,12 +13,14 @@ from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.planning import render_planner
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
+from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
@@ -71,7 +73,7 @@ class FakeCostMeasurement:
     def create_planner(self, cache: CostCache | None = None) -> RenderPlanner:
         renderer: Any = _NamedRenderer("trace")
         choice = RendererChoice(renderer, TRACE, "test", {RASTER: self.create_raster})
-        return RenderPlanner(choice, cache, measure=self)
+        return RenderPlanner(RendererPool(choice), cache, measure=self)
 
 
 def camera_spec(target: AccuracyTarget = AccuracyTarget(), **numbers: Any) -> OmniCameraSpec:  # noqa: B008 - frozen
@@ -184,3 +186,70 @@ def test_close_closes_all_created_renderers() -> None:
     planner.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
     planner.close()
     assert [renderer.closed for renderer in measurement.created] == [True]
+
+
+def test_candidates_are_bounded_once_for_all_targets_of_a_camera(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    planner = FakeCostMeasurement().create_planner()
+    first = planner.choose_plan(camera_spec(AccuracyTarget(budget_ms=5.0)), CAMERA_STATES)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("candidates, bounds of candidates and costs do not depend on targets")
+
+    for name in ("generate_candidate_plans", "plan_from_settings", "error_bound"):
+        monkeypatch.setattr(render_planner, name, refuse)
+    budgets = [planner.choose_plan(camera_spec(AccuracyTarget(budget_ms=ms)), CAMERA_STATES)
+               for ms in (0.5, 5.0, 500.0)]  # fmt: skip
+    assert budgets[1] == first
+    assert len({choice.plan for choice in budgets}) == 3
+
+
+def test_corrections_change_the_choice_without_new_bounds() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    camera = camera_spec(AccuracyTarget(budget_ms=20.0))
+    before = planner.choose_plan(camera, CAMERA_STATES)
+    planner.update_correction(camera, before.plan, 4.0 * (before.predicted_ms or 0.0))
+    after = planner.choose_plan(camera, CAMERA_STATES)
+    assert before.plan != after.plan
+    assert after.bound is not None
+    assert before.bound is not None
+    assert after.bound.outline_error_px > before.bound.outline_error_px
+
+
+def test_cameras_with_costs_are_limited() -> None:
+    measurement = FakeCostMeasurement()
+    planner = measurement.create_planner()
+    for width_px in (*range(40, 60), 59, 40):
+        camera = make_omni_camera(width_px=width_px)
+        settings = RenderSettings(accuracy_target=AccuracyTarget(1.0))
+        planner.choose_plan(OmniCameraSpec(camera, settings), CAMERA_STATES)
+    # The last camera is still known, the first one of 20 is not.
+    assert measurement.measured_kinds == 21 * [TRACE, RASTER]
+
+
+def test_renderer_that_fails_in_a_measurement_is_no_candidate_and_made_anew() -> None:
+    class Failing(FakeCostMeasurement):
+        def __call__(
+            self, renderer: Renderer, kind: RendererKind, *others: Any
+        ) -> list[PlanTiming]:
+            if kind is RASTER:
+                raise RuntimeError("lost device")
+            return super().__call__(renderer, kind, *others)
+
+    measurement = Failing()
+    planner = measurement.create_planner()
+    for _ in range(2):
+        choice = planner.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
+        assert choice.plan.renderer is TRACE
+    assert [renderer.closed for renderer in measurement.created] == [True]
+    planner.renderers.get(RASTER)
+    assert len(measurement.created) == 2
+
+
+def test_plan_names_the_renderer_that_was_replaced() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    planner.renderers.replace(RASTER, TRACE)
+    choice = planner.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
+    assert choice.plan.renderer is TRACE
+    assert choice.plan.reason.endswith("; trace in place of raster, which failed")

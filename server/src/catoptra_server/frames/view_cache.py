@@ -1,7 +1,8 @@
-"""Prepared views by camera, created on first use: a camera without a client costs nothing.
+"""Rendered views of cameras: planned and prepared on first use, and rendered again after a fault.
 
-Robots of one class share a view; a camera with another zoom or accuracy target has a view of its
-own. The view rendered longest ago is closed first. Belongs to the thread that made the renderers.
+A camera without a client costs nothing. A renderer that fails is made anew; if that fails, too,
+another one replaces it where that is allowed, else the view is refused. Belongs to the thread that
+made the renderers.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import cast
+from functools import partial
+from typing import TypeVar, cast
 
+from catoptra_protocol.errors import CatoptraError, RendererUnavailableError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
@@ -23,28 +26,31 @@ from catoptra_server.effects.effect_plan import (
     apply_scene_effects,
     plan_effects,
 )
+from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.frame_request import ViewRequest
+from catoptra_server.frames.planned_camera import PlannedCamera
+from catoptra_server.frames.view_store import MAX_VIEW_BYTES, MAX_VIEWS, ViewStore
+from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound
-from catoptra_server.planning.perspective_plan import PerspectivePlan, plan_perspective_view
+from catoptra_server.planning.perspective_plan import plan_perspective_view
 from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import OmniView, RenderedImage, View
+from catoptra_server.render.renderer import OmniView, RenderedImage
+from catoptra_server.render.renderer_kind import RendererKind
 
 log = logging.getLogger(__name__)
 
-# Clients choose fields of view: without a limit each choice would leave a view behind. A robot has
-# a few cameras; a view of 320 x 240 px at 2 x 2 samples holds some 4 MB.
-MAX_VIEWS = 16
+# Cameras of all robots, by zoom and accuracy target; a plan is some 20 kB.
+_MAX_PLANNED_CAMERAS = 256
 # Costs are measured here where no start poses are given.
 _DEFAULT_CALIBRATION_STATES = (CameraState(Pose.identity()),)
 
-Plan = RenderPlan | PerspectivePlan
+_ResultT = TypeVar("_ResultT")
 
 
-class ViewFailedError(Exception):
+class ViewFailedError(CatoptraError):
     """No renderer could draw the view; the text is for clients, the log has the traceback."""
 
 
@@ -70,55 +76,23 @@ class ViewState:
     """Median time of the last frames; None before 30 frames."""
 
 
-@dataclass(slots=True, eq=False)
-class _CachedView:
-    """A view and the plan that it follows."""
-
-    plan: Plan
-    view: View
-    budget_monitor: BudgetMonitor
-    choice: PlanChoice | None = None
-    """None for a perspective camera."""
-    effects: EffectPlan = NO_EFFECTS
-    """Effects of the last frame."""
-    budget_status: BudgetStatus = BudgetStatus.WITHIN_BUDGET
-    budget_unreachable: bool = False
-    """Whether planning found nothing faster although the budget is exceeded; logged once."""
-    plan_text: str = field(init=False)
-    bounds: dict[str, float] | None = field(init=False, default=None)
-
-    def __post_init__(self) -> None:
-        self._format()
-
-    def _format(self) -> None:
-        # Once a plan: every frame of the view carries the same text and numbers.
-        self.plan_text = str(self.plan)
-        if self.choice is not None and self.choice.bound is not None:
-            self.bounds = self.choice.bound.as_dict()
-
-    def set_choice(self, choice: PlanChoice) -> None:
-        """Replace the plan by a new choice."""
-        self.plan, self.choice = choice.plan, choice
-        self._format()
-
-
 @dataclass(slots=True)
 class ErrorBoundTable:
-    """Error bounds of the prepared views by camera; any thread may read them."""
+    """Error bounds of the planned cameras; any thread may read them."""
 
     # Without a lock: one writer, and single operations of a dict are atomic.
     _bounds: dict[CameraSpec, ErrorBound | None] = field(default_factory=dict)
 
     def get(self, camera: CameraSpec) -> ErrorBound | None:
-        """Error bound of a camera's view; None without a view or a bound."""
+        """Error bound of a camera's frames; None before the first one, or without a bound."""
         return self._bounds.get(camera)
 
     def put(self, camera: CameraSpec, bound: ErrorBound | None) -> None:
-        """Publish the bound of a prepared view."""
+        """Publish the bound of a camera."""
         self._bounds[camera] = bound
 
     def remove(self, camera: CameraSpec) -> None:
-        """Remove the bound of a closed view."""
+        """Remove the bound of a camera."""
         self._bounds.pop(camera, None)
 
 
@@ -130,6 +104,7 @@ class ViewCache:
         planner: RenderPlanner,
         summarizer: SceneSummarizer,
         *,
+        max_bytes: int = MAX_VIEW_BYTES,
         max_views: int = MAX_VIEWS,
         calibration_states: Sequence[CameraState] = _DEFAULT_CALIBRATION_STATES,
         error_bounds: ErrorBoundTable | None = None,
@@ -140,6 +115,7 @@ class ViewCache:
         Args:
             planner: Chooses plans and owns the renderers.
             summarizer: Summarizes the scene for the decisions about effects.
+            max_bytes: Memory of prepared views above which the one rendered longest ago is closed.
             max_views: Number of views above which the one rendered longest ago is closed.
             calibration_states: Camera states to measure costs from, where an accuracy target
                 needs measured costs.
@@ -148,84 +124,170 @@ class ViewCache:
         """
         self._planner = planner
         self._summarizer = summarizer
-        self._max_views = max_views
         self._calibration_states = calibration_states
         self._error_bounds = error_bounds or ErrorBoundTable()
         self._clock = clock
-        self._cached: dict[CameraSpec, _CachedView] = {}  # the last rendered at the end
+        self._views = ViewStore(planner.renderers, max_bytes=max_bytes, max_views=max_views)
+        self._planned: LruDict[CameraSpec, PlannedCamera] = LruDict(
+            _MAX_PLANNED_CAMERAS, on_remove=self._error_bounds.remove
+        )
 
     def __len__(self) -> int:
         """Number of prepared views."""
-        return len(self._cached)
+        return len(self._views)
 
     def prepare(self, camera: CameraSpec) -> str:
-        """Prepare the view of a camera ahead of the first frame, and return the plan in words."""
-        return self._get_or_prepare(camera).plan_text
+        """Prepare the view of a camera ahead of the first frame, and return the plan in words.
+
+        Raises:
+            ViewFailedError: No renderer can prepare the view.
+        """
+
+        def prepare_planned(planned: PlannedCamera) -> str:
+            self._views.get(planned)
+            self._views.trim()
+            return planned.plan_text
+
+        return self._work_with_recovery(camera, prepare_planned)
 
     def render(self, request: ViewRequest) -> RenderedView:
-        """Render a view; the first frame of a camera includes the preparation."""
-        cached = self._get_or_prepare(request.camera)
-        if not isinstance(request.camera, OmniCameraSpec):
-            return RenderedView(cached.view.render(request.camera_state), cached.plan_text)
+        """Render a view; the first frame of a camera includes the preparation.
+
+        Raises:
+            ViewFailedError: No renderer can draw the view.
+        """
+        return self._work_with_recovery(
+            request.camera, partial(self._render_planned, request.camera_state)
+        )
+
+    def _work_with_recovery(
+        self, camera: CameraSpec, work: Callable[[PlannedCamera], _ResultT]
+    ) -> _ResultT:
+        """Result of some work for a camera, by a new or another renderer after a fault."""
+        planned = self._find_planned(camera)
+        kind = planned.plan.renderer
+        try:
+            return work(planned)
+        except Exception as error:
+            # A request that no renderer could satisfy is no fault of this one.
+            if isinstance(error, CatoptraError) and not isinstance(error, RendererUnavailableError):
+                raise ViewFailedError(str(error)) from error
+            log_fault(log, "%s failed to render a view and is made anew", kind.value)
+        self._renew_renderer(kind)
+        try:
+            return work(self._find_planned(camera))
+        except Exception:
+            log_fault(log, "%s failed again after it was made anew", kind.value)
+        # Whatever comes of this view, others find a renderer that works.
+        self._renew_renderer(kind)
+        return self._work_with_replacement(camera, work, kind)
+
+    def _work_with_replacement(
+        self, camera: CameraSpec, work: Callable[[PlannedCamera], _ResultT], failed: RendererKind
+    ) -> _ResultT:
+        """Result of some work by another renderer, which stays in use if it succeeds."""
+        other = self._planner.renderers.find_replacement(failed)
+        if other is None:
+            raise ViewFailedError(f"{failed.value} failed to render the view: see the server's log")
+        self._planner.renderers.replace(failed, other)
+        self._discard_plans()
+        try:
+            result = work(self._find_planned(camera))
+        except Exception as error:
+            log_fault(log, "%s failed in place of %s", other.value, failed.value)
+            self._renew_renderer(other)
+            self._planner.renderers.restore(failed)
+            self._discard_plans()
+            raise ViewFailedError(
+                f"{failed.value} and {other.value} failed to render the view: see the server's log"
+            ) from error
+        log.warning("%s replaces %s, which failed twice", other.value, failed.value)
+        return result
+
+    def _renew_renderer(self, kind: RendererKind) -> None:
+        self._views.close_views_of(kind)
+        self._planner.renderers.renew(kind)
+
+    def _discard_plans(self) -> None:
+        """Plan all cameras anew, with other renderers."""
+        self._planned.clear()
+        self._planner.discard_tables()
+
+    def _render_planned(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
+        """Render a view by a plan."""
+        if not isinstance(planned.spec, OmniCameraSpec):
+            rendered = RenderedView(
+                self._views.get(planned).render(camera_state), planned.plan_text
+            )
+            self._views.trim()
+            return rendered
         # Planned anew before a frame, not after: the frame's plan is the one that rendered it.
-        if cached.budget_status is not BudgetStatus.WITHIN_BUDGET:
-            self._replan(request.camera, cached)
+        if planned.budget_status is not BudgetStatus.WITHIN_BUDGET:
+            self._replan(planned.spec, planned)
+        view = cast(OmniView, self._views.get(planned))
         begin_s = self._clock()
-        rendered = self._render_omni(request.camera, request.camera_state, cached)
-        self._record_frame_time(request.camera, cached, 1e3 * (self._clock() - begin_s))
+        rendered = self._render_omni(planned.spec, camera_state, planned, view)
+        self._record_frame_time(planned.spec, planned, 1e3 * (self._clock() - begin_s))
+        self._views.trim()
         return rendered
 
     def _render_omni(
-        self, camera: OmniCameraSpec, camera_state: CameraState, cached: _CachedView
+        self,
+        camera: OmniCameraSpec,
+        camera_state: CameraState,
+        planned: PlannedCamera,
+        view: OmniView,
     ) -> RenderedView:
         """Render a view with the effects that the camera state calls for."""
-        # Views of this kind of camera are prepared by `Renderer.prepare` only.
-        view = cast(OmniView, cached.view)
         if not camera.effect_settings.settings:
-            return RenderedView(view.render(camera_state), cached.plan_text, cached.bounds)
+            return RenderedView(view.render(camera_state), planned.plan_text, planned.bounds)
         plan = self._decide_effects(camera, camera_state)
         # Bounds move with every pose; only a change of the enabled effects is worth a log line.
-        if cached.effects is NO_EFFECTS or plan.enabled_effects != cached.effects.enabled_effects:
+        if planned.effects is NO_EFFECTS or plan.enabled_effects != planned.effects.enabled_effects:
             log.info("effects:\n%s", plan)
-        cached.effects = plan
+        planned.effects = plan
         image = view.render(apply_scene_effects(camera_state, plan), plan.image_effects)
-        return RenderedView(image, cached.plan_text, cached.bounds, plan.decisions)
+        return RenderedView(image, planned.plan_text, planned.bounds, plan.decisions)
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
-        cached = self._cached.get(camera)
-        if cached is None or cached.choice is None:
+        planned = self._planned.get(camera)
+        if planned is None or planned.choice is None:
+            # Not kept: clients that try budgets would push out the cameras that are rendered.
             return ViewState(self._planner.choose_plan(camera, self._calibration_states), None)
-        return ViewState(cached.choice, cached.budget_monitor.median_ms)
+        return ViewState(planned.choice, planned.budget_monitor.median_ms)
 
-    def _get_or_prepare(self, camera: CameraSpec) -> _CachedView:
-        # Removed and inserted again: dicts keep the order of insertion.
-        cached = self._cached.pop(camera, None) or self._prepare(camera)
-        self._cached[camera] = cached
-        return cached
+    def _find_planned(self, camera: CameraSpec) -> PlannedCamera:
+        """Camera with its plan.
 
-    def _prepare(self, camera: CameraSpec) -> _CachedView:
-        # Closed before the new view is made: the two need not fit into memory together.
-        while len(self._cached) >= self._max_views:
-            oldest = next(iter(self._cached))
-            self._error_bounds.remove(oldest)
-            self._cached.pop(oldest).view.close()
+        Raises:
+            ViewFailedError: No plan was found.
+        """
+        try:
+            return self._planned.get_or_make(camera, lambda: self._plan(camera))
+        except CatoptraError as error:
+            raise ViewFailedError(str(error)) from error
+        except Exception as error:
+            log_fault(log, "no plan was found for a camera")
+            raise ViewFailedError("no plan was found: see the server's log") from error
+
+    def _plan(self, camera: CameraSpec) -> PlannedCamera:
         if isinstance(camera, OmniCameraSpec):
-            choice = self._planner.choose_plan(camera, self._calibration_states)
+            choice = self._choose_plan(camera)
             monitor = BudgetMonitor(camera.render_settings.accuracy_target.budget_ms)
-            return _CachedView(choice.plan, self._prepare_view(camera, choice), monitor, choice)
-        kind = self._planner.default_kind
-        plan = plan_perspective_view(0, kind=kind, reason=self._planner.reason)
-        view = self._planner.get_renderer(kind).prepare_perspective(camera, plan.samples)
-        return _CachedView(plan, view, BudgetMonitor(0.0))
+            return PlannedCamera(camera, choice.plan, monitor, choice)
+        pool = self._planner.renderers
+        plan = plan_perspective_view(0, kind=pool.default_kind, reason=pool.reason)
+        return PlannedCamera(camera, plan, BudgetMonitor(0.0))
 
-    def _prepare_view(self, spec: OmniCameraSpec, choice: PlanChoice) -> View:
-        """Prepare a view by a choice, log the plan and publish the bound."""
+    def _choose_plan(self, spec: OmniCameraSpec) -> PlanChoice:
+        """Choose the plan of a camera, log it and publish the bound."""
+        choice = self._planner.choose_plan(spec, self._calibration_states)
         camera = spec.camera
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
         log.info("error bound: %s", choice.bound or "none")
         self._error_bounds.put(spec, choice.bound)
-        return self._planner.get_renderer(choice.plan.renderer).prepare(camera, choice.plan)
+        return choice
 
     def _decide_effects(self, camera: OmniCameraSpec, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
@@ -236,45 +298,41 @@ class ViewCache:
             summary = self._summarizer.summarize(camera_state, camera.camera)
         return plan_effects(camera.effect_settings, summary, camera.camera)
 
-    def _record_frame_time(self, camera: OmniCameraSpec, cached: _CachedView, ms: float) -> None:
+    def _record_frame_time(self, camera: OmniCameraSpec, planned: PlannedCamera, ms: float) -> None:
         """Compare the time of a frame with the budget and with the predicted cost."""
-        choice, monitor = cached.choice, cached.budget_monitor
+        choice, monitor = planned.choice, planned.budget_monitor
         assert choice is not None, "the plan of an omnidirectional camera is a choice"
         better = choice.more_accurate
         better_ms = self._planner.predict_frame_ms(camera, better.plan) if better else None
         status = monitor.record_frame(ms, better_plan_ms=better_ms)
         # Nothing faster was found before: planning again would not find it either.
-        is_settled = status is BudgetStatus.OVER_BUDGET and cached.budget_unreachable
-        cached.budget_status = BudgetStatus.WITHIN_BUDGET if is_settled else status
+        is_settled = status is BudgetStatus.OVER_BUDGET and planned.budget_unreachable
+        planned.budget_status = BudgetStatus.WITHIN_BUDGET if is_settled else status
         median_ms = monitor.median_ms
         if median_ms is not None and choice.predicted_ms is not None:
             self._planner.update_correction(camera, choice.plan, median_ms)
 
-    def _replan(self, camera: OmniCameraSpec, cached: _CachedView) -> None:
-        """Choose a plan anew, and prepare a view if the plan differs."""
-        status, cached.budget_status = cached.budget_status, BudgetStatus.WITHIN_BUDGET
-        choice = self._planner.choose_plan(camera, self._calibration_states)
+    def _replan(self, camera: OmniCameraSpec, planned: PlannedCamera) -> None:
+        """Choose a plan anew."""
+        status, planned.budget_status = planned.budget_status, BudgetStatus.WITHIN_BUDGET
         is_over = status is BudgetStatus.OVER_BUDGET
         log.info(
             "%.1f ms a frame (median), budget %g ms: %s",
-            cached.budget_monitor.median_ms,
+            planned.budget_monitor.median_ms,
             camera.render_settings.accuracy_target.budget_ms,
             "too slow" if is_over else "headroom",
         )
-        cached.budget_monitor.reset(status)
+        choice = self._choose_plan(camera)
+        planned.budget_monitor.reset(status)
         # The reason quotes predicted milliseconds, which differ each time.
-        is_same = cached.plan == replace(choice.plan, reason=cached.plan.reason)
-        cached.budget_unreachable = is_same and is_over
+        is_same = planned.plan == replace(choice.plan, reason=planned.plan.reason)
+        planned.budget_unreachable = is_same and is_over
         if is_same:
             log.info("no better plan: %s", choice)
-        else:
-            cached.view.close()
-            cached.view = self._prepare_view(camera, choice)
-        cached.set_choice(choice)
+        planned.set_choice(choice)
 
     def close(self) -> None:
         """Close all views, and the renderers."""
-        for cached in self._cached.values():
-            cached.view.close()
-        self._cached.clear()
+        self._views.close()
+        self._planned.clear()
         self._planner.close()

@@ -10,19 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.robot.render_settings import AccuracyTarget
-
-
-class CostPredictor(Protocol):
-    """Prediction of frame times."""
-
-    def predict_frame_ms(self, plan: RenderPlan) -> float:
-        """Predicted milliseconds of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +54,8 @@ class PlanChoice:
         return f"{self.plan}{cost}{better}{cheaper}"
 
 
-def pareto_front(
-    camera: OmniCamera, plans: Iterable[RenderPlan], costs: CostPredictor
-) -> tuple[PlanOption, ...]:
+def pareto_front(options: Iterable[PlanOption]) -> tuple[PlanOption, ...]:
     """Options that no other beats in both error and cost, from the cheapest on."""
-    options = [
-        PlanOption(p, error_bound(camera, p).outline_error_px, costs.predict_frame_ms(p))
-        for p in plans
-    ]
     front: list[PlanOption] = []
     # In order of cost, an option belongs to the front exactly if more accurate than all before.
     for option in sorted(options, key=lambda one: (one.predicted_ms, one.error_bound_px)):

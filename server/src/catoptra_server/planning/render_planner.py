@@ -1,20 +1,22 @@
-"""Plans for the cameras of one scene, and the renderers that follow them.
+"""Plans for the cameras of one scene.
 
 Without an accuracy target a plan follows explicit numbers and no cost is measured. With a target,
 all renderers are measured once for the camera, and the rates are stored on disk; times of real
-frames then correct the predictions by one factor a renderer. Belongs to the thread that made the
+frames then correct the predictions by one factor a renderer. Belongs to the thread of the
 renderers.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.fault_log import log_fault
+from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_candidate_plans
 from catoptra_server.planning.cost_cache import CostCache
@@ -22,8 +24,13 @@ from catoptra_server.planning.cost_calibration import measure_costs
 from catoptra_server.planning.cost_model import CostModel, PlanTiming, Rates, fit_cost_model
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.plan_choice import PlanChoice, choose_plan, pareto_front
-from catoptra_server.planning.renderer_choice import RendererChoice
+from catoptra_server.planning.plan_choice import (
+    PlanChoice,
+    PlanOption,
+    choose_plan,
+    pareto_front,
+)
+from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
@@ -37,42 +44,41 @@ MeasureCosts = Callable[
 # Real frames take a few times the measured time at most; a larger quotient comes from a suspended
 # process or a changed clock, and is not believed.
 _MAX_CORRECTION = 10.0
+# Cameras by zoom and tile; a table of 130 candidates holds half a megabyte.
+_MAX_CAMERAS = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CandidateTable:
+    """Everything of one camera's candidates that no accuracy target changes."""
+
+    model: CostModel
+    options: tuple[PlanOption, ...]
+    """All candidates with their bounds, and times that are not corrected yet."""
 
 
 class RenderPlanner:
-    """Renderers of a scene with the measured costs of their frames."""
+    """Plans for the cameras of a scene, with the measured costs of their frames."""
 
     def __init__(
         self,
-        choice: RendererChoice,
+        renderers: RendererPool,
         cache: CostCache | None = None,
         *,
         measure: MeasureCosts = measure_costs,
     ) -> None:
-        self._choice = choice
-        self._renderers: dict[RendererKind, Renderer] = {choice.kind: choice.renderer}
-        self._alternatives = dict(choice.alternatives)
+        """Create a planner that has measured nothing.
+
+        Args:
+            renderers: Renderers that plans may choose.
+            cache: Costs that earlier servers measured; None measures anew.
+            measure: Measures the calibration plans of a renderer.
+        """
+        self.renderers = renderers
         self._cache = cache
         self._measure = measure
-        self._models: dict[tuple[OmniCamera, MirrorSurface], CostModel] = {}
+        self._tables: LruDict[_CostKey, _CandidateTable] = LruDict(_MAX_CAMERAS)
         self._corrections: dict[RendererKind, float] = {}
-
-    @property
-    def default_kind(self) -> RendererKind:
-        """Kind of the renderer that was chosen for the server."""
-        return self._choice.kind
-
-    @property
-    def reason(self) -> str:
-        """Reason of that choice."""
-        return self._choice.reason
-
-    def get_renderer(self, kind: RendererKind) -> Renderer:
-        """Renderer of a kind, created at the first call."""
-        if kind not in self._renderers:
-            self._renderers[kind] = self._alternatives[kind]()
-            log.info("%s", self._renderers[kind].describe())
-        return self._renderers[kind]
 
     def choose_plan(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
@@ -82,30 +88,45 @@ class RenderPlanner:
         Args:
             camera_states: States to measure costs from, for a camera with an accuracy target.
         """
+        target = camera.render_settings.accuracy_target
+        if not target.is_set:
+            return self._follow_settings(camera)
+        # Bounds and costs of the candidates are the same for all targets: the first plan of a
+        # camera takes 0.1 s and more, every other one a millisecond.
+        table = self._tables.get_or_make(
+            _cost_key(camera), lambda: self._make_table(camera, camera_states)
+        )
+        if not table.options:
+            choice = self._follow_settings(camera)
+            reason = f"no target can be met: this mirror's error has no bound; {choice.plan.reason}"
+            return PlanChoice(replace(choice.plan, reason=reason), None, target_met=False)
+        choice = choose_plan(camera.camera, pareto_front(self._correct(table.options)), target)
+        note = self.renderers.replacement_note
+        if note:
+            plan = replace(choice.plan, reason=f"{choice.plan.reason}; {note}")
+            choice = replace(choice, plan=plan)
+        return choice
+
+    def _follow_settings(self, camera: OmniCameraSpec) -> PlanChoice:
+        """Plan by explicit numbers, with its bound where the error has one."""
+        pool = self.renderers
         plan = plan_from_settings(
-            camera.render_settings, camera.camera, kind=self.default_kind, reason=self.reason
+            camera.render_settings, camera.camera, kind=pool.default_kind, reason=pool.reason
         )
-        bound = _find_error_bound(camera.camera, plan)
-        if not camera.render_settings.accuracy_target.is_set:
-            return PlanChoice(plan, bound)
-        if bound is None:
-            reason = f"no target can be met: this mirror's error has no bound; {self.reason}"
-            return PlanChoice(replace(plan, reason=reason), None, target_met=False)
-        # Measured before candidates are listed: an alternative that fails to start leaves the list
-        # of kinds.
-        model = self._get_cost_model(camera, camera_states)
-        kinds = [kind for kind in RendererKind if kind in self._renderers]
-        options = pareto_front(
-            camera.camera,
-            generate_candidate_plans(camera.render_settings.surface, camera.camera, kinds),
-            _CorrectedCosts(self, model),
-        )
-        return choose_plan(camera.camera, options, camera.render_settings.accuracy_target)
+        return PlanChoice(plan, _find_error_bound(camera.camera, plan))
+
+    def _correct(self, options: Iterable[PlanOption]) -> Iterator[PlanOption]:
+        """Yield options with times that are corrected by real frames."""
+        for option in options:
+            factor = self.cost_correction(option.plan.renderer)
+            yield replace(option, predicted_ms=factor * option.predicted_ms)
 
     def predict_frame_ms(self, camera: OmniCameraSpec, plan: RenderPlan) -> float | None:
         """Predicted milliseconds of a plan's frames, corrected; None without measured costs."""
-        model = self._models.get(_cost_key(camera))
-        return _CorrectedCosts(self, model).predict_frame_ms(plan) if model else None
+        table = self._tables.get(_cost_key(camera))
+        if table is None or not table.options:
+            return None
+        return table.model.predict_frame_ms(plan) * self.cost_correction(plan.renderer)
 
     def cost_correction(self, kind: RendererKind) -> float:
         """Factor by which frames take longer than measured."""
@@ -113,57 +134,67 @@ class RenderPlanner:
 
     def update_correction(self, camera: OmniCameraSpec, plan: RenderPlan, median_ms: float) -> None:
         """Update a renderer's factor by the median of real frames."""
-        model = self._models.get(_cost_key(camera))
-        if model is not None:
+        table = self._tables.get(_cost_key(camera))
+        if table is not None and table.options:
             # Against the uncorrected prediction: a correction must not feed on itself.
-            factor = median_ms / model.predict_frame_ms(plan)
+            factor = median_ms / table.model.predict_frame_ms(plan)
             self._corrections[plan.renderer] = min(
                 max(factor, 1.0 / _MAX_CORRECTION), _MAX_CORRECTION
             )
 
-    def _get_cost_model(
-        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
-    ) -> CostModel:
-        key = _cost_key(camera)
-        if key not in self._models:
-            self._create_alternatives()
-            rates: dict[str, Rates] = {}
-            for kind, renderer in self._renderers.items():
-                rates.update(self._find_rates(kind, renderer, camera, camera_states))
-            self._models[key] = CostModel(camera.camera, rates)
-        return self._models[key]
+    def discard_tables(self) -> None:
+        """Plan all cameras anew: the renderers have changed."""
+        self._tables.clear()
 
-    def _create_alternatives(self) -> None:
-        """Create all renderers; one that cannot be created is no candidate."""
-        for kind in list(self._alternatives):
+    def _make_table(
+        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
+    ) -> _CandidateTable:
+        """Measure all renderers for a camera, and bound all its candidates."""
+        if self._follow_settings(camera).bound is None:
+            return _CandidateTable(CostModel(camera.camera, {}), ())
+        model, kinds = self._measure_renderers(camera, camera_states)
+        plans = generate_candidate_plans(camera.render_settings.surface, camera.camera, kinds)
+        options = (
+            PlanOption(
+                plan,
+                error_bound(camera.camera, plan).outline_error_px,
+                model.predict_frame_ms(plan),
+            )
+            for plan in plans
+        )
+        return _CandidateTable(model, tuple(options))
+
+    def _measure_renderers(
+        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
+    ) -> tuple[CostModel, list[RendererKind]]:
+        """Costs of all renderers that can be measured, and their kinds."""
+        rates: dict[str, Rates] = {}
+        measured = []
+        # Measured before candidates are listed: a renderer that fails is no candidate.
+        for kind in self.renderers.create_all():
             try:
-                self.get_renderer(kind)
-            except RendererUnavailableError as error:
-                del self._alternatives[kind]
-                log.info("%s is not available: %s", kind.value, error)
+                rates.update(self._find_rates(kind, camera, camera_states))
+                measured.append(kind)
+            except Exception:
+                log_fault(log, "%s failed to render for a measurement and is left out", kind.value)
+                self.renderers.renew(kind)
+        if not measured:
+            raise RendererUnavailableError("no renderer could be measured: see the server's log")
+        return CostModel(camera.camera, rates), measured
 
     def _find_rates(
-        self,
-        kind: RendererKind,
-        renderer: Renderer,
-        camera: OmniCameraSpec,
-        camera_states: Sequence[CameraState],
+        self, kind: RendererKind, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
     ) -> Mapping[str, Rates]:
-        key = (
-            self._cache.make_key(renderer.describe(), camera.camera, camera.render_settings.surface)
-            if self._cache
-            else ""
-        )
-        stored = self._cache.read(key) if self._cache else None
-        if stored is not None:
-            log.info("costs of %s read from the cache", kind.value)
-            return stored
-        rates = fit_cost_model(
-            camera.camera,
-            self._measure(
-                renderer, kind, camera.camera, camera.render_settings.surface, camera_states
-            ),
-        ).rates
+        renderer, surface = self.renderers.get(kind), camera.render_settings.surface
+        key = ""
+        if self._cache:
+            key = self._cache.make_key(renderer.describe(), camera.camera, surface)
+            stored = self._cache.read(key)
+            if stored is not None:
+                log.info("costs of %s read from the cache", kind.value)
+                return stored
+        timings = self._measure(renderer, kind, camera.camera, surface, camera_states)
+        rates = fit_cost_model(camera.camera, timings).rates
         log.info("costs of %s measured: %s", kind.value, rates)
         if self._cache:
             self._cache.write(key, rates)
@@ -171,23 +202,13 @@ class RenderPlanner:
 
     def close(self) -> None:
         """Close all renderers."""
-        for renderer in self._renderers.values():
-            renderer.close()
+        self.renderers.close()
 
 
-class _CorrectedCosts:
-    """Costs of one camera, corrected by real frames."""
-
-    def __init__(self, planner: RenderPlanner, model: CostModel) -> None:
-        self._planner = planner
-        self._model = model
-
-    def predict_frame_ms(self, plan: RenderPlan) -> float:
-        """Predicted milliseconds of a frame."""
-        return self._model.predict_frame_ms(plan) * self._planner.cost_correction(plan.renderer)
+_CostKey = tuple[OmniCamera, MirrorSurface]
 
 
-def _cost_key(camera: OmniCameraSpec) -> tuple[OmniCamera, MirrorSurface]:
+def _cost_key(camera: OmniCameraSpec) -> _CostKey:
     """Everything of a camera that rates depend on."""
     return camera.camera, camera.render_settings.surface
 

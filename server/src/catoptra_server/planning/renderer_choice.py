@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 from catoptra_protocol.errors import DomainError
 from catoptra_server.bounds.light_culling import cull_lights
@@ -41,6 +42,8 @@ class RendererChoice:
     alternatives: Mapping[RendererKind, _Factory] = field(default_factory=dict)
     """Factories of the other renderers, to be called in the thread of the first one; empty for a
     renderer requested by name."""
+    factory: _Factory | None = None
+    """Factory of the renderer itself, for one that failed; None: it cannot be made anew."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +80,8 @@ def choose_renderer(
     if requested == AUTO:
         return _choose_automatically(inputs, samples)
     kind = RendererKind(requested)
-    return RendererChoice(RENDERER_FACTORIES[kind](inputs), kind, "requested")
+    factory = partial(RENDERER_FACTORIES[kind], inputs)
+    return RendererChoice(factory(), kind, "requested", factory=factory)
 
 
 def create_renderer(
@@ -111,7 +115,8 @@ def _choose_automatically(inputs: _Scene, samples: int) -> RendererChoice:
     from catoptra_server.render.raster import OpenGLMissingError, RasterRenderer, open_device
 
     def trace(reason: str, alternatives: Mapping[RendererKind, _Factory]) -> RendererChoice:
-        return RendererChoice(_create_trace(inputs), RendererKind.TRACE, reason, alternatives)
+        factory = partial(_create_trace, inputs)
+        return RendererChoice(factory(), RendererKind.TRACE, reason, alternatives, factory)
 
     try:
         device = open_device()
@@ -125,9 +130,11 @@ def _choose_automatically(inputs: _Scene, samples: int) -> RendererChoice:
         if samples < MIN_SOFTWARE_RASTER_SAMPLES or triangles > MAX_SOFTWARE_RASTER_TRIANGLES:
             # Closed now: few servers ever need the alternative, which opens a device of its own.
             device.close()
-            raster = {RendererKind.RASTER: lambda: _create_raster(inputs)}
+            raster = {RendererKind.RASTER: partial(_create_raster, inputs)}
             return trace(f"{reason}slower than trace", raster)
         reason = f"{reason}faster than trace"
     renderer = RasterRenderer(inputs.mesh, inputs.world, device=device, scene_lights=inputs.lights)
-    others = {RendererKind.TRACE: lambda: _create_trace(inputs)}
-    return RendererChoice(renderer, RendererKind.RASTER, reason, others)
+    others = {RendererKind.TRACE: partial(_create_trace, inputs)}
+    return RendererChoice(
+        renderer, RendererKind.RASTER, reason, others, factory=partial(_create_raster, inputs)
+    )

@@ -60,6 +60,10 @@ class FaceCamera:
 class View(Protocol):
     """A camera that is ready to be rendered: all constants of the view are precomputed."""
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the view's arrays, in memory and on the device; grows as effects are used."""
+
     def render(self, camera_state: CameraState) -> RenderedImage:
         """Render one exposure of the camera."""
 

@@ -27,7 +27,7 @@ def test_view_when_shadows_vary_builds_each_source_once() -> None:
         builds.append(has_shadows)
         return ShadowFlagView(has_shadows)
 
-    view = TraceLensView(make_view)  # type: ignore[arg-type]
+    view = TraceLensView(make_view, ray_bytes=0)  # type: ignore[arg-type]
     shadowed = dataclasses.replace(CAMERA_STATE, has_shadows=True)
     greys = [
         int(view.render(camera_state).rgb[0, 0, 0])

@@ -7,7 +7,7 @@ import moderngl
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster.effect_chain import LinearImageTarget
-from catoptra_server.render.raster.passes import Pass
+from catoptra_server.render.raster.passes import Pass, image_bytes
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
 from catoptra_server.render.time_samples import sample_shutter
 
@@ -47,6 +47,11 @@ class AccumulationPass:
         # One texel a row: with a rolling shutter each row has weights of its own.
         self._weights = context.texture((1, self._rows), 1, dtype="f4")
         self._weights.filter = (moderngl.NEAREST, moderngl.NEAREST)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the sharp image and of the row weights."""
+        return self._image.memory_bytes + image_bytes(self._weights)
 
     def draw(self, camera_state: CameraState) -> None:
         """Fill the target."""

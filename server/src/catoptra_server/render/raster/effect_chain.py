@@ -21,7 +21,7 @@ from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.kernels.luminance import LUMINANCE_WEIGHTS, count_mirror_pixels
 from catoptra_server.effects.kernels.noise import QUANTILE_TABLE_SIDE, normal_quantile_table
-from catoptra_server.render.raster.passes import AveragePass, Pass
+from catoptra_server.render.raster.passes import AveragePass, Pass, image_bytes
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
 from catoptra_server.render.renderer import LinearImage
 
@@ -82,6 +82,11 @@ class EffectChain:
     def input_target(self) -> moderngl.Framebuffer:
         """Target of the passes before the effects."""
         return self._images[0].target
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the images between the passes."""
+        return sum(image.memory_bytes for image in self._images)
 
     def _make_effect_pass(self, effect: ImageEffect, camera: OmniCamera, index: int) -> EffectPass:
         """Pass of the effect at an index of the chain."""
@@ -150,6 +155,11 @@ class EffectPass:
                 normal_quantile_table().reshape(QUANTILE_TABLE_SIDE, QUANTILE_TABLE_SIDE, 1),
             )
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the effect's textures."""
+        return self._textures.memory_bytes
+
     def draw(self, camera_state: CameraState) -> None:
         """Fill the target: every pixel is written, so nothing is cleared."""
         # Passed as a function: auto-exposure and dust call it, and only that call builds the meter.
@@ -190,6 +200,11 @@ class EffectTextures:
         self._program = program
         self._textures: dict[str, tuple[UniformValues, moderngl.Texture]] = {}
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of all textures."""
+        return image_bytes(*(texture for _, texture in self._textures.values()))
+
     def set_values(self, name: str, values: UniformValues) -> None:
         """Assign (rows, columns, channels) values to a sampler, once per array."""
         current = self._textures.get(name)
@@ -223,6 +238,7 @@ class EncodePass:
     """The last pass: linear light to sRGB."""
 
     name = "encode"
+    memory_bytes = 0
 
     def __init__(
         self,
@@ -287,6 +303,11 @@ class LinearImageTarget:
         self.texture = context.texture((width, height), 4, dtype="f4")
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.target = context.framebuffer([self.texture])
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the texture."""
+        return image_bytes(self.texture)
 
     def read(self) -> LinearImage:
         """Read the image back as an (h, w, 3) array."""

@@ -17,7 +17,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.depth_range import MAX_NEAR_M, DepthRange
 from catoptra_server.render.raster.dynamic_object_buffer import object_distance_range
-from catoptra_server.render.raster.passes import LINEAR_DTYPE
+from catoptra_server.render.raster.passes import LINEAR_DTYPE, image_bytes
 from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 
 
@@ -153,6 +153,8 @@ class FacePass(Generic[FaceLayoutT]):
         self._target = context.framebuffer([colour], depth)
         self._resolved = context.framebuffer([self.texture]) if multi else None
         self._owned = [self._target, depth, *((colour, self._resolved) if multi else ())]
+        self.memory_bytes = image_bytes(self.texture, depth, *((colour,) if multi else ()))
+        """Size of the images of the faces."""
         self.counts = DrawCounts(0, 0, 0, 0)
 
     def draw(self, camera_state: CameraState) -> None:

@@ -41,6 +41,8 @@ class MirrorPass:
     """One draw of the polygon around the rim, over black."""
 
     name = "mirror"
+    # A polygon of 16 corners; the lookup map belongs to the view.
+    memory_bytes = 0
 
     def __init__(
         self,

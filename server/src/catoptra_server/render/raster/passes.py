@@ -28,6 +28,10 @@ class Pass(Protocol):
     def name(self) -> str:
         """Name of the stage in the frame's timings."""
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the pass's own textures and buffers."""
+
     def draw(self, camera_state: CameraState) -> None:
         """Fill the target."""
 
@@ -35,10 +39,24 @@ class Pass(Protocol):
         """Free the pass's resources; the target belongs to its creator."""
 
 
+def image_bytes(*images: moderngl.Texture | moderngl.Renderbuffer) -> int:
+    """Size of images on the device, by their formats: drivers may pad them."""
+    return sum(
+        image.width
+        * image.height
+        * max(image.samples, 1)
+        * image.components
+        # Types are named by kind and bytes, such as f2; depths have four.
+        * int(image.dtype[-1])
+        for image in images
+    )
+
+
 class AveragePass:
     """The mean of samples x samples texels of a linear image, for each pixel."""
 
     name = "average"
+    memory_bytes = 0
 
     def __init__(
         self,
@@ -76,6 +94,11 @@ class OutputImage:
     def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
         self._colour = context.renderbuffer((width, height), 3)
         self.target = context.framebuffer([self._colour])
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the image."""
+        return image_bytes(self._colour)
 
     def read(self) -> npt.NDArray[np.uint8]:
         """Read the image back as a read-only (h, w, 3) array.

@@ -17,6 +17,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.raster.face_pass import frame_depth_range, frustum_planes
+from catoptra_server.render.raster.passes import image_bytes
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import (
     ProgramSpec,
@@ -70,6 +71,11 @@ class RangePass:
         self._objects = ObjectPositions(context, self._surface_program, scene.origin)
         self._lookup_program = programs.get(ProgramSpec("fullscreen_triangle", "pixel_range"))
         self._fullscreen_triangle = context.vertex_array(self._lookup_program, [])
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the atlas of ranges, of the lookup map and of the result."""
+        return image_bytes(self._texels, self._depth, self._lookup_map, self.texture)
 
     def draw(self, camera_state: CameraState) -> None:
         """Fill the texture for a camera state."""

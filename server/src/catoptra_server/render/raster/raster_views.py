@@ -15,7 +15,7 @@ from catoptra_server.render.projection.lens_projection import LensProjection
 from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.face_pass import DrawCounts, FacePass
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.raster.passes import OutputImage, Pass
+from catoptra_server.render.raster.passes import OutputImage, Pass, image_bytes
 from catoptra_server.render.renderer import LinearImage, RenderedImage
 from catoptra_server.render.stage_clock import StageClock
 
@@ -55,6 +55,11 @@ class RasterView:
     def face_counts(self) -> DrawCounts:
         """Cost of the last frame's faces."""
         return self._faces.counts
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of all images on the device."""
+        return sum(one.memory_bytes for one in self._passes) + self._output.memory_bytes
 
     def render(self, camera_state: CameraState) -> RenderedImage:
         """Render one exposure of the camera."""
@@ -96,6 +101,13 @@ class PassSequence:
     """Passes in order of rendering."""
     effect_chain: EffectChain | None = None
     """Effects and encoding, None where the mirror pass encodes by itself."""
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the images of passes and effects, without the faces."""
+        passes = (one for one in self.passes if not isinstance(one, FacePass))
+        chain = self.effect_chain.memory_bytes if self.effect_chain else 0
+        return sum(one.memory_bytes for one in passes) + chain
 
     def close(self) -> None:
         """Free the passes, and the images between them."""
@@ -152,6 +164,17 @@ class RasterOmniView:
     def active_passes(self) -> tuple[Pass, ...]:
         """The last frame's passes."""
         return self._last.passes if self._last else ()
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of all images on the device."""
+        sequences = (self._plain_passes, *self._linear_passes.values())
+        return (
+            self._faces.memory_bytes
+            + image_bytes(self._lookup_map)
+            + self._output.memory_bytes
+            + sum(sequence.memory_bytes for sequence in sequences if sequence)
+        )
 
     @property
     def num_sequences(self) -> int:

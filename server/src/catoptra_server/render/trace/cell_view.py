@@ -76,6 +76,16 @@ class CellView:
         self._colour_of_surface = of_surface.view(shader.pixel_dtype).reshape(-1)
         self._varies = shader.has_varying_light(planes.surfaces.triangle)
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the tables, without cells and rays, which sources share."""
+        own = (self._colour_of_surface, self._varies, *self._node_parts)
+        return (
+            self._shader.memory_bytes
+            + sum(array.nbytes for array in own)
+            + sum(chunk.off_mirror.nbytes for chunk in self._chunks)
+        )
+
     def render(self, camera_state: CameraState) -> RenderedImage:
         """Render one exposure of the camera."""
         rgb, stage_ms = self.render_colours(camera_state)

@@ -81,6 +81,20 @@ class CellGrid:
             others=samples.select(is_other),
         )
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the arrays."""
+        arrays = (
+            self.nodes,
+            self.node_rays,
+            self.row_of,
+            self.directions,
+            self.pixels,
+            self.cone_axes,
+            self.reach_rad,
+        )
+        return sum(array.nbytes for array in arrays) + self.others.memory_bytes
+
     def has_equal_nodes(self, at_nodes: npt.NDArray[np.int32]) -> Bools:
         """(rows * columns,) whether a cell's four nodes have equal values."""
         at = at_nodes.reshape(self.rows + 1, self.columns + 1)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, cached_property
 from typing import Protocol, cast
 
 import numpy as np
@@ -26,8 +25,26 @@ from catoptra_server.render.trace.ray_view import RenderedColours
 class ColourSource(Protocol):
     """Prepared rays whose radiance is stored on one scale."""
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the source's own tables."""
+
     def render_colours(self, camera_state: CameraState) -> RenderedColours:
         """Render an exposure into the colours of the scale; also milliseconds by stage."""
+
+
+class RangeSource(Protocol):
+    """Prepared rays through the pixel centres."""
+
+    memory_bytes: int
+    """Size of the rays."""
+
+    def measure(self, camera_state: CameraState) -> Float32s:
+        """(h, w) ranges of all pixels, metres."""
+
+
+# Builds a source of colours, with or without shadows.
+SourceFactory = Callable[[bool], ColourSource]
 
 
 class TraceOmniView:
@@ -37,9 +54,10 @@ class TraceOmniView:
         self,
         camera: OmniCamera,
         *,
-        make_encoded_source: Callable[[bool], ColourSource],
-        make_linear_source: Callable[[bool], ColourSource],
-        make_ranges: Callable[[], Callable[[CameraState], Float32s]],
+        make_encoded_source: SourceFactory,
+        make_linear_source: SourceFactory,
+        make_ranges: Callable[[], RangeSource],
+        ray_bytes: int,
     ) -> None:
         """Keep the factories.
 
@@ -47,18 +65,30 @@ class TraceOmniView:
             camera: Camera model, for the effects.
             make_encoded_source: Builds a source of sRGB colours, with or without shadows.
             make_linear_source: Builds a source of linear light, with or without shadows.
-            make_ranges: Builds the function from a camera state to the ranges of all pixels.
+            make_ranges: Builds the source of the ranges of all pixels.
+            ray_bytes: Size of the rays that the sources of colours share.
         """
         self._camera = camera
-        # At most four sources, by scale and shadows: cached without a limit.
-        self._encoded_source = cache(make_encoded_source)
-        self._linear_source = cache(make_linear_source)
+        self._make_encoded_source = make_encoded_source
+        self._make_linear_source = make_linear_source
         self._make_ranges = make_ranges
+        self._ray_bytes = ray_bytes
+        # At most four, by scale and shadows.
+        self._sources: dict[tuple[SourceFactory, bool], ColourSource] = {}
+        self._ranges: RangeSource | None = None
 
-    @cached_property
-    def _ranges(self) -> Callable[[CameraState], Float32s]:
-        """Function from a camera state to the (h, w) ranges, built at its first use."""
-        return self._make_ranges()
+    @property
+    def memory_bytes(self) -> int:
+        """Size of all arrays."""
+        sources = sum(source.memory_bytes for source in self._sources.values())
+        return self._ray_bytes + sources + (self._ranges.memory_bytes if self._ranges else 0)
+
+    def _find_source(self, make: SourceFactory, has_shadows: bool) -> ColourSource:
+        """Source of a scale, with or without shadows, built at its first use."""
+        key = (make, has_shadows)
+        if key not in self._sources:
+            self._sources[key] = make(has_shadows)
+        return self._sources[key]
 
     def render(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
@@ -67,9 +97,8 @@ class TraceOmniView:
         # Samples of a sharp frame without effects are summed and encoded by one table, without any
         # float image: the usual case, and the fastest.
         if not effects and camera_state.shutter is None:
-            rgb, stage_ms = self._encoded_source(camera_state.has_shadows).render_colours(
-                camera_state
-            )
+            source = self._find_source(self._make_encoded_source, camera_state.has_shadows)
+            rgb, stage_ms = source.render_colours(camera_state)
             return RenderedImage(cast(Image, rgb), stage_ms)
         light, stage_ms = self._apply_effects(camera_state, effects)
         begin = time.perf_counter()
@@ -98,7 +127,7 @@ class TraceOmniView:
 
     def _render_exposure(self, camera_state: CameraState) -> tuple[LinearImage, dict[str, float]]:
         """Linear image at the sensor: of one instant, or the mean of several time samples."""
-        source = self._linear_source(camera_state.has_shadows)
+        source = self._find_source(self._make_linear_source, camera_state.has_shadows)
         if camera_state.shutter is None:
             image, stage_ms = source.render_colours(camera_state)
             return cast(LinearImage, image), stage_ms
@@ -123,7 +152,9 @@ class TraceOmniView:
         if not any(effect.needs_range for effect in effects):
             return context
         begin = time.perf_counter()
-        context = replace(context, range_m=self._ranges(camera_state))
+        if self._ranges is None:
+            self._ranges = self._make_ranges()
+        context = replace(context, range_m=self._ranges.measure(camera_state))
         stage_ms["ranges"] = 1e3 * (time.perf_counter() - begin)
         return context
 

@@ -37,7 +37,10 @@ class PixelRangeTracer:
         self._pool = pool
         self._size = (camera.height_px, camera.width_px)
         # One sample a pixel lies at the pixel's centre.
-        self._chunks = split_rays(omni_rays(camera, replace(plan, samples=1)))
+        samples = omni_rays(camera, replace(plan, samples=1))
+        self._chunks = split_rays(samples)
+        self.memory_bytes = samples.memory_bytes
+        """Size of the rays."""
 
     def measure(self, camera_state: CameraState) -> Float32s:
         """(h, w) ranges, metres; inf where no surface is hit."""

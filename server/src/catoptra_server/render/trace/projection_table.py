@@ -71,6 +71,11 @@ class ProjectionTable:
             rim_rad=camera.rim_rad,
         )
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the tables."""
+        return self.radial_scale.nbytes + self.max_magnification.nbytes
+
     def pixel_from_direction(
         self, x: Float32s, y: Float32s, z: Float32s
     ) -> tuple[Float32s, Float32s]:

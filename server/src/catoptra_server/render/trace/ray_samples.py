@@ -47,6 +47,11 @@ class RaySamples:
     on_mirror: Bools
     """(p * samples_per_pixel,) whether each sample sees the mirror; always True for a lens."""
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the arrays."""
+        return self.pixels.nbytes + self.directions.nbytes + self.on_mirror.nbytes
+
     def select(self, mask: Bools) -> RaySamples:
         """Rays of the pixels in a (p,) mask."""
         # The rays of a pixel are consecutive.

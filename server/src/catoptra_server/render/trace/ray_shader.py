@@ -45,6 +45,10 @@ class RayShader(Protocol):
     pixel_dtype: np.dtype[np.void]
     """Storage of a whole pixel, as one opaque element."""
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the shader's own tables."""
+
     def transform_view(self, camera_state: CameraState) -> ViewTransform:
         """Transform and objects of a camera state, constant within the frame."""
 
@@ -96,6 +100,11 @@ class UnshadowedShader:
         self._colour_of_triangle = (
             self._scale.unpack(self._table).view(self.pixel_dtype).reshape(-1)
         )
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the tables of all triangles."""
+        return self._table.nbytes + self._colour_of_triangle.nbytes
 
     def transform_view(self, camera_state: CameraState) -> ViewTransform:
         """Transform and objects of a camera state, constant within the frame."""

@@ -36,6 +36,11 @@ class RayView:
         self._pool = pool
         self._chunks = split_rays(samples)
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the tables, without the rays, which sources share."""
+        return self._shader.memory_bytes + sum(chunk.off_mirror.nbytes for chunk in self._chunks)
+
     def render(self, camera_state: CameraState) -> RenderedImage:
         """Render one exposure of the camera."""
         rgb, stage_ms = self.render_colours(camera_state)

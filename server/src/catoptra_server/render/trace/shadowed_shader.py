@@ -54,6 +54,11 @@ class ShadowedShader:
         # Rows by the bit mask of visible lights, columns by triangle.
         self._table = np.stack([scale.pack(radiance) for radiance in receivers.tabulate_radiance()])
 
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the tables of all triangles."""
+        return self._table.nbytes
+
     def transform_view(self, camera_state: CameraState) -> ViewTransform:
         """Transform and objects of a camera state; objects are lit by hemisphere lights alone."""
         pose = camera_state.world_from_mirror

@@ -9,6 +9,7 @@ silhouettes leave open.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
@@ -98,22 +99,13 @@ class TraceRenderer:
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
         """Prepare a view of an omnidirectional camera."""
-        samples = omni_rays(camera, plan)
-        grid, table = self._make_cell_grid(camera, plan, samples)
-
-        # One source for each scale and for shadows or none; TraceOmniView keeps the ones that
-        # frames use.
-        def make_source(scale: RadianceScale, has_shadows: bool) -> RayView | CellView:
-            shader = self._make_shader(scale, has_shadows)
-            if grid is None or table is None:
-                return RayView(shader, samples, self._pool)
-            return CellView(self._planes, shader, grid, table, self._pool)
+        make_source, ray_bytes = self._make_source_factory(camera, plan)
+        per_pixel = plan.samples**2
 
         def make_srgb(has_shadows: bool) -> RayView | CellView:
-            return make_source(SrgbScale.for_samples(samples.samples_per_pixel), has_shadows)
+            return make_source(SrgbScale.for_samples(per_pixel), has_shadows)
 
         def make_linear(has_shadows: bool) -> RayView | CellView:
-            per_pixel = samples.samples_per_pixel
             scale = LinearScale.for_samples(per_pixel, max_radiance=self._max_radiance)
             return make_source(scale, has_shadows)
 
@@ -121,9 +113,31 @@ class TraceRenderer:
             camera,
             make_encoded_source=make_srgb,
             make_linear_source=make_linear,
-            make_ranges=lambda: (
-                PixelRangeTracer(self._scene, self._object_scenes, camera, plan, self._pool).measure
+            make_ranges=lambda: PixelRangeTracer(
+                self._scene, self._object_scenes, camera, plan, self._pool
             ),
+            ray_bytes=ray_bytes,
+        )
+
+    def _make_source_factory(
+        self, camera: OmniCamera, plan: RenderPlan
+    ) -> tuple[Callable[[RadianceScale, bool], RayView | CellView], int]:
+        """Function from a scale, and shadows or none, to a source; and the size of the rays."""
+        samples = omni_rays(camera, plan)
+        grid, table = self._make_cell_grid(camera, plan, samples)
+        if grid is None or table is None:
+            return (
+                lambda scale, has_shadows: RayView(
+                    self._make_shader(scale, has_shadows), samples, self._pool
+                ),
+                samples.memory_bytes,
+            )
+        # The cells have copies of all rays: `samples` ends here, and half the memory with it.
+        return (
+            lambda scale, has_shadows: CellView(
+                self._planes, self._make_shader(scale, has_shadows), grid, table, self._pool
+            ),
+            grid.memory_bytes + table.memory_bytes,
         )
 
     def _make_shader(self, scale: RadianceScale, has_shadows: bool) -> RayShader:
@@ -163,7 +177,7 @@ class TraceRenderer:
         def make_view(has_shadows: bool) -> RayView:
             return RayView(self._make_shader(scale, has_shadows), samples, self._pool)
 
-        return TraceLensView(make_view)
+        return TraceLensView(make_view, ray_bytes=samples.memory_bytes)
 
     def close(self) -> None:
         """End the threads."""

@@ -1,0 +1,46 @@
+"""A camera with its plan: everything that frames of the camera share, but for the prepared view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectPlan
+from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
+from catoptra_server.planning.camera_spec import CameraSpec
+from catoptra_server.planning.perspective_plan import PerspectivePlan
+from catoptra_server.planning.plan_choice import PlanChoice
+from catoptra_server.render.render_plan import RenderPlan
+
+Plan = RenderPlan | PerspectivePlan
+
+
+@dataclass(slots=True, eq=False)
+class PlannedCamera:
+    """A camera and the plan that its frames follow."""
+
+    spec: CameraSpec
+    plan: Plan
+    budget_monitor: BudgetMonitor
+    choice: PlanChoice | None = None
+    """None for a perspective camera."""
+    effects: EffectPlan = NO_EFFECTS
+    """Effects of the last frame."""
+    budget_status: BudgetStatus = BudgetStatus.WITHIN_BUDGET
+    budget_unreachable: bool = False
+    """Whether planning found nothing faster although the budget is exceeded; logged once."""
+    plan_text: str = field(init=False)
+    bounds: dict[str, float] | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        self._format()
+
+    def _format(self) -> None:
+        # Once a plan: every frame carries the same text and numbers.
+        self.plan_text = str(self.plan)
+        if self.choice is not None and self.choice.bound is not None:
+            self.bounds = self.choice.bound.as_dict()
+
+    def set_choice(self, choice: PlanChoice) -> None:
+        """Replace the plan by a new choice."""
+        self.plan, self.choice = choice.plan, choice
+        self._format()

@@ -1,0 +1,123 @@
+"""Prepared views, bounded by the memory that they hold.
+
+Cameras share a view if camera model and plan are equal: targets between two candidate plans, and
+robots of one class. Belongs to the thread of the renderers.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.fault_log import log_fault
+from catoptra_server.frames.planned_camera import Plan, PlannedCamera
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.perspective_plan import PerspectivePlan
+from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.renderer import View
+from catoptra_server.render.renderer_kind import RendererKind
+
+log = logging.getLogger(__name__)
+
+# Clients choose tolerances and fields of view, and each choice may need a view of its own: 25
+# tolerances took 0.9 GB. Enough for 30 views of 360 x 360 px at 2 x 2 samples.
+MAX_VIEW_BYTES = 256 * 2**20
+# A view of few pixels still holds tables of the scene's edges, and framebuffers on the device.
+MAX_VIEWS = 64
+
+_ViewKey = tuple[OmniCamera | PerspectiveCamera, Plan]
+
+
+@dataclass(slots=True, eq=False)
+class _StoredView:
+    view: View
+    memory_bytes: int
+
+
+class ViewStore:
+    """The prepared views of one scene."""
+
+    def __init__(
+        self,
+        renderers: RendererPool,
+        *,
+        max_bytes: int = MAX_VIEW_BYTES,
+        max_views: int = MAX_VIEWS,
+    ) -> None:
+        """Create an empty store.
+
+        Args:
+            renderers: Renderers that prepare the views.
+            max_bytes: Memory above which the view used longest ago is closed; one view is kept
+                whatever its size.
+            max_views: Number of views above which the view used longest ago is closed.
+        """
+        self._renderers = renderers
+        self._max_bytes = max_bytes
+        self._max_views = max_views
+        self._views: dict[_ViewKey, _StoredView] = {}  # the last used at the end
+
+    def __len__(self) -> int:
+        """Number of prepared views."""
+        return len(self._views)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory of all views, each as of its last use."""
+        return sum(stored.memory_bytes for stored in self._views.values())
+
+    def get(self, planned: PlannedCamera) -> View:
+        """View of a camera by its plan, prepared at the first use."""
+        key = _view_key(planned)
+        # Removed and inserted again: dicts keep the order of insertion.
+        stored = self._views.pop(key, None) or self._prepare(planned)
+        self._views[key] = stored
+        return stored.view
+
+    def _prepare(self, planned: PlannedCamera) -> _StoredView:
+        camera = planned.spec
+        renderer = self._renderers.get(planned.plan.renderer)
+        view: View
+        if isinstance(planned.plan, PerspectivePlan):
+            assert isinstance(camera, PerspectiveCamera), "a lens has a perspective plan"
+            view = renderer.prepare_perspective(camera, planned.plan.samples)
+        else:
+            assert isinstance(camera, OmniCameraSpec), "a mirror has a render plan"
+            view = renderer.prepare(camera.camera, planned.plan)
+        return _StoredView(view, view.memory_bytes)
+
+    def trim(self) -> None:
+        """Close the views used longest ago, down to the limits; to be called after each use."""
+        # The view used last: effects and shadows of a frame may have added to its memory.
+        last = next(reversed(self._views.values()), None)
+        if last is not None:
+            last.memory_bytes = last.view.memory_bytes
+        while len(self._views) > 1 and (
+            len(self._views) > self._max_views or self.memory_bytes > self._max_bytes
+        ):
+            self._close(next(iter(self._views)))
+
+    def close_views_of(self, kind: RendererKind) -> None:
+        """Close all views of one renderer."""
+        for key in [key for key in self._views if key[1].renderer is kind]:
+            self._close(key)
+
+    def close(self) -> None:
+        """Close all views."""
+        for key in list(self._views):
+            self._close(key)
+
+    def _close(self, key: _ViewKey) -> None:
+        try:
+            self._views.pop(key).view.close()
+        except Exception:
+            # Of a renderer that failed: it is closed as a whole.
+            log_fault(log, "a view could not be closed")
+
+
+def _view_key(planned: PlannedCamera) -> _ViewKey:
+    """Everything that a view depends on; the reason quotes targets and predicted times."""
+    camera = planned.spec.camera if isinstance(planned.spec, OmniCameraSpec) else planned.spec
+    return camera, replace(planned.plan, reason="")

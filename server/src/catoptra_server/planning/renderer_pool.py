@@ -1,0 +1,121 @@
+"""The renderers of one scene: created on demand, made anew after a failure, and replaced.
+
+Belongs to the thread that made the first renderer: OpenGL contexts are bound to threads.
+"""
+
+from __future__ import annotations
+
+import logging
+
+from catoptra_protocol.errors import RendererUnavailableError
+from catoptra_server.fault_log import log_fault
+from catoptra_server.planning.renderer_choice import RendererChoice
+from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer_kind import RendererKind
+
+log = logging.getLogger(__name__)
+
+
+class RendererPool:
+    """The chosen renderer of a server and its alternatives."""
+
+    def __init__(self, choice: RendererChoice, *, may_replace: bool = True) -> None:
+        """Take over the chosen renderer.
+
+        Args:
+            choice: Renderer, with the factories of this one and of the others.
+            may_replace: Whether an alternative may replace a renderer that fails; not under
+                lockstep, where the same commands give the same bytes.
+        """
+        self._choice = choice
+        self._renderers: dict[RendererKind, Renderer] = {choice.kind: choice.renderer}
+        self._factories = dict(choice.alternatives)
+        if choice.factory is not None:
+            self._factories[choice.kind] = choice.factory
+        self._may_replace = may_replace
+        self._default_kind = choice.kind
+        self._replaced: dict[RendererKind, RendererKind] = {}
+
+    @property
+    def default_kind(self) -> RendererKind:
+        """Kind of the renderer for cameras without an accuracy target."""
+        return self._default_kind
+
+    @property
+    def reason(self) -> str:
+        """Reason of that kind."""
+        return ": ".join(filter(None, (self.replacement_note, self._choice.reason)))
+
+    @property
+    def replacement_note(self) -> str:
+        """Replacements in words; empty for none."""
+        return ", ".join(
+            f"{other.value} in place of {failed.value}, which failed"
+            for failed, other in self._replaced.items()
+        )
+
+    def get(self, kind: RendererKind) -> Renderer:
+        """Renderer of a kind, created at the first call and at the first one after `renew`.
+
+        Raises:
+            RendererUnavailableError: The renderer cannot run on this machine.
+        """
+        if kind not in self._renderers:
+            self._renderers[kind] = self._factories[kind]()
+            log.info("%s", self._renderers[kind].describe())
+        return self._renderers[kind]
+
+    def create_all(self) -> list[RendererKind]:
+        """Create all renderers; one that cannot be created is no longer an alternative.
+
+        Returns:
+            Kinds that may be used.
+        """
+        usable = []
+        for kind in RendererKind:
+            if kind in self._replaced or kind not in {*self._renderers, *self._factories}:
+                continue
+            try:
+                self.get(kind)
+                usable.append(kind)
+            except RendererUnavailableError as error:
+                del self._factories[kind]
+                log.info("%s is not available: %s", kind.value, error)
+        return usable
+
+    def renew(self, kind: RendererKind) -> None:
+        """Close a renderer, whose views must be closed before; the next use creates it anew."""
+        # Without a factory the old one may still render other views.
+        if kind in self._factories and kind in self._renderers:
+            _close(self._renderers.pop(kind))
+
+    def find_replacement(self, kind: RendererKind) -> RendererKind | None:
+        """Kind that may replace a failed one; None under lockstep or after a choice by name."""
+        # A renderer requested by name has no alternatives.
+        others = (other for other in self._factories if other not in (kind, *self._replaced))
+        return next(others, None) if self._may_replace else None
+
+    def replace(self, kind: RendererKind, other: RendererKind) -> None:
+        """Use a renderer of another kind in place of a failed one."""
+        self._replaced[kind] = other
+        self._default_kind = other if self._default_kind is kind else self._default_kind
+
+    def restore(self, kind: RendererKind) -> None:
+        """Undo a replacement."""
+        self._replaced.pop(kind)
+        if self._choice.kind not in self._replaced:
+            self._default_kind = self._choice.kind
+
+    def close(self) -> None:
+        """Close all renderers."""
+        for renderer in self._renderers.values():
+            _close(renderer)
+        self._renderers.clear()
+
+
+def _close(renderer: Renderer) -> None:
+    try:
+        renderer.close()
+    except Exception:
+        # A lost device cannot always be closed; the server needs nothing of it any more.
+        log_fault(log, "a renderer could not be closed")

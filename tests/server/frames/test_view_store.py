@@ -1,0 +1,183 @@
+"""Prepared views share memory by camera and plan, and are closed by the memory they hold."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
+from catoptra_server.frames.planned_camera import PlannedCamera
+from catoptra_server.frames.view_store import ViewStore
+from catoptra_server.planning.budget_monitor import BudgetMonitor
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.perspective_plan import plan_perspective_view
+from catoptra_server.planning.renderer_choice import RendererChoice, create_renderer
+from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.effect_measurement import make_effect
+from helpers.opengl import device_or_skip
+from helpers.worlds import make_omni_camera, make_test_world
+
+TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
+CAMERA = make_omni_camera(width_px=100)
+CAMERA_STATE = CameraState(Pose.from_rpy((0.0, 0.0, -0.6)))
+
+
+class SizedView:
+    """A view of a size that a test sets."""
+
+    def __init__(self, memory_bytes: int, closed: list[int]) -> None:
+        self.memory_bytes, self._closed = memory_bytes, closed
+
+    def close(self) -> None:
+        self._closed.append(self.memory_bytes)
+
+
+class SizedRenderer:
+    """Prepares views of as many bytes as a frame has samples along a pixel's side."""
+
+    def __init__(self) -> None:
+        self.closed: list[int] = []
+        self.num_prepared = 0
+
+    def prepare(self, camera: object, plan: RenderPlan) -> SizedView:
+        self.num_prepared += 1
+        return SizedView(plan.samples, self.closed)
+
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> SizedView:
+        self.num_prepared += 1
+        return SizedView(camera.width_px, self.closed)
+
+
+def make_store(renderer: Any, **limits: int) -> ViewStore:
+    return ViewStore(RendererPool(RendererChoice(renderer, TRACE, "test")), **limits)
+
+
+def plan_camera(
+    samples: int, *, reason: str = "test", effects: EffectSettings = NO_EFFECT_SETTINGS
+) -> PlannedCamera:
+    settings = RenderSettings(samples=samples)
+    plan = plan_from_settings(settings, CAMERA, kind=TRACE, reason=reason)
+    spec = OmniCameraSpec(CAMERA, settings, effects)
+    return PlannedCamera(spec, plan, BudgetMonitor(0.0))
+
+
+def test_cameras_of_one_plan_share_a_view_whatever_target_and_effects_they_have() -> None:
+    renderer = SizedRenderer()
+    store = make_store(renderer)
+    one = store.get(plan_camera(2))
+    assert store.get(plan_camera(2, reason="another")) is one
+    assert store.get(plan_camera(2, effects=EffectSettings(threshold_px=0.1))) is one
+    assert store.get(plan_camera(3)) is not one
+    assert renderer.num_prepared == len(store) == 2
+
+
+def use(store: ViewStore, *samples: int) -> None:
+    for number in samples:
+        store.get(plan_camera(number))
+        store.trim()
+
+
+def test_views_used_longest_ago_are_closed_beyond_the_memory_limit() -> None:
+    renderer = SizedRenderer()
+    store = make_store(renderer, max_bytes=9)
+    use(store, 2, 3, 4, 2, 5)
+    assert renderer.closed == [3, 4]
+    assert store.memory_bytes == 7
+
+
+def test_view_that_is_larger_than_the_limit_is_kept_alone() -> None:
+    renderer = SizedRenderer()
+    store = make_store(renderer, max_bytes=6)
+    use(store, 2, 3, 8)
+    assert (renderer.closed, len(store)) == ([2, 3], 1)
+    use(store, 8)
+    assert renderer.num_prepared == 3
+
+
+def test_view_that_grows_when_it_is_used_counts_with_its_new_size() -> None:
+    renderer = SizedRenderer()
+    store = make_store(renderer, max_bytes=9)
+    use(store, 2, 3)
+    cast(SizedView, store.get(plan_camera(3))).memory_bytes = 8
+    store.trim()
+    assert renderer.closed == [2]
+
+
+def test_views_are_limited_in_number_too() -> None:
+    renderer = SizedRenderer()
+    store = make_store(renderer, max_views=2)
+    use(store, 2, 3, 4)
+    assert renderer.closed == [2]
+
+
+def test_views_of_a_renderer_are_closed_together_and_a_failing_one_stops_nothing() -> None:
+    renderer = SizedRenderer()
+    store = make_store(renderer)
+    use(store, 2, 3)
+    lens = PerspectiveCamera(20, 10, 1.0)
+    plan = plan_perspective_view(0, kind=TRACE, reason="test")
+    view = store.get(PlannedCamera(lens, plan, BudgetMonitor(0.0)))
+
+    def fail() -> None:
+        raise RuntimeError("lost device")
+
+    cast(Any, view).close = fail
+    store.close_views_of(RASTER)
+    assert len(store) == 3
+    store.close_views_of(TRACE)
+    assert (renderer.closed, len(store)) == ([2, 3], 0)
+
+
+def create_or_skip(kind: RendererKind) -> Renderer:
+    if kind is RASTER:
+        device_or_skip().close()
+    world = make_test_world()
+    return create_renderer(kind, build_scene(world), world)
+
+
+@pytest.mark.parametrize("kind", list(RendererKind))
+def test_view_states_the_size_of_its_rays_or_images(kind: RendererKind) -> None:
+    renderer = create_or_skip(kind)
+    sizes = []
+    for samples in (1, 2, 4):
+        plan = replace(plan_camera(samples).plan, renderer=kind)
+        view = renderer.prepare(CAMERA, cast(RenderPlan, plan))
+        view.render(CAMERA_STATE)
+        sizes.append(view.memory_bytes)
+        view.close()
+    # 12 bytes a ray, 8 a sample of the lookup map, over the mirror's disc or the whole image.
+    per_sample = 12 * 0.25 * math.pi if kind is TRACE else 8
+    growth = np.diff(sizes) / (100 * 100 * np.diff([1, 4, 16]))
+    assert growth == pytest.approx(per_sample, rel=0.25)
+    assert sizes[0] > 100 * 100 * per_sample
+    renderer.close()
+
+
+@pytest.mark.parametrize("kind", list(RendererKind))
+def test_view_grows_by_the_images_of_effects(kind: RendererKind) -> None:
+    renderer = create_or_skip(kind)
+    plan = replace(plan_camera(1).plan, renderer=kind)
+    view = renderer.prepare(CAMERA, cast(RenderPlan, plan))
+    view.render(CAMERA_STATE)
+    before = view.memory_bytes
+    view.render(CAMERA_STATE, (make_effect("Fog"),))
+    # Ranges of all pixels: a ray of 12 bytes on the disc, or a texel of 4 at least.
+    assert view.memory_bytes - before > 100 * 100 * 4
+    view.close()
+    lens = renderer.prepare_perspective(PerspectiveCamera(100, 50, 1.0), 2)
+    assert lens.memory_bytes > 100 * 50 * 4 * 8
+    lens.close()
+    renderer.close()
