@@ -18,8 +18,8 @@ DEFAULT_LIMIT_BYTES = 1024 * MIB
 
 # A triangle in NumPy arrays and in the structures of either renderer: 650 to 720.
 BYTES_PER_TRIANGLE = 750
-# Three bytes, and three linear float32 of the trace renderer; while it is decoded, four in Pillow.
-BYTES_PER_TEXEL = 32
+# Three bytes, three linear float32 of the trace renderer, and four more while Pillow decodes: 19.
+BYTES_PER_TEXEL = 24
 
 # Rays of a sample in two orders, 12 bytes each, and the batch in which these are computed.
 _TRACE_BYTES_PER_SAMPLE = 26
@@ -66,6 +66,10 @@ class MemoryBudget:
     def __init__(self, limit_bytes: int = DEFAULT_LIMIT_BYTES) -> None:
         self._limit_bytes = limit_bytes
         self._reserved_bytes = 0
+
+    def for_reading(self) -> MemoryBudget:
+        """Budget of the same limit, for memory that is free again once a file is read."""
+        return MemoryBudget(self._limit_bytes)
 
     def reserve(
         self, num_bytes: int, *, where: SourceLocation, key: str, value: str, remedy: str

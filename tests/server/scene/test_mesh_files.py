@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
 from catoptra_protocol.errors import ConfigError
+from catoptra_server.memory_budget import MIB, MemoryBudget
 from catoptra_server.scene.mesh_files import LoadedMesh, load_mesh_file
 from catoptra_server.scene.world_description import MeshFile
 from helpers.mesh_file_samples import (
     export_mesh,
+    make_announcing_png,
     make_coloured_square,
     make_plain_square,
     make_textured_square,
@@ -232,3 +237,90 @@ def test_mesh_without_a_finite_triangle_is_rejected(tmp_path: Path) -> None:
     path.write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(ConfigError, match="at least one triangle"):
         load_mesh_file(MeshFile(path))
+
+
+# Sizes that files announce.
+
+
+def write_glb(folder: Path, change: Callable[[dict[str, Any]], None]) -> Path:
+    """The plain square as glTF with its JSON changed."""
+    path = export_mesh(make_plain_square(), folder / "m.glb")
+    data = path.read_bytes()
+    (length,) = struct.unpack_from("<I", data, 12)
+    header = json.loads(data[20 : 20 + length])
+    change(header)
+    text = json.dumps(header).encode()
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + data[20 + length :]
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    return path
+
+
+def announce_zeros(header: dict[str, Any]) -> None:
+    for accessor in header["accessors"]:
+        accessor.pop("bufferView")
+        accessor["count"] = 3 * 10**9
+
+
+def test_accessor_that_announces_gigabytes_is_rejected_unread(tmp_path: Path) -> None:
+    path = write_glb(tmp_path, announce_zeros)
+    with pytest.raises(ConfigError, match=r"m\.glb: File=.*fewer or smaller accessors.* MiB"):
+        load_mesh_file(MeshFile(path))
+
+
+def repeat_node(header: dict[str, Any]) -> None:
+    """Show the mesh at a thousand nodes."""
+    (mesh_node,) = (node for node in header["nodes"] if "mesh" in node)
+    first = len(header["nodes"])
+    header["nodes"] += [{"mesh": mesh_node["mesh"], "name": f"n{n}"} for n in range(1000)]
+    header["scenes"][0]["nodes"] = list(range(first, first + 1000))
+
+
+def test_instances_of_a_mesh_count_each(tmp_path: Path) -> None:
+    path = write_glb(tmp_path, repeat_node)
+    assert len(load_mesh_file(MeshFile(path))) == 1000
+    with pytest.raises(
+        ConfigError, match=r"m\.glb: File='mesh .* of 2 triangles'.*fewer triangles"
+    ):
+        load_mesh_file(MeshFile(path), MemoryBudget(MIB))
+
+
+@pytest.mark.parametrize("ending", ["obj", "ply", "stl", "dae", "glb"])
+def test_file_larger_than_the_memory_limit_is_rejected_unread(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"m.{ending}"
+    with path.open("wb") as file:
+        file.truncate(40 * 10**9)  # sparse: takes no space on the disk
+    with pytest.raises(ConfigError, match=r"File='40000000000 bytes'.*a smaller mesh file"):
+        load_mesh_file(MeshFile(path))
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda folder: export_mesh(make_textured_square(), folder / "m.obj"),
+        write_textured_dae,
+    ],
+    ids=["obj", "dae"],
+)
+def test_image_of_a_mesh_that_announces_gigabytes_is_rejected_undecoded(
+    tmp_path: Path, write: Callable[[Path], Path]
+) -> None:
+    path = write(tmp_path)
+    (image_path,) = tmp_path.glob("*.png")
+    image_path.write_bytes(make_announcing_png(12_000, 12_000))
+    with pytest.raises(ConfigError, match=r"\.png: Texture='12000 x 12000 px'.* MiB"):
+        load_mesh_file(MeshFile(path))
+
+
+@pytest.mark.parametrize("suffix", ["zip", "zae", "tar.gz", "3dxml"])
+def test_archive_is_rejected_by_its_name(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"m.{suffix}"
+    path.write_bytes(b"PK")
+    with pytest.raises(ConfigError, match=r"a mesh file of a known format: \.glb"):
+        load_mesh_file(MeshFile(path))
+
+
+def test_mirrored_copy_of_a_mesh_faces_the_same_side(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    scene.add_geometry(make_plain_square(), transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
+    mesh = load(export_mesh(scene, tmp_path / "m.glb"))
+    np.testing.assert_allclose(normal(mesh), (0.0, 0.0, -1.0), atol=1e-12)

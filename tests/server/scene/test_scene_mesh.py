@@ -10,7 +10,8 @@ import pytest
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene.scene_mesh import build_scene, load_texture
+from catoptra_server.memory_budget import MIB, MemoryBudget
+from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import (
     Box,
     Cylinder,
@@ -110,32 +111,23 @@ def test_texture_of_an_item_is_on_its_triangles_only(tmp_path: Path) -> None:
     scene = build_scene(
         World("w", (make_item(BOX), make_item(BOX, textured), make_item(BOX, textured)))
     )
-    assert scene.texture_index.tolist() == 12 * [-1] + 12 * [0] + 12 * [1]
+    # One file is one texture, however many items show it.
+    assert scene.texture_index.tolist() == 12 * [-1] + 24 * [0]
+    assert len(scene.textures) == 1
     assert scene.textures[0].shape == (2, 2, 3)
     assert scene.textures[0][0, 0].tolist() == [255, 0, 0]
 
 
-@pytest.mark.parametrize("mode", ["L", "P", "RGBA", "CMYK", "1", "I;16"])
-def test_texture_of_any_mode_is_rgb(tmp_path: Path, mode: str) -> None:
-    path = tmp_path / ("q.tif" if mode == "CMYK" else "q.png")
-    make_quadrant_image().convert("I" if mode == "I;16" else mode).convert(mode).save(path)
-    assert load_texture(path).shape == (2, 2, 3)
-
-
-@pytest.mark.parametrize("content", [b"", b"garbage", b"\x89PNG\r\n\x1a\n" + bytes(50)])
-def test_texture_that_is_no_image_is_rejected_by_name(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "q.png"
-    path.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"q\.png: Texture=.*expected an image file"):
-        load_texture(path)
-
-
-def test_truncated_texture_is_rejected(tmp_path: Path) -> None:
-    path = tmp_path / "q.png"
-    make_quadrant_image().resize((64, 64)).save(path)
-    path.write_bytes(path.read_bytes()[:60])
-    with pytest.raises(ConfigError, match="an image file"):
-        load_texture(path)
+@pytest.mark.parametrize(
+    "shape",
+    [SphereBand(1.0, 0.0, 1.0, sectors=4096, rings=4096), BOX],
+    ids=["one large item", "many items"],
+)
+def test_scene_larger_than_the_memory_limit_is_rejected_before_it_is_built(shape: Shape) -> None:
+    count = 1 if isinstance(shape, SphereBand) else 1000
+    world = World("w", tuple(make_item(shape, name=f"item{n}") for n in range(count)))
+    with pytest.raises(ConfigError, match=r"w: item\d+='\d+ triangles'.*fewer items.* MiB"):
+        build_scene(world, MemoryBudget(4 * MIB if count > 1 else 1024 * MIB))
 
 
 # Mesh files.

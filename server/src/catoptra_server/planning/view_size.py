@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.memory_budget import ViewSize
@@ -13,7 +15,7 @@ from catoptra_server.robot.render_settings import RenderSettings
 
 def plan_view_size(camera: OmniCamera, plan: RenderPlan, *, has_effects: bool = False) -> ViewSize:
     """Size of the view of a plan; faces count where the plan's renderer has them."""
-    num_texels = sum(region.num_texels for region in plan.face_regions)
+    num_texels = math.ceil(sum(region.num_texels for region in plan.face_regions))
     return ViewSize(
         num_pixels=camera.width_px * camera.height_px,
         samples_per_pixel=plan.samples**2,

@@ -8,7 +8,9 @@ material or of the faces.
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,15 +19,22 @@ import numpy.typing as npt
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import rotation_from_rpy
+from catoptra_server.memory_budget import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.gltf_sizes import reserve_gltf
+from catoptra_server.scene.mesh_assets import MeshAssets
 from catoptra_server.scene.primitives import Patch
+from catoptra_server.scene.texture_files import Texture, decode_image, reserve_texels
 from catoptra_server.scene.world_description import MeshFile
-
-Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 
 _LOG = logging.getLogger(__name__)
 # Both renderers square coordinates in float32, whose range ends at 3e38.
 _MAX_COORDINATE_M = 1e15
+# Readers of further formats (archives, CAD files) exist in trimesh; none of them is bounded.
+_GLTF_SUFFIXES = (".glb", ".gltf")
+_SUFFIXES = (*_GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".dae")
+# While a file is read: lines of an OBJ or elements of a DAE are objects of Python.
+_READ_BYTES_PER_FILE_BYTE = 10
 # With more repetitions float32 cannot resolve a position within the texture.
 _MAX_TEXTURE_REPEATS = 1e6
 
@@ -49,23 +58,25 @@ _SAE_FROM_UP = {
 }
 
 
-def load_mesh_file(shape: MeshFile) -> list[LoadedMesh]:
+def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[LoadedMesh]:
     """Load the meshes of a file, scaled and rotated into SAE.
 
-    Raises:
-        ConfigError: The file is missing, unreadable, or without a triangle.
-    """
-    # Imported on demand: loading trimesh takes a second, reading and building the corridor 0.3 s.
-    import trimesh
+    Args:
+        shape: the file with its scale and its axis.
+        memory: budget of the scene; None for a budget of this file's own.
 
+    Raises:
+        ConfigError: The file is missing, unreadable, without a triangle, or larger than the budget.
+    """
     if not shape.path.is_file():
         raise _mesh_file_error(shape, "a mesh file that exists")
+    if shape.path.suffix.lower() not in _SUFFIXES:
+        raise _mesh_file_error(shape, f"a mesh file of a known format: {', '.join(_SUFFIXES)}")
+    memory = memory or MemoryBudget()
     try:
-        # process=False: no merging of vertices, which would change texture coordinates at seams.
-        scene = trimesh.load_scene(shape.path, process=False)
-        # A scene may hold point clouds and paths, which have no faces.
-        surfaces = [mesh for mesh in scene.dump() if getattr(mesh, "faces", None) is not None]
-        meshes = [_convert_mesh(mesh, shape) for mesh in surfaces]
+        meshes = list(_convert_scene(_read_scene(shape.path, memory.for_reading()), shape, memory))
+    except ConfigError:
+        raise
     except Exception as error:  # readers of six formats raise many types
         raise _mesh_file_error(shape, f"a readable mesh file ({error})") from error
     if not any(len(mesh.patch.corners) for mesh in meshes):
@@ -73,21 +84,86 @@ def load_mesh_file(shape: MeshFile) -> list[LoadedMesh]:
     return meshes
 
 
+def _read_scene(path: Path, memory: MemoryBudget) -> Any:
+    """trimesh's scene of a file; sizes that the file announces are checked first."""
+    # Imported on demand: loading trimesh takes a second, reading and building the corridor 0.3 s.
+    import trimesh
+
+    where, num_bytes = SourceLocation(str(path)), path.stat().st_size
+    memory.reserve(
+        _READ_BYTES_PER_FILE_BYTE * num_bytes,
+        where=where,
+        key="File",
+        value=f"{num_bytes} bytes",
+        remedy="a smaller mesh file",
+    )
+    assets = MeshAssets(path.parent, memory)
+    if path.suffix.lower() in _GLTF_SUFFIXES:
+        reserve_gltf(path.read_bytes(), memory, where, assets.get)
+    try:
+        # process=False: no merging of vertices, which would change texture coordinates at seams.
+        return trimesh.load_scene(path, resolver=assets, process=False)
+    finally:
+        # trimesh logs an image that it cannot read, and goes on without.
+        if assets.rejection is not None:
+            raise assets.rejection
+
+
+def _convert_scene(scene: Any, shape: MeshFile, memory: MemoryBudget) -> Iterator[LoadedMesh]:
+    """Yield the meshes of a scene at their positions."""
+    textures: dict[int, Texture] = {}  # by the image's identity: meshes may share an image
+    where = SourceLocation(str(shape.path))
+
+    def make_texture(image: Any) -> Texture:
+        return _load_image(image, textures, memory, where)
+
+    # Not scene.dump(), which copies each mesh with its image before its size is known here.
+    for node in scene.graph.nodes_geometry:
+        world_from_mesh, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        # A scene may hold point clouds and paths, which have no faces.
+        if getattr(mesh, "faces", None) is None:
+            continue
+        memory.reserve(
+            BYTES_PER_TRIANGLE * len(mesh.faces),
+            where=where,
+            key="File",
+            value=f"mesh {name} of {len(mesh.faces)} triangles",
+            remedy="fewer triangles",
+        )
+        yield _convert_mesh(mesh, shape, world_from_mesh, make_texture)
+
+
 def _mesh_file_error(shape: MeshFile, expected: str) -> ConfigError:
     path = str(shape.path)
     return ConfigError(SourceLocation(path), key="File", value=path, expected=expected)
 
 
-def _convert_mesh(mesh: Any, shape: MeshFile) -> LoadedMesh:
+def _convert_mesh(
+    mesh: Any, shape: MeshFile, world_from_mesh: Floats, make_texture: Callable[[Any], Texture]
+) -> LoadedMesh:
     """Convert a mesh of trimesh's, without triangles that cannot be rendered.
 
     Triangles without area show nothing and are dropped silently; triangles without finite positions
     or texture coordinates are a defect of the file and logged.
+
+    Args:
+        mesh: a mesh of trimesh's.
+        shape: the file with its scale and its axis.
+        world_from_mesh: (4, 4) position of the mesh in its file.
+        make_texture: texture of an image of Pillow's.
     """
     faces = np.asarray(mesh.faces)
-    corners = np.asarray(mesh.vertices, dtype=np.float64)[faces] * shape.scale
-    is_gltf = shape.path.suffix.lower() in (".glb", ".gltf")
-    uv, albedo, texture = _read_appearance(mesh, faces, is_gltf=is_gltf)
+    rotation, translation = world_from_mesh[:3, :3], world_from_mesh[:3, 3]
+    # Vertices may be infinite or no numbers: their triangles are dropped below.
+    with np.errstate(invalid="ignore", over="ignore"):
+        vertices = np.asarray(mesh.vertices, dtype=np.float64) @ rotation.T + translation
+        corners = vertices[faces] * shape.scale
+    is_gltf = shape.path.suffix.lower() in _GLTF_SUFFIXES
+    uv, albedo, texture = _read_appearance(mesh, faces, make_texture, is_gltf=is_gltf)
+    # A mirrored copy is wound the other way round: its triangles would face inwards.
+    if np.linalg.det(rotation) < 0.0:
+        corners, uv = corners[:, ::-1], uv[:, ::-1]
     valid = _is_within_bound(
         corners, _MAX_COORDINATE_M, "a corner without a finite position", shape
     )
@@ -128,15 +204,19 @@ def _has_area(corners: Floats) -> npt.NDArray[np.bool_]:
 
 
 def _read_appearance(
-    mesh: Any, faces: npt.NDArray[np.int64], *, is_gltf: bool
+    mesh: Any,
+    faces: npt.NDArray[np.int64],
+    make_texture: Callable[[Any], Texture],
+    *,
+    is_gltf: bool,
 ) -> tuple[Floats, Floats, Texture | None]:
     """(n, 3, 2) uv, (n, 3) linear albedo and the texture of a loaded mesh."""
     visual, no_uv = mesh.visual, np.zeros((len(faces), 3, 2))
     material = getattr(visual, "material", None)
     if material is None and visual.kind is not None:
         return no_uv, _linear_light(visual.face_colors, is_gltf=is_gltf), None
-    uv, texture = getattr(visual, "uv", None), _texture_image(material)
-    if uv is None or texture is None:
+    uv, image = getattr(visual, "uv", None), _texture_image(material)
+    if uv is None or image is None:
         return (
             no_uv,
             _repeat_per_face(_base_colour(material, _MID_GREY, is_gltf=is_gltf), faces),
@@ -145,20 +225,26 @@ def _read_appearance(
     # trimesh counts v from the bottom, images count rows from the top.
     flipped = np.asarray(uv, dtype=np.float64)[faces] * (1.0, -1.0) + (0.0, 1.0)
     albedo = _base_colour(material, _WHITE, is_gltf=is_gltf)
-    return flipped, _repeat_per_face(albedo, faces), texture
+    return flipped, _repeat_per_face(albedo, faces), make_texture(image)
 
 
 def _repeat_per_face(colour: Floats, faces: npt.NDArray[np.int64]) -> Floats:
     return np.broadcast_to(colour, (len(faces), 3))
 
 
-def _texture_image(material: Any) -> Texture | None:
-    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    if image is None:
-        return None
-    texture = np.array(image.convert("RGB"))
-    texture.setflags(write=False)
-    return texture
+def _texture_image(material: Any) -> Any:
+    """Image of a material as Pillow has it, not decoded yet; None without one."""
+    return getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+
+
+def _load_image(
+    image: Any, textures: dict[int, Texture], memory: MemoryBudget, where: SourceLocation
+) -> Texture:
+    """Texture of an image, decoded once."""
+    if id(image) not in textures:
+        reserve_texels(image.size, memory, where)
+        textures[id(image)] = decode_image(image, where)
+    return textures[id(image)]
 
 
 # Colour of a surface whose file gives none: without a texture, and under one.

@@ -12,7 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.world_description import Box, Cylinder, Rectangle, Ring, SphereBand
+from catoptra_server.scene.world_description import (
+    Box,
+    Cylinder,
+    Primitive,
+    Rectangle,
+    Ring,
+    SphereBand,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +34,22 @@ class Patch:
     def translate(self, offset_m: tuple[float, float, float]) -> Patch:
         """Patch moved by an offset."""
         return Patch(self.corners + np.asarray(offset_m), self.uv)
+
+
+def max_triangles(shape: Primitive) -> int:
+    """Number of triangles of a shape, before any is made; triangles without area count."""
+    match shape:
+        case Box():
+            return 12
+        case Cylinder():
+            # The wall, and two discs of as many triangles as a quad each.
+            return 6 * shape.sectors
+        case Rectangle():
+            return 2
+        case Ring():
+            return 2 * shape.sectors
+        case SphereBand():
+            return 2 * shape.sectors * shape.rings
 
 
 def concatenate(patches: list[Patch]) -> Patch:

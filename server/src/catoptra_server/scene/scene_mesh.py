@@ -14,25 +14,27 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.errors import SourceLocation
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.memory_budget import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.scene import primitives
 from catoptra_server.scene.landmark_shapes import items_from_landmark
 from catoptra_server.scene.mesh_files import load_mesh_file
 from catoptra_server.scene.primitives import Patch
+from catoptra_server.scene.texture_files import Texture, load_texture
 from catoptra_server.scene.world_description import (
     Box,
     Cylinder,
     Item,
+    Material,
     MeshFile,
+    Primitive,
     Rectangle,
     Rgb,
     Ring,
     SphereBand,
     World,
 )
-
-Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,11 +79,15 @@ class _MeshPart:
     texture: Texture | None
 
 
-def build_scene(world: World) -> SceneMesh:
+def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
     """Build the triangles of a world, landmarks included.
 
+    Args:
+        world: the description.
+        memory: budget of all triangles and textures; None for the default.
+
     Raises:
-        ConfigError: A mesh or texture file is missing or unusable.
+        ConfigError: A mesh or texture file is missing or unusable, or the budget is exceeded.
     """
     landmark_items = [
         item
@@ -89,7 +95,8 @@ def build_scene(world: World) -> SceneMesh:
         for item in items_from_landmark(landmark, world.landmark_albedos)
     ]
     items = (*world.items, *landmark_items)
-    parts = [part for index, item in enumerate(items) for part in _item_parts(index, item)]
+    loader = _ItemLoader(world.name, memory or MemoryBudget())
+    parts = [part for index, item in enumerate(items) for part in loader.load_parts(index, item)]
     return _concatenate_parts(parts, items)
 
 
@@ -98,7 +105,7 @@ def _concatenate_parts(parts: list[_MeshPart], items: tuple[Item, ...]) -> Scene
     textures: list[Texture] = []
     indices: list[int] = []
     for part in parts:
-        # By identity, not by content: an image that is loaded twice is stored twice.
+        # By identity, not by content: each file is loaded once.
         found = [i for i, texture in enumerate(textures) if texture is part.texture]
         if part.texture is not None and not found:
             textures.append(part.texture)
@@ -131,17 +138,53 @@ def _concatenate_parts(parts: list[_MeshPart], items: tuple[Item, ...]) -> Scene
     return mesh
 
 
-def _item_parts(index: int, item: Item) -> Iterator[_MeshPart]:
-    if isinstance(item.shape, MeshFile):
-        yield from _mesh_file_parts(index, item, item.shape)
-        return
-    assert item.material is not None, "only mesh files bring materials of their own"
-    texture = load_texture(item.material.texture) if item.material.texture else None
-    patch = _transform_to_world(_build_shape(item.shape), item)
-    yield _MeshPart(index, patch, item.material.albedo, item.material.unlit, texture)
+class _ItemLoader:
+    """Loader of the items of one scene, within one memory budget."""
+
+    def __init__(self, world_name: str, memory: MemoryBudget) -> None:
+        self._where = SourceLocation(world_name)
+        self._memory = memory
+        self._textures: dict[Path, Texture] = {}
+
+    def load_parts(self, index: int, item: Item) -> Iterator[_MeshPart]:
+        """Yield the parts of an item, each of one appearance."""
+        if isinstance(item.shape, MeshFile):
+            yield from self._load_mesh_file(index, item, item.shape)
+            return
+        assert item.material is not None, "only mesh files bring materials of their own"
+        num_triangles = primitives.max_triangles(item.shape)
+        self._memory.reserve(
+            BYTES_PER_TRIANGLE * num_triangles,
+            where=self._where,
+            key=item.name,
+            value=f"{num_triangles} triangles",
+            remedy="fewer items, Sectors or Rings",
+        )
+        patch = _transform_to_world(_build_shape(item.shape), item)
+        texture = self._load_texture(item.material)
+        yield _MeshPart(index, patch, item.material.albedo, item.material.unlit, texture)
+
+    def _load_mesh_file(self, index: int, item: Item, shape: MeshFile) -> Iterator[_MeshPart]:
+        for mesh in load_mesh_file(shape, self._memory):
+            patch = _transform_to_world(mesh.patch, item)
+            material = item.material
+            if material is None:
+                yield _MeshPart(index, patch, mesh.albedo, False, mesh.texture)
+            else:
+                texture = self._load_texture(material)
+                yield _MeshPart(index, patch, material.albedo, material.unlit, texture)
+
+    def _load_texture(self, material: Material) -> Texture | None:
+        """Texture of a material, loaded once for all items that have it."""
+        if material.texture is None:
+            return None
+        path = material.texture.resolve()
+        if path not in self._textures:
+            self._textures[path] = load_texture(path, self._memory)
+        return self._textures[path]
 
 
-def _build_shape(shape: Box | Cylinder | Rectangle | Ring | SphereBand) -> Patch:
+def _build_shape(shape: Primitive) -> Patch:
     match shape:
         case Box():
             return primitives.box(shape)
@@ -157,37 +200,3 @@ def _build_shape(shape: Box | Cylinder | Rectangle | Ring | SphereBand) -> Patch
 
 def _transform_to_world(patch: Patch, item: Item) -> Patch:
     return Patch(item.world_from_item.transform_points(patch.corners), patch.uv)
-
-
-def load_texture(path: Path) -> Texture:
-    """Load an image file as (h, w, 3) uint8 sRGB.
-
-    Raises:
-        ConfigError: The file is no readable image.
-    """
-    # Imported on demand: most worlds have no texture.
-    from PIL import Image
-
-    try:
-        with Image.open(path) as image:
-            texture = np.array(image.convert("RGB"))
-    # Pillow reports corrupt files by all of these.
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise ConfigError(
-            SourceLocation(str(path)),
-            key="Texture",
-            value=str(path),
-            expected=f"an image file ({error})",
-        ) from error
-    texture.setflags(write=False)
-    return texture
-
-
-def _mesh_file_parts(index: int, item: Item, shape: MeshFile) -> Iterator[_MeshPart]:
-    for mesh in load_mesh_file(shape):
-        patch = _transform_to_world(mesh.patch, item)
-        if item.material is None:
-            yield _MeshPart(index, patch, mesh.albedo, False, mesh.texture)
-        else:
-            texture = load_texture(item.material.texture) if item.material.texture else None
-            yield _MeshPart(index, patch, item.material.albedo, item.material.unlit, texture)

@@ -89,7 +89,8 @@ class MeshFile:
     """Upward axis of the file, y or z."""
 
 
-Shape = Box | Cylinder | Rectangle | Ring | SphereBand | MeshFile
+Primitive = Box | Cylinder | Rectangle | Ring | SphereBand
+Shape = Primitive | MeshFile
 
 
 @dataclass(frozen=True, slots=True)

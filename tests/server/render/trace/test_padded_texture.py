@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -32,3 +34,21 @@ def test_texture_when_at_a_border_is_its_twin(edge: float) -> None:
     assert (
         twin_differences(texture, np.array([[edge, 0.3], [0.3, edge], [edge, edge]])).max() < 1e-5
     )
+
+
+def test_texture_takes_at_most_twice_its_linear_texels() -> None:
+    image = np.zeros((1000, 1000, 3), dtype=np.uint8)
+    tracemalloc.start()
+    try:
+        PaddedTexture.from_image(image)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 2 * 12 * 1000 * 1000
+
+
+def test_texels_of_all_bytes_are_those_of_the_formula() -> None:
+    image = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
+    texels = PaddedTexture.from_image(image).texels.reshape(3, 18, 18)[:, 1:-1, 1:-1]
+    expected = linear_from_srgb(image / 255.0).astype(np.float32)
+    np.testing.assert_array_equal(texels.transpose(1, 2, 0), expected)

@@ -19,7 +19,8 @@ from catoptra_server.render.raster.shader_programs import (
     set_uniform,
 )
 from catoptra_server.scene import shading
-from catoptra_server.scene.scene_mesh import SceneMesh, Texture
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.texture_files import Texture
 from catoptra_server.scene.triangle_clusters import TriangleClusters, visible_runs
 from catoptra_server.scene.world_description import Light
 
