@@ -73,6 +73,23 @@ def test_connections_are_handed_over_with_their_address() -> None:
     run_scenario(scenario())
 
 
+def test_connections_have_keepalive() -> None:
+    async def scenario() -> None:
+        accepted: list[socket.socket] = []
+        loop = AcceptLoop(
+            create_listener(HOST, 0, name="x"), lambda end, _: accepted.append(end), name="x"
+        )
+        with socket.create_connection((HOST, loop.port)):
+            await wait_until(lambda: bool(accepted), "connection")
+            (end,) = accepted
+            assert end.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+            assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
+            end.close()
+        loop.close()
+
+    run_scenario(scenario())
+
+
 def test_connection_that_is_refused_is_closed_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     def refuse(accepted: socket.socket, address: str) -> None:
         raise ConnectionRefusedError("no room")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from catoptra_server.transports.loop_share import LoopShare
@@ -20,8 +22,23 @@ class Clock:
 def test_single_command_waits_for_nothing() -> None:
     share = LoopShare(0.3)
     account = share.open_account()
-    account.charge(0.0002)
+    with account.charge_block():
+        pass
+    account.charge_read()
     assert share.remaining_wait_s(account) < 0.0
+
+
+def test_flood_of_reads_or_of_work_waits() -> None:
+    share = LoopShare(0.3)
+    reading, working = share.open_account(), share.open_account()
+    for _ in range(200):
+        reading.charge_read()
+    assert share.remaining_wait_s(reading) > 0.0
+    with working.charge_block():
+        end_s = time.thread_time() + 0.05
+        while time.thread_time() < end_s:
+            pass
+    assert share.remaining_wait_s(working) > 0.0
 
 
 @pytest.mark.parametrize("num_connections", [1, 2, 64])
@@ -35,7 +52,7 @@ def test_flood_of_any_number_of_connections_takes_the_share_of_the_time(
     while clock.now_s < begin_s + 20.0:
         ready = [one for one in accounts if share.remaining_wait_s(one) <= 0.0]
         for account in ready:
-            account.charge(0.002)
+            share.charge(account, 0.002)
             clock.now_s += 0.002
             used_s += 0.002
         clock.now_s += 0.0005
@@ -47,7 +64,7 @@ def test_wait_after_an_expensive_chunk_is_limited() -> None:
     clock = Clock()
     share = LoopShare(0.3, monotonic=clock)
     account = share.open_account()
-    account.charge(60.0)
+    share.charge(account, 60.0)
     assert share.remaining_wait_s(account) == pytest.approx(1.0)
 
 
@@ -55,7 +72,7 @@ def test_connection_that_stopped_counts_no_more() -> None:
     clock = Clock()
     share = LoopShare(0.5, monotonic=clock)
     first, second = share.open_account(), share.open_account()
-    first.charge(0.01)
+    share.charge(first, 0.01)
     clock.now_s += 10.0
-    second.charge(0.05)
+    share.charge(second, 0.05)
     assert share.remaining_wait_s(second) == pytest.approx(0.05 / 0.5 - 0.02)

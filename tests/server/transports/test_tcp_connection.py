@@ -121,16 +121,6 @@ def test_drain_waits_for_a_peer_that_does_not_read() -> None:
     run_scenario(scenario())
 
 
-def test_keepalive_is_set() -> None:
-    async def scenario() -> None:
-        async with connected([]) as (connection, _):
-            end = connection._transport.get_extra_info("socket")  # type: ignore[union-attr] # connected
-            assert end.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
-            assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
-
-    run_scenario(scenario())
-
-
 def test_methods_before_the_socket_is_connected_do_nothing() -> None:
     async def scenario() -> None:
         connection = TcpConnection("peer", on_lost=lambda _: None)

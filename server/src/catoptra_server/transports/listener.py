@@ -22,6 +22,9 @@ _MAX_ACCEPTS_PER_TURN = 16
 # and only burn processor time.
 _ACCEPT_RETRY_S = 1.0
 
+# A peer whose machine or network is gone is noticed within 30 + 3 * 10 s.
+_KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
+
 # Receives an accepted socket and the address of the peer. An OSError closes the socket.
 AcceptCallback = Callable[[socket.socket, str], None]
 
@@ -105,6 +108,7 @@ class AcceptLoop:
     def _hand_over(self, accepted: socket.socket, address: str) -> None:
         try:
             accepted.setblocking(False)
+            _set_keepalive(accepted)
             self._accept(accepted, address)
         except OSError as error:
             log.warning("connection of %s to the %s port closed: %s", address, self._name, error)
@@ -118,6 +122,13 @@ class AcceptLoop:
         )
         self._loop.remove_reader(self._listener)
         self._loop.call_later(_ACCEPT_RETRY_S, self._listen)
+
+
+def _set_keepalive(end: socket.socket) -> None:
+    end.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in _KEEPALIVE_OPTIONS.items():
+        if hasattr(socket, option):
+            end.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
 
 def _describe(error: OSError) -> str:

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 # Part of the loop's time for input of all connections together.
 _SHARE = 0.3
 # Wait below which a connection is read at once: single commands, 0.1 ms each, never wait.
 _BURST_S = 0.02
+# Time of the loop for one read, beside the work that follows: a flood of single bytes costs this.
+_READ_S = 0.0001
 # Longest wait after one chunk.
 _MAX_WAIT_S = 1.0
 
@@ -22,15 +25,21 @@ class LoopShare:
     """Time of the loop for the input of some connections, in equal parts for those in use."""
 
     def __init__(
-        self, share: float = _SHARE, *, monotonic: Callable[[], float] = time.monotonic
+        self,
+        share: float = _SHARE,
+        *,
+        max_wait_s: float = _MAX_WAIT_S,
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """Create a share without connections.
 
         Args:
             share: Part of the loop's time for all connections together, 0 to 1.
+            max_wait_s: Longest wait after one chunk.
             monotonic: Clock, seconds.
         """
         self._share = share
+        self._max_wait_s = max_wait_s
         self._monotonic = monotonic
         self._active: set[LoopAccount] = set()
 
@@ -44,7 +53,7 @@ class LoopShare:
         self._active = {one for one in self._active if one.paid_at_s > now_s} | {account}
         price_s = duration_s * len(self._active) / self._share
         paid_at_s = max(account.paid_at_s, now_s) + price_s
-        account.paid_at_s = min(paid_at_s, now_s + _BURST_S + _MAX_WAIT_S)
+        account.paid_at_s = min(paid_at_s, now_s + _BURST_S + self._max_wait_s)
 
     def remaining_wait_s(self, account: LoopAccount) -> float:
         """Time until a connection may be read; 0 or less for now."""
@@ -63,8 +72,25 @@ class LoopAccount:
         """Record that the connection's input took some time of the loop."""
         self._share.charge(self, duration_s)
 
+    @contextmanager
+    def charge_block(self) -> Iterator[None]:
+        """Charge the processor time of a block to the connection."""
+        # Of this thread: with wall time the connection would pay for other threads, too.
+        begin_s = time.thread_time()
+        yield
+        self.charge(time.thread_time() - begin_s)
+
+    def charge_read(self) -> None:
+        """Charge the loop's time for one read to the connection."""
+        self.charge(_READ_S)
+
+    @property
+    def remaining_wait_s(self) -> float:
+        """Time until the connection may be read; 0 or less for now."""
+        return self._share.remaining_wait_s(self)
+
     async def wait(self) -> None:
         """Wait until the connection may use the loop again; mostly not at all."""
-        wait_s = self._share.remaining_wait_s(self)
+        wait_s = self.remaining_wait_s
         if wait_s > 0.0:
             await asyncio.sleep(wait_s)

@@ -10,8 +10,6 @@ from typing import cast
 
 # A chunk of input: a turn of the loop handles at most some 100 commands.
 READ_BYTES = 4 * 1024
-# A peer whose machine or network is gone is noticed within 30 + 3 * 10 s.
-_KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
 # States in the first byte of Linux's TCP_INFO: open, and after the peer's FIN.
 _ESTABLISHED = 1
 _CLOSE_WAIT = 8
@@ -117,11 +115,6 @@ class TcpConnection(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin; called by asyncio."""
         self._transport = cast(asyncio.Transport, transport)
-        end = transport.get_extra_info("socket")
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in _KEEPALIVE_OPTIONS.items():
-            if hasattr(socket, option):
-                end.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
     def get_buffer(self, sizehint: int) -> bytearray:
         """Buffer of the next read; called by asyncio."""

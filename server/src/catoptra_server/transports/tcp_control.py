@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractAsyncContextManager
+from contextlib import AbstractAsyncContextManager, nullcontext
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
@@ -87,15 +86,13 @@ class ControlPeer:
             for command in self._parse(data):
                 self._connection.has_handshake = True
                 await self._post_in_turn(self._make_event(command))
+            self._account.charge_read()
             await self._account.wait()
         await self._finish()
 
     def _parse(self, data: bytes) -> list[Command]:
-        # Processor time of this thread: with wall time the client would pay for other threads.
-        begin_s = time.thread_time()
-        commands = self._protocol.receive(data)
-        self._account.charge(time.thread_time() - begin_s)
-        return commands
+        with self._account.charge_block():
+            return self._protocol.receive(data)
 
     def _make_event(self, command: Command) -> CommandReceived | StepRequested:
         if isinstance(command, Step):
@@ -142,14 +139,12 @@ class ControlPeer:
         is_periodic = all(report.WORD in _PERIODIC_WORDS for report in reports)
         if unsent > _DROP_PERIODIC_ABOVE_BYTES and is_periodic:
             return
-        begin_s = time.thread_time()
-        # One write for all: clients that read line by line from one segment lose least that way.
-        data = b"".join(map(self._encode, reports))
-        log.debug("to %s: %r", self._connection.address, data)
-        self._connection.write(data)
         # Replies are the client's use of the loop; periodic reports come without its doing.
-        if not is_periodic:
-            self._account.charge(time.thread_time() - begin_s)
+        with nullcontext() if is_periodic else self._account.charge_block():
+            # One write for all: clients that read line by line from one segment lose least so.
+            data = b"".join(map(self._encode, reports))
+            self._connection.write(data)
+        log.debug("to %s: %r", self._connection.address, data)
 
     def _encode(self, report: Report) -> bytes:
         """Bytes of a report; empty for an invalid one, so that the others are sent."""

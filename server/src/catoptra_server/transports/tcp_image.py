@@ -19,6 +19,7 @@ from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, ImagePortChannel
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.transports.loop_share import LoopAccount, LoopShare
 from catoptra_server.transports.tcp_connection import TcpConnection
 from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer, serve_tcp
 
@@ -61,10 +62,12 @@ def serve_images(
         OSError: The port is not available.
     """
 
+    share = LoopShare()
+
     async def handle_connection(connection: TcpConnection) -> None:
         address = connection.address
         log.info("image client %s connected", address)
-        peer = _ImagePeer(connection, mailboxes, options)
+        peer = _ImagePeer(connection, mailboxes, options, share.open_account())
         try:
             await peer.answer_requests()
         except ChannelUnavailableError as error:
@@ -88,11 +91,16 @@ class _ImagePeer:
     """One connection."""
 
     def __init__(
-        self, connection: TcpConnection, mailboxes: Mailboxes, options: ImageOptions
+        self,
+        connection: TcpConnection,
+        mailboxes: Mailboxes,
+        options: ImageOptions,
+        account: LoopAccount,
     ) -> None:
         self._connection = connection
         self._mailboxes = mailboxes
         self._options = options
+        self._account = account
         self._subscriptions: dict[Channel, tuple[Mailbox, int]] = {}
         self.num_sent = 0
 
@@ -110,6 +118,8 @@ class _ImagePeer:
             for request in requests.receive(data):
                 self._connection.has_handshake = True
                 await self._answer(request)
+            self._account.charge_read()
+            await self._account.wait()
 
     async def _answer(self, request: FullFrameRequest | RegionRequest) -> None:
         channel, region = _select_channel(request, self._options.multi_view)
