@@ -142,6 +142,9 @@ def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
         ("--robot", "x", "--world", "y", "--max-connections", "0"),
         ("--robot", "x", "--world", "y", "--handshake-timeout", "-1"),
         ("--robot", "x", "--world", "y", "--idle-timeout", "nan"),
+        ("--robot", "x", "--world", "y", "--memory-limit-mib", "0"),
+        ("--robot", "x", "--world", "y", "--memory-limit-mib", "1073741824"),
+        ("--robot", "x", "--world", "y", "--multi-view", "1000x1000:4x4"),
         ("--robot", "x", "--world", "y", "--multi-view", "2x2"),
         ("--robot", "x", "--world", "y", "--multi-view", "0x2:320x240"),
         ("--robot", "x", "--world", "y", "--multi-view", "300x1:320x240"),
@@ -256,6 +259,25 @@ def test_command_line_with_an_accuracy_target_is_read() -> None:
     options = parse_options("--max-error-px", "0.5", "--budget-ms", "0")
     assert (options.max_error_px, options.budget_ms) == (0.5, 0.0)
     assert parse_options().max_error_px is None
+
+
+def test_command_line_with_a_memory_limit_is_read() -> None:
+    assert parse_options("--memory-limit-mib", "4096").memory_limit_mib == 4096
+    assert parse_options().memory_limit_mib == 1024
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--memory-limit-mib", "50"), "ResolutionX='360 x 360 px, Samples=2'"),
+        (("--multi-view", "1x1:4000x4000"), "='a tile of 4000 x 4000 px'"),
+    ],
+)
+def test_camera_beyond_the_memory_limit_is_rejected(
+    capfd: pytest.CaptureFixture[str], options: tuple[str, ...], expected: str
+) -> None:
+    line = start_error(capfd, "--robot", "p2at_omni", "--world", str(FIELD), *options)
+    assert expected in line
 
 
 def test_image_port_when_there_is_none_is_announced_as_off(

@@ -10,6 +10,7 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.server_file import resolve_settings
+from catoptra_server.memory_budget import MIB
 from catoptra_server.robot.robot_description import RobotDescription, SensorDescription
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.startup import StartupConfig, create_ray_caster, read_startup_config
@@ -86,3 +87,10 @@ def test_ray_caster_casts_rays_with_and_without_range_sensors(
     distances, normals = caster.closest_hits(origins, ahead)
     assert distances == pytest.approx([50.0])
     assert abs(normals) == pytest.approx(ahead)
+
+
+def test_startup_with_a_scene_beyond_the_memory_limit_raises(tmp_path: Path) -> None:
+    band = "SphereBands=(Radius=1,From=0,To=90,Sectors=512,Rings=512)"
+    world = write_small_world(tmp_path, band)
+    with pytest.raises(ConfigError, match=r"SphereBands1='524288 triangles'.*limit of 200 "):
+        read_startup_config([write_small_robot(tmp_path)], world, limit_bytes=200 * MIB)

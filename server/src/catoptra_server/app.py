@@ -21,10 +21,12 @@ from catoptra_protocol.usarsim.reports import Greeting
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.server_file import ServerOptions, ServerSettings, resolve_settings
+from catoptra_server.config.tile_memory import require_tiles_fit
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.frames.mounted_camera import mounted_camera_state
 from catoptra_server.frames.render_thread import RenderThread
 from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
+from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MIB
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
 from catoptra_server.planning.explicit_plan import requested_samples
@@ -84,6 +86,8 @@ class Options:
     """Tolerance of every camera, pixels; None = that of the robot's file."""
     budget_ms: float | None = None
     """Time budget of every camera, milliseconds per frame; None = that of the robot's file."""
+    memory_limit_mib: int = DEFAULT_LIMIT_BYTES // MIB
+    """Memory that each camera's view may take, and the world's meshes and textures together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,13 +118,22 @@ async def serve(
         CatoptraError: if the configuration is wrong, no renderer can run, or a thread failed.
         OSError: if a port cannot be opened.
     """
-    startup = await asyncio.to_thread(
-        read_startup_config, options.robot_files, options.world_file, options.server_file
-    )
+    startup = await asyncio.to_thread(_read_startup_config, options)
     await asyncio.to_thread(load_request_modules)
     server = _ServerProcess(_apply_accuracy_target(startup, options), options, on_failure=stop.set)
     async with server.run():
         await _open_ports(server, announce, stop)
+
+
+def _read_startup_config(options: Options) -> StartupConfig:
+    """Content of the configuration files, all of whose cameras fit into memory."""
+    limit_bytes = options.memory_limit_mib * MIB
+    startup = read_startup_config(
+        options.robot_files, options.world_file, options.server_file, limit_bytes=limit_bytes
+    )
+    settings = resolve_settings(startup.server_options, options.server_options)
+    require_tiles_fit(startup.robots, settings.multi_view, limit_bytes=limit_bytes)
+    return startup
 
 
 async def _open_ports(

@@ -27,6 +27,7 @@ from catoptra_server.config.server_file import (
 from catoptra_server.descriptor_limit import raise_descriptor_limit
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.logs.log_writer import LogWriter, write_log
+from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MAX_LIMIT_MIB, MIB
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.simulation import ClockMode
 from catoptra_server.termination import Termination
@@ -162,6 +163,9 @@ def _build_parser() -> argparse.ArgumentParser:
     add("--budget-ms", type=_parse_non_negative, metavar="MS",
         help="time budget of every camera: the most accurate plan that takes no longer per frame; "
         "0 = no budget")  # fmt: skip
+    add("--memory-limit-mib", type=_parse_memory_limit, default=DEFAULT_LIMIT_BYTES // MIB,
+        metavar="MIB", help="memory of each camera's view, and of the world's meshes and textures "
+        "together (default 1024); larger files are rejected")  # fmt: skip
     add("--clock", choices=[c.value for c in ClockMode], default=ClockMode.REALTIME.value,
         help="lockstep: time passes only when a client sends STEP")  # fmt: skip
     add("--seed", type=int, default=0, help="seed of all random numbers")
@@ -184,6 +188,7 @@ def _make_options(parsed: argparse.Namespace) -> tuple[Options, int]:
         seed=parsed.seed,
         max_error_px=parsed.max_error_px,
         budget_ms=parsed.budget_ms,
+        memory_limit_mib=parsed.memory_limit_mib,
     )
     return options, logging.DEBUG if parsed.verbose else logging.INFO
 
@@ -242,6 +247,13 @@ def _parse_timeout(text: str) -> float:
     if not 0.0 <= timeout_s <= MAX_TIMEOUT_S:
         raise argparse.ArgumentTypeError(f"a time-out is 0 to {MAX_TIMEOUT_S:g} s, not {text}")
     return timeout_s
+
+
+def _parse_memory_limit(text: str) -> int:
+    limit_mib = int(text)
+    if not 1 <= limit_mib <= MAX_LIMIT_MIB:
+        raise argparse.ArgumentTypeError(f"a limit is 1 to {MAX_LIMIT_MIB} MiB, not {limit_mib}")
+    return limit_mib
 
 
 def _parse_frame_skip(text: str) -> int:

@@ -15,6 +15,8 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 MIB = 2**20
 # A camera of 2048 px at 2 x 2 samples, or a world of 1.3 million triangles, fits.
 DEFAULT_LIMIT_BYTES = 1024 * MIB
+# A tebibyte: a larger number is taken for bytes.
+MAX_LIMIT_MIB = 2**20
 
 # A triangle in NumPy arrays and in the structures of either renderer: 650 to 720.
 BYTES_PER_TRIANGLE = 750

@@ -14,6 +14,7 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.world_file import read_world
+from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
@@ -41,7 +42,11 @@ class StartupConfig:
 
 
 def read_startup_config(
-    robots: Sequence[Path], world: Path, server: Path | None = None
+    robots: Sequence[Path],
+    world: Path,
+    server: Path | None = None,
+    *,
+    limit_bytes: int = DEFAULT_LIMIT_BYTES,
 ) -> StartupConfig:
     """Read all configuration files, and log their unknown keys.
 
@@ -49,11 +54,12 @@ def read_startup_config(
         robots: robot files; of the server's options a later file overrides an earlier one.
         world: the world file.
         server: file with the server's own sections, which overrides those of robot files.
+        limit_bytes: memory that each camera's view may take, and the scene as a whole.
 
     Raises:
         ConfigError: with file, line, key, value and the expected form.
     """
-    contents = [read_robots(robot) for robot in robots]
+    contents = [read_robots(robot, limit_bytes=limit_bytes) for robot in robots]
     world_description, world_file = read_world(world)
     robot_files = [file for _, file in contents]
     server_files = [_read_server_file(server)] if server is not None else []
@@ -64,7 +70,8 @@ def read_startup_config(
     for file in (*robot_files, world_file, *server_files):
         _warn_unknown_keys(file)
     descriptions = tuple(description for robot, _ in contents for description in robot)
-    return StartupConfig(descriptions, world_description, build_scene(world_description), options)
+    scene = build_scene(world_description, MemoryBudget(limit_bytes))
+    return StartupConfig(descriptions, world_description, scene, options)
 
 
 def load_request_modules() -> None:

@@ -36,8 +36,6 @@ def test_view_of_a_trace_plan_has_no_faces() -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(320, 240), (1, 1)])
-def test_view_of_a_perspective_camera_has_a_texel_a_sample(width: int, height: int) -> None:
-    pixels = width * height
-    assert perspective_view_size(PerspectiveCamera(width, height, 1.0)) == ViewSize(
-        pixels, 4, num_texels=4 * pixels
-    )
+def test_view_of_a_perspective_camera_has_four_samples_a_pixel(width: int, height: int) -> None:
+    size = perspective_view_size(PerspectiveCamera(width, height, 1.0))
+    assert size == ViewSize(width * height, 4)
