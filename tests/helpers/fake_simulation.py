@@ -19,6 +19,7 @@ from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.simulation import SimulationEvent
 from catoptra_server.transports.stream.server_info import CameraInfo, ServerInfo
 from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
+from catoptra_server.transports.tcp_server import ConnectionLimits
 from helpers.loopback import HOST
 from helpers.robots import FakeViewProvider, make_p2at
 from helpers.stream_messages import CAMERA_MODEL
@@ -94,7 +95,9 @@ class FakeSimulation:
 
 
 @asynccontextmanager
-async def serve_fake_simulation(simulation: FakeSimulation) -> AsyncIterator[StreamServer]:
+async def serve_fake_simulation(
+    simulation: FakeSimulation, *, limits: ConnectionLimits | None = None
+) -> AsyncIterator[StreamServer]:
     """Serve a fake simulation on a free port."""
     simulation.mailboxes = Mailboxes(simulation.post, prefetch=False)
     async with serve_stream(
@@ -104,5 +107,6 @@ async def serve_fake_simulation(simulation: FakeSimulation) -> AsyncIterator[Str
         post=simulation.post,
         server_info=SERVER_INFO,
         query_plan=lambda _, camera, reply: reply(FakeViewProvider().view_state(camera)),
+        limits=limits or ConnectionLimits(),
     ) as server:
         yield server

@@ -43,6 +43,10 @@ from catoptra_server.startup import (
 )
 from catoptra_server.transports.connection_budget import fit_connections
 from catoptra_server.transports.network_exposure import warn_of_exposure
+from catoptra_server.transports.stream.connection_guard import (
+    DESCRIPTORS_PER_CONNECTION,
+    MAX_CONNECTIONS,
+)
 from catoptra_server.transports.stream.server_info import build_server_info
 from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from catoptra_server.transports.tcp_control import serve_control
@@ -158,8 +162,9 @@ async def _open_ports(
         log.info("stopping")
 
 
-# Parts of the process's descriptors for control and image connections; the rest is the stream's.
+# Parts of the process's descriptors for the connections of control port, image port and stream.
 _TCP_DESCRIPTOR_SHARE = 0.25
+_STREAM_DESCRIPTOR_SHARE = 0.5
 
 
 def _serve_control_port(server: _ServerProcess) -> AbstractAsyncContextManager[TcpServer]:
@@ -206,7 +211,18 @@ def _serve_stream_port(server: _ServerProcess) -> AbstractAsyncContextManager[St
             startup.robots, startup.world, clock=clock, plans=server.plans
         ),
         query_plan=server.render_thread.query_plan,
+        limits=_make_stream_limits(settings),
     )
+
+
+def _make_stream_limits(settings: ServerSettings) -> ConnectionLimits:
+    fitting = fit_connections(
+        MAX_CONNECTIONS,
+        share=_STREAM_DESCRIPTOR_SHARE,
+        descriptors_each=DESCRIPTORS_PER_CONNECTION,
+        name="stream",
+    )
+    return ConnectionLimits(fitting, settings.handshake_timeout_s, settings.idle_timeout_s)
 
 
 class _ServerProcess:

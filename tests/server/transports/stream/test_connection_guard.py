@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import errno
+import select
 import socket
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
@@ -12,32 +12,15 @@ from pathlib import Path
 
 import pytest
 
+from catoptra_server.transports.listener import create_listener
 from catoptra_server.transports.stream import connection_guard
-from catoptra_server.transports.stream.connection_guard import ConnectionGuard, create_listener
-from helpers.loopback import HOST, SMALL_BUFFER_BYTES, Streams, run_scenario
-from helpers.zmtp import GREETING, MORE, READY, zmtp_frame
+from catoptra_server.transports.stream.connection_guard import ConnectionGuard
+from catoptra_server.transports.tcp_server import ConnectionLimits
+from helpers.loopback import HOST, SMALL_BUFFER_BYTES, Streams, run_scenario, wait_until
+from helpers.zmtp import GREETING, LONG, MORE, READY, zmtp_frame
 
 HELLO = GREETING + READY
-
-
-class ExhaustedListener:
-    """A listening socket whose system has no descriptor for the first connection."""
-
-    def __init__(self) -> None:
-        self._listener = create_listener(HOST, 0)
-        self.fileno = self._listener.fileno
-        self.getsockname = self._listener.getsockname
-        self.close = self._listener.close
-        self.num_failed = 0
-
-    def accept(self) -> tuple[socket.socket, tuple[str, int]]:
-        if not self.num_failed:
-            self.num_failed += 1
-            raise OSError(errno.EMFILE, "Too many open files")
-        return self._listener.accept()
-
-
-Listener = socket.socket | ExhaustedListener
+REQUEST = zmtp_frame(b"request")
 
 
 @dataclass
@@ -49,12 +32,14 @@ class GuardedPort:
 
 
 @asynccontextmanager
-async def open_guard(folder: Path, listener: Listener | None = None) -> AsyncIterator[GuardedPort]:
+async def open_guard(
+    folder: Path, limits: ConnectionLimits | None = None
+) -> AsyncIterator[GuardedPort]:
     accepted: asyncio.Queue[Streams] = asyncio.Queue()
     path = str(folder / "inside")
     server = await asyncio.start_unix_server(lambda *ends: accepted.put_nowait(ends), path)
-    bound = listener or create_listener(HOST, 0)
-    guard = ConnectionGuard(bound, path)
+    bound = create_listener(HOST, 0, name="stream")
+    guard = ConnectionGuard(bound, path, limits=limits or ConnectionLimits())
     try:
         yield GuardedPort(bound.getsockname()[1], accepted)
     finally:
@@ -68,6 +53,19 @@ def connect_client(port: int) -> Iterator[socket.socket]:
     with socket.create_connection((HOST, port)) as end:
         end.setblocking(False)
         yield end
+
+
+async def write_until_blocked(writer: asyncio.StreamWriter) -> int:
+    """Write blocks of 1 MB until one stays in this process; their number, at most 100."""
+    writer.transport.set_write_buffer_limits(0)
+    written = 0
+    # The kernel buffers a few megabytes.
+    while written < 100 and writer.transport.get_write_buffer_size() == 0:
+        writer.write(bytes(1_000_000))
+        written += 1
+        for _ in range(100):
+            await asyncio.sleep(0)
+    return written
 
 
 async def relay(folder: Path, sent: bytes) -> bytes:
@@ -84,7 +82,7 @@ async def relay(folder: Path, sent: bytes) -> bytes:
 def test_bytes_when_larger_than_every_buffer_pass_both_ways_unchanged(tmp_path: Path) -> None:
     async def scenario() -> None:
         loop = asyncio.get_running_loop()
-        up = HELLO + 3000 * zmtp_frame(bytes(range(250)))
+        up = HELLO + 100 * zmtp_frame(bytes(8 * 1024), LONG)
         down = bytes(range(256)) * 16_000
         async with open_guard(tmp_path) as guard:
             with connect_client(guard.port) as end:
@@ -149,39 +147,120 @@ def test_client_when_it_reads_nothing_blocks_the_inside(tmp_path: Path) -> None:
                 unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
                 unread.connect((HOST, guard.port))
                 _, writer = await guard.accepted.get()
-                writer.transport.set_write_buffer_limits(0)
-                block, written = bytes(1_000_000), 0
-                # Ends when a block stays in this process: the kernel buffers a few megabytes.
-                while written < 100 and writer.transport.get_write_buffer_size() == 0:
-                    writer.write(block)
-                    written += 1
-                    for _ in range(100):
-                        await asyncio.sleep(0)
-                assert written < 100
+                assert await write_until_blocked(writer) < 100
                 writer.transport.abort()
 
     run_scenario(scenario())
 
 
-def test_connection_when_the_limit_is_reached_is_closed_and_the_others_stay(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_connection_when_the_limit_is_reached_is_closed_and_those_with_requests_stay(
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(connection_guard, "MAX_CONNECTIONS", 1)
-
     async def scenario() -> None:
         loop = asyncio.get_running_loop()
-        async with open_guard(tmp_path) as guard:
+        async with open_guard(tmp_path, ConnectionLimits(max_connections=1)) as guard:
             with connect_client(guard.port) as first:
                 reader, writer = await guard.accepted.get()
+                first.send(HELLO + REQUEST)
+                assert await reader.readexactly(len(HELLO + REQUEST)) == HELLO + REQUEST
                 with connect_client(guard.port) as second:
                     assert await loop.sock_recv(second, 1) == b""
-                first.send(HELLO)
-                assert await reader.readexactly(len(HELLO)) == HELLO
+                first.send(REQUEST)
+                assert await reader.readexactly(len(REQUEST)) == REQUEST
             assert await reader.read() == b""
             with connect_client(guard.port):  # below the limit again
                 _, other = await guard.accepted.get()
             for end in (writer, other):
                 end.close()
+
+    run_scenario(scenario())
+
+
+def test_connection_without_a_request_makes_room_at_the_limit(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        loop = asyncio.get_running_loop()
+        async with open_guard(tmp_path, ConnectionLimits(max_connections=2)) as guard:
+            with connect_client(guard.port) as oldest, connect_client(guard.port) as newer:
+                ends = [await guard.accepted.get() for _ in range(2)]
+                for end in (oldest, newer):
+                    end.send(HELLO)  # a handshake alone keeps no place
+                with connect_client(guard.port):
+                    ends.append(await guard.accepted.get())
+                    assert await loop.sock_recv(oldest, 1) == b""
+                    newer.send(REQUEST)
+                    assert await ends[1][0].readexactly(len(HELLO + REQUEST)) == HELLO + REQUEST
+            for _, writer in ends:
+                writer.close()
+
+    run_scenario(scenario())
+
+
+def test_connection_without_a_request_in_time_is_closed_and_others_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection_guard, "_CHECK_INTERVAL_S", 0.01)
+
+    async def scenario() -> None:
+        loop = asyncio.get_running_loop()
+        async with open_guard(tmp_path, ConnectionLimits(handshake_timeout_s=0.2)) as guard:
+            with connect_client(guard.port) as served, connect_client(guard.port) as idle:
+                served.send(HELLO + REQUEST)
+                idle.send(HELLO)
+                ends = [await guard.accepted.get() for _ in range(2)]
+                assert await loop.sock_recv(idle, 1) == b""
+                served.send(REQUEST)
+                size = len(HELLO + REQUEST + REQUEST)
+                assert len(await ends[0][0].readexactly(size)) == size
+            for _, writer in ends:
+                writer.close()
+
+    run_scenario(scenario())
+
+
+def test_connection_when_the_router_ends_it_and_the_client_reads_nothing_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection_guard, "_CHECK_INTERVAL_S", 0.01)
+
+    async def scenario() -> None:
+        async with open_guard(tmp_path) as guard:
+            with socket.socket() as unread:
+                unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
+                unread.connect((HOST, guard.port))
+                _, writer = await guard.accepted.get()
+                await write_until_blocked(writer)
+                writer.transport.abort()
+                # A reset, which an ordinary close after the last bytes would not be.
+                unread.setblocking(False)
+                end_poll = select.poll()
+                end_poll.register(unread, 0)
+                await wait_until(lambda: bool(end_poll.poll(0)), "reset of the connection")
+
+    run_scenario(scenario())
+
+
+def test_flood_of_messages_is_held_back_and_single_ones_pass_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection_guard, "_MESSAGE_COST_S", 0.01)
+
+    async def scenario() -> None:
+        loop = asyncio.get_running_loop()
+        async with open_guard(tmp_path) as guard:
+            with connect_client(guard.port) as flooding, connect_client(guard.port) as other:
+                ends = [await guard.accepted.get() for _ in range(2)]
+                flood = asyncio.create_task(loop.sock_sendall(flooding, HELLO + 100_000 * REQUEST))
+                other.send(HELLO)
+                await ends[1][0].readexactly(len(HELLO))
+                for _ in range(3):
+                    other.send(REQUEST)
+                    assert await ends[1][0].readexactly(len(REQUEST)) == REQUEST
+                # The first read of 1 KiB is 100 messages: 1 s of work, that may take 7 s.
+                with pytest.raises(TimeoutError):
+                    await asyncio.wait_for(ends[0][0].readexactly(1025), 0.3)
+                flood.cancel()
+            for _, writer in ends:
+                writer.close()
 
     run_scenario(scenario())
 
@@ -207,24 +286,3 @@ def test_connections_when_the_guard_closes_are_ended(tmp_path: Path) -> None:
             assert end.recv(1) == b""
 
     run_scenario(scenario())
-
-
-def test_connection_when_descriptors_are_exhausted_is_accepted_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(connection_guard, "_ACCEPT_RETRY_S", 0.0)
-
-    async def scenario() -> None:
-        listener = ExhaustedListener()
-        async with open_guard(tmp_path, listener) as guard:
-            with connect_client(guard.port):
-                _, writer = await guard.accepted.get()
-                writer.close()
-        assert listener.num_failed == 1
-
-    run_scenario(scenario())
-
-
-def test_host_when_unknown_raises_os_error_with_its_name() -> None:
-    with pytest.raises(OSError, match=r"stream port no\.such\.host\.invalid:5005: "):
-        create_listener("no.such.host.invalid", 5005)

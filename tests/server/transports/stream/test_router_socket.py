@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.transports.stream.router_socket import RouterSocket, SendResult
+from catoptra_server.transports.tcp_server import ConnectionLimits
 from helpers.loopback import HOST, run_scenario
 from helpers.stream_peer import connect_raw_peer
 from helpers.zmtp import LONG, MORE, connect_with_handshake, send_until_disconnect, zmtp_frame
@@ -31,6 +32,7 @@ class RouterFixture:
         self.socket = RouterSocket(
             host,
             0,
+            limits=ConnectionLimits(),
             on_message=lambda peer, parts: self.received.put_nowait((peer, parts)),
             on_disconnect=self.ended.put_nowait,
         )
@@ -169,7 +171,9 @@ def test_port_when_in_use_raises_os_error_with_its_number() -> None:
         with socket.create_server((HOST, 0)) as in_use:
             port = in_use.getsockname()[1]
             with pytest.raises(OSError, match=f"stream port 127.0.0.1:{port}: Address already"):
-                RouterSocket(HOST, port, on_message=print, on_disconnect=print)
+                RouterSocket(
+                    HOST, port, limits=ConnectionLimits(), on_message=print, on_disconnect=print
+                )
 
     run_scenario(scenario())
 
@@ -244,7 +248,7 @@ def test_socket_when_its_private_endpoint_fails_names_the_remedy(
 
     async def scenario() -> None:
         with pytest.raises(OSError, match="set TMPDIR to a short, writable path"):
-            RouterSocket(HOST, 0, on_message=print, on_disconnect=print)
+            RouterSocket(HOST, 0, limits=ConnectionLimits(), on_message=print, on_disconnect=print)
         assert list(deep.iterdir()) == []
 
     run_scenario(scenario())

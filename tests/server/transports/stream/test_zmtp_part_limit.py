@@ -70,3 +70,26 @@ OTHER_GREETINGS = {
 def test_greeting_when_not_of_zmtp_3_raises(greeting: bytes) -> None:
     with pytest.raises(RemoteProtocolError, match="no greeting of ZMTP 3"):
         feed_pieces(greeting, 64)
+
+
+@pytest.mark.parametrize("piece_bytes", PIECES.values(), ids=PIECES)
+@pytest.mark.parametrize(
+    ("data", "num_messages", "num_parts"),
+    [
+        (b"", 0, 1),
+        (PING, 0, 2),
+        (PART + PING, 0, 3),
+        (PART + LAST, 1, 3),
+        (LAST[:-1], 0, 2),
+        (3 * zmtp_frame(b""), 3, 4),
+        (zmtp_frame(bytes(300), LONG) + LAST, 2, 3),
+    ],
+)
+def test_messages_are_counted_when_they_are_complete(
+    data: bytes, num_messages: int, num_parts: int, piece_bytes: int
+) -> None:
+    counter = ZmtpPartCounter()
+    whole = GREETING + READY + data
+    for start in range(0, len(whole), piece_bytes):
+        counter.feed(whole[start : start + piece_bytes])
+    assert (counter.num_messages, counter.num_parts) == (num_messages, num_parts)

@@ -1,104 +1,86 @@
-"""The public port of the stream: a relay to the private ROUTER that ends endless messages.
+"""The public port of the stream: a relay to the private ROUTER that limits what clients can use.
 
-Bytes pass unchanged both ways, over a local socket that only this user can open. At most one read
-per direction is buffered here: bytes that the ROUTER does not accept stay in the client's TCP
-connection, and vice versa. Measured in tests/measurements/unterminated_messages.py.
+Bytes pass unchanged both ways, over a local socket that only this user can open. A message without
+an end, a flood of requests, a connection without a request: each is held back or ended here, where
+ZeroMQ has no limit. At most one read per direction is buffered: bytes that the ROUTER does not
+accept stay in the client's TCP connection, and vice versa. Measured in
+tests/measurements/unterminated_messages.py.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import select
 import socket
+import struct
 from collections.abc import Callable
 
 from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_server.transports.listener import AcceptLoop
+from catoptra_server.transports.loop_share import LoopAccount, LoopShare
+from catoptra_server.transports.stream.relay import Relay
 from catoptra_server.transports.stream.zmtp_part_limit import ZmtpPartCounter
+from catoptra_server.transports.tcp_server import ConnectionLimits
 
 log = logging.getLogger(__name__)
 
-# All clients and some more, which get an error in reply; each takes three file descriptors, and
-# many systems give a process 1024.
+# All clients and some more, which get an error in reply.
 MAX_CONNECTIONS = 288
-# Requests are small; a frame should take few turns of the loop.
-_UPSTREAM_READ_BYTES = 8 * 1024
+# The client's socket, and two ends of the local one.
+DESCRIPTORS_PER_CONNECTION = 3
+# Requests are small: one read is a few of them, so that a flood is held back before it has cost
+# much.
+_UPSTREAM_READ_BYTES = 1024
+# A frame should take few turns of the loop.
 _DOWNSTREAM_READ_BYTES = 256 * 1024
-# Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
-# and only burn processor time.
-_ACCEPT_RETRY_S = 1.0
-
-CheckBytes = Callable[[bytes], None]
-CloseCallback = Callable[[Exception | None], None]
-
-
-def create_listener(host: str, port: int) -> socket.socket:
-    """Listening socket on the first address of a host.
-
-    Raises:
-        OSError: The address is not available; names host and port.
-    """
-    try:
-        infos = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-        family, _, _, _, address = infos[0]
-        # One socket for IPv4 and IPv6, where the system supports both on one.
-        dual = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
-        listener = socket.create_server(
-            address, family=family, backlog=MAX_CONNECTIONS, dualstack_ipv6=dual
-        )
-    except OSError as error:
-        raise OSError(error.errno, f"stream port {host}:{port}: {error.strerror}") from error
-    listener.setblocking(False)
-    return listener
+# Time of the loop for a request with its reply, measured as 0.12 to 0.19 ms; for a part, and for a
+# read.
+_MESSAGE_COST_S = 0.2e-3
+_PART_COST_S = 2e-6
+_READ_COST_S = 50e-6
+# A read of the smallest messages costs 0.1 s, and ten thousand seconds of a flood of many clients.
+_MAX_WAIT_S = 60.0
+_CHECK_INTERVAL_S = 0.25
 
 
 class ConnectionGuard:
-    """A listening socket, and its connections to the Unix socket at `path`."""
+    """The connections of a listening socket to the Unix socket at a path."""
 
-    def __init__(self, listener: socket.socket, path: str) -> None:
+    def __init__(self, listener: socket.socket, path: str, *, limits: ConnectionLimits) -> None:
+        """Begin to accept connections.
+
+        Args:
+            listener: Listening socket, which the guard owns from now on.
+            path: Path of the ROUTER's socket.
+            limits: Number of connections, and time for the first request; there is no limit of
+                idleness, since ZeroMQ checks idle connections by PING.
+        """
         self._loop = asyncio.get_running_loop()
-        self._listener = listener
         self._path = path
-        self._connections: set[_GuardedConnection] = set()
-        self._listen()
+        self._limits = limits
+        self._loop_share = LoopShare(max_wait_s=_MAX_WAIT_S)
+        # In the order of acceptance.
+        self._connections: dict[_GuardedConnection, None] = {}
+        self._accept_loop = AcceptLoop(listener, self._accept, name="stream")
+        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
 
     def close(self) -> None:
         """Release the port and close every connection."""
-        self._loop.remove_reader(self._listener)
-        self._listener.close()
+        self._accept_loop.close()
+        self._check.cancel()
         for connection in list(self._connections):
             connection.close()
 
-    def _listen(self) -> None:
-        # The guard may have been closed while a retry was pending.
-        if self._listener.fileno() >= 0:
-            self._loop.add_reader(self._listener, self._accept)
-
-    def _accept(self) -> None:
-        try:
-            client_socket, address = self._listener.accept()
-        # The client has disconnected between the event and this call.
-        except (BlockingIOError, ConnectionAbortedError):
-            return
-        except OSError as error:
-            log.warning("stream port accepts no connection for %g s: %s", _ACCEPT_RETRY_S, error)
-            self._loop.remove_reader(self._listener)
-            self._loop.call_later(_ACCEPT_RETRY_S, self._listen)
-            return
-        try:
-            self._open_connection(client_socket, address[0])
-        except OSError as error:
-            log.warning("stream connection of %s closed: %s", address[0], error)
-            client_socket.close()
-
-    def _open_connection(self, client_socket: socket.socket, client_host: str) -> None:
-        if len(self._connections) >= MAX_CONNECTIONS:
-            raise OSError(f"the limit of {MAX_CONNECTIONS} connections is reached")
+    def _accept(self, client_socket: socket.socket, address: str) -> None:
+        if len(self._connections) >= self._limits.max_connections and not self._make_room():
+            limit = f"the limit of {self._limits.max_connections} connections is reached"
+            raise ConnectionRefusedError(limit)
         # A reply must not wait for the acknowledgement of the one before.
         client_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         router_socket = socket.socket(socket.AF_UNIX)
         try:
-            for end in (client_socket, router_socket):
-                end.setblocking(False)
+            router_socket.setblocking(False)
             router_socket.connect(self._path)
         except OSError:
             router_socket.close()
@@ -106,10 +88,43 @@ class ConnectionGuard:
         connection = _GuardedConnection(
             client_socket,
             router_socket,
-            client_host=client_host,
-            on_close=self._connections.discard,
+            address=address,
+            account=self._loop_share.open_account(),
+            on_close=self._connections.pop,
         )
-        self._connections.add(connection)
+        self._connections[connection] = None
+
+    def _make_room(self) -> bool:
+        """Close the oldest connection without a whole request; False if there is none."""
+        oldest = next((one for one in self._connections if not one.has_request), None)
+        if oldest is None:
+            return False
+        log.info("stream connection of %s closed for a newcomer: no request", oldest.address)
+        oldest.close()
+        return True
+
+    def _check_connections(self) -> None:
+        """Close connections without a request in time, and those that the ROUTER has ended."""
+        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
+        limit_s = self._limits.handshake_timeout_s
+        opened_before_s = self._loop.time() - limit_s
+        for connection in list(self._connections):
+            if limit_s and not connection.has_request and connection.opened_s < opened_before_s:
+                log.info(
+                    "stream connection of %s closed: no request in %g s",
+                    *(connection.address, limit_s),
+                )
+                connection.close()
+        self._close_ended()
+
+    def _close_ended(self) -> None:
+        """Close connections whose end of the ROUTER is shut down while the client reads nothing."""
+        blocked = {one.router_fd: one for one in self._connections if one.is_client_blocked}
+        poll = select.poll()
+        for descriptor in blocked:
+            poll.register(descriptor, 0)  # hang-ups and errors are always reported
+        for descriptor, _ in poll.poll(0):
+            blocked[descriptor].close()
 
 
 class _GuardedConnection:
@@ -120,101 +135,78 @@ class _GuardedConnection:
         client_socket: socket.socket,
         router_socket: socket.socket,
         *,
-        client_host: str,
-        on_close: Callable[[_GuardedConnection], None],
+        address: str,
+        account: LoopAccount,
+        on_close: Callable[[_GuardedConnection], object],
     ) -> None:
         self._sockets = (client_socket, router_socket)
-        self._client_host = client_host
+        self.address = address
+        self.opened_s = asyncio.get_running_loop().time()
+        self._account = account
         self._on_close = on_close
-        check = ZmtpPartCounter().feed
-        _Relay(
+        self._counter = ZmtpPartCounter()
+        self._upstream = Relay(
             client_socket,
             router_socket,
             read_bytes=_UPSTREAM_READ_BYTES,
-            check=check,
+            inspect=self._inspect,
             on_end=self._close_on_error,
         )
-        _Relay(
+        self._downstream = Relay(
             router_socket,
             client_socket,
             read_bytes=_DOWNSTREAM_READ_BYTES,
-            check=_accept_any,
+            inspect=_accept_any,
             on_end=self._close_on_error,
         )
 
+    @property
+    def has_request(self) -> bool:
+        """Whether the client has sent a whole message."""
+        return self._counter.num_messages > 0
+
+    @property
+    def router_fd(self) -> int:
+        """Descriptor of the socket to the ROUTER."""
+        return self._sockets[1].fileno()
+
+    @property
+    def is_client_blocked(self) -> bool:
+        """Whether bytes wait for the client to read."""
+        return self._downstream.is_blocked
+
     def close(self) -> None:
-        """Close both sockets."""
-        loop = asyncio.get_running_loop()
+        """Close both sockets; reset the connection of a client that reads nothing."""
+        if self.is_client_blocked:
+            # Otherwise the kernel would keep megabytes for minutes, and the client notice no end.
+            no_linger = struct.pack("ii", 1, 0)
+            self._sockets[0].setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, no_linger)
         # Callbacks first: the number of a closed descriptor may be reused at once.
+        self._upstream.close()
+        self._downstream.close()
         for end in self._sockets:
-            loop.remove_reader(end)
-            loop.remove_writer(end)
             end.close()
         self._on_close(self)
+
+    def _inspect(self, data: bytes) -> float:
+        """Count the messages of a read before ZeroMQ gets them; time until the next read."""
+        num_messages, num_parts = self._counter.num_messages, self._counter.num_parts
+        # A part beyond the limit must not reach libzmq.
+        self._counter.feed(data)
+        self._account.charge(
+            _READ_COST_S
+            + _MESSAGE_COST_S * (self._counter.num_messages - num_messages)
+            + _PART_COST_S * (self._counter.num_parts - num_parts)
+        )
+        return self._account.remaining_wait_s
 
     def _close_on_error(self, reason: Exception | None) -> None:
         # Only violations are logged here; StreamServer logs clients that disconnect.
         if isinstance(reason, RemoteProtocolError):
-            log.info("stream connection of %s ended: %s", self._client_host, reason)
+            log.info("stream connection of %s ended: %s", self.address, reason)
         self.close()
 
 
-class _Relay:
-    """One direction of a connection; reads nothing more until the sink has accepted everything."""
-
-    def __init__(
-        self,
-        source: socket.socket,
-        sink: socket.socket,
-        *,
-        read_bytes: int,
-        check: CheckBytes,
-        on_end: CloseCallback,
-    ) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._source = source
-        self._sink = sink
-        self._read_bytes = read_bytes
-        self._check = check
-        self._on_end = on_end
-        self._pending = memoryview(b"")
-        self._loop.add_reader(source, self._receive)
-
-    def _receive(self) -> None:
-        try:
-            data = self._source.recv(self._read_bytes)
-            # Before the bytes are relayed: a part beyond the limit must not reach libzmq.
-            self._check(data)
-        except BlockingIOError:
-            return
-        except (OSError, RemoteProtocolError) as error:
-            self._on_end(error)
-            return
-        if not data:
-            self._on_end(None)
-            return
-        self._pending = memoryview(data)
-        # Backpressure: with bytes pending the source is not read, and TCP stops its sender.
-        if self._send_pending() and self._pending:
-            self._loop.remove_reader(self._source)
-            self._loop.add_writer(self._sink, self._resume_sending)
-
-    def _resume_sending(self) -> None:
-        if self._send_pending() and not self._pending:
-            self._loop.remove_writer(self._sink)
-            self._loop.add_reader(self._source, self._receive)
-
-    def _send_pending(self) -> bool:
-        """Send as much as the sink accepts; False if the connection has ended."""
-        try:
-            self._pending = self._pending[self._sink.send(self._pending) :]
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            self._on_end(error)
-            return False
-        return True
-
-
-def _accept_any(_: bytes) -> None:
-    """Pass all bytes of the ROUTER, which is ours."""
+def _accept_any(_: bytes) -> float:
+    """Pass all bytes of the ROUTER, which is ours, at once."""
+    return 0.0

@@ -20,11 +20,9 @@ from tempfile import TemporaryDirectory
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-from catoptra_server.transports.stream.connection_guard import (
-    MAX_CONNECTIONS,
-    ConnectionGuard,
-    create_listener,
-)
+from catoptra_server.transports.listener import BACKLOG, create_listener
+from catoptra_server.transports.stream.connection_guard import ConnectionGuard
+from catoptra_server.transports.tcp_server import ConnectionLimits
 
 # Messages of one peer in the queue of ZeroMQ, besides its TCP connection; replies that find no room
 # wait in the peer's outbox. No more than keeps the connection busy: each may be a frame of 50 MB.
@@ -60,6 +58,7 @@ class RouterSocket:
         host: str,
         port: int,
         *,
+        limits: ConnectionLimits,
         on_message: MessageHandler,
         on_disconnect: Callable[[bytes], None],
     ) -> None:
@@ -68,6 +67,7 @@ class RouterSocket:
         Args:
             host: Host name or address of the interface.
             port: TCP port; 0 = a free one, see `port`.
+            limits: Limits of the connections.
             on_message: Called with the identity of a peer and the parts of its message.
             on_disconnect: Called with the identity of a peer whose connection has ended, before
                 any message of another connection with the same identity.
@@ -79,7 +79,7 @@ class RouterSocket:
         self._on_message = on_message
         self._on_disconnect = on_disconnect
         with ExitStack() as resources:
-            listener = resources.enter_context(create_listener(host, port))
+            listener = resources.enter_context(create_listener(host, port, name="stream"))
             self.port: int = listener.getsockname()[1]
             # A directory of mode 0700: no other user can bypass the guard.
             path = resources.enter_context(TemporaryDirectory(prefix="catoptra-")) + "/stream"
@@ -87,7 +87,7 @@ class RouterSocket:
             resources.callback(context.destroy, linger=0)
             self._monitor = context.socket(zmq.PAIR)
             self._socket = _bind_router(context, f"ipc://{path}", monitor=self._monitor)
-            resources.callback(ConnectionGuard(listener, path).close)
+            resources.callback(ConnectionGuard(listener, path, limits=limits).close)
             self._release = resources.pop_all().close
         # File descriptors of the connections: open ones, and those of peers with a message.
         self._open_connections: set[int] = set()
@@ -221,7 +221,7 @@ def _bind_router(
     """
     router = context.socket(zmq.ROUTER)
     # All options before bind: later ones do not apply to connections of the endpoint.
-    router.set(zmq.BACKLOG, MAX_CONNECTIONS)
+    router.set(zmq.BACKLOG, BACKLOG)
     router.set(zmq.SNDHWM, _SEND_HIGH_WATER_MARK)
     router.set(zmq.RCVHWM, _RECEIVE_HIGH_WATER_MARK)
     router.set(zmq.MAXMSGSIZE, _MAX_PART_BYTES)

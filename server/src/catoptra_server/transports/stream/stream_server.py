@@ -43,6 +43,7 @@ from catoptra_server.transports.stream.robot_session import Post
 from catoptra_server.transports.stream.router_socket import RouterSocket, SendResult
 from catoptra_server.transports.stream.server_info import ServerInfo, transform_from_pose
 from catoptra_server.transports.stream.stream_peer import StreamPeer
+from catoptra_server.transports.tcp_server import ConnectionLimits
 
 log = logging.getLogger(__name__)
 
@@ -74,6 +75,7 @@ class StreamServer:
         post: Post,
         server_info: ServerInfo,
         query_plan: QueryPlan,
+        limits: ConnectionLimits,
     ) -> None:
         """Bind the port.
 
@@ -84,6 +86,7 @@ class StreamServer:
             post: Hands an event to the simulation; thread-safe.
             server_info: Constant part of the replies.
             query_plan: Hands a camera to the render thread, for its plan.
+            limits: Limits of the connections.
 
         Raises:
             OSError: The port is not available.
@@ -98,7 +101,11 @@ class StreamServer:
         self._blocked: deque[StreamPeer] = deque()
         self._flush_timer: asyncio.TimerHandle | None = None
         self._socket = RouterSocket(
-            host, port, on_message=self._handle_message, on_disconnect=self._remove_peer
+            host,
+            port,
+            limits=limits,
+            on_message=self._handle_message,
+            on_disconnect=self._remove_peer,
         )
         self.port = self._socket.port
 
@@ -280,6 +287,7 @@ async def serve_stream(
     post: Post,
     server_info: ServerInfo,
     query_plan: QueryPlan,
+    limits: ConnectionLimits,
 ) -> AsyncIterator[StreamServer]:
     """Serve the stream until the block ends; for the arguments see StreamServer.
 
@@ -287,7 +295,13 @@ async def serve_stream(
         OSError: The port is not available.
     """
     server = StreamServer(
-        host, port, mailboxes=mailboxes, post=post, server_info=server_info, query_plan=query_plan
+        host,
+        port,
+        mailboxes=mailboxes,
+        post=post,
+        server_info=server_info,
+        query_plan=query_plan,
+        limits=limits,
     )
     heartbeats = asyncio.create_task(_run_heartbeats(server))
     try:

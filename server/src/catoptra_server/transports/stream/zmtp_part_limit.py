@@ -27,8 +27,12 @@ class ZmtpPartCounter:
         self._head_bytes = _GREETING_BYTES
         self._parse_head = self._read_greeting
         self._remaining_body_bytes = 0
-        # Of the message that has not ended.
-        self._num_parts = 0
+        self._num_parts_of_message = 0  # of the one that has not ended
+        self._is_last_part = False  # the frame whose body has not ended
+        self.num_messages = 0
+        """Complete messages so far."""
+        self.num_parts = 0
+        """Parts and commands so far."""
 
     def feed(self, data: bytes) -> None:
         """Parse the next bytes.
@@ -41,6 +45,8 @@ class ZmtpPartCounter:
             if self._remaining_body_bytes:
                 consumed = min(self._remaining_body_bytes, len(data) - position)
                 self._remaining_body_bytes -= consumed
+                if not self._remaining_body_bytes:
+                    self._end_frame()
             else:
                 consumed = self._head_bytes - len(self._head)
                 self._head += data[position : position + consumed]
@@ -69,13 +75,25 @@ class ZmtpPartCounter:
         self._count_part(flags)
         self._remaining_body_bytes = int.from_bytes(self._head[1:], "big")
         self._expect_frame_head()
+        if not self._remaining_body_bytes:
+            self._end_frame()
+
+    def _end_frame(self) -> None:
+        if self._is_last_part:
+            self._is_last_part = False
+            self.num_messages += 1
 
     def _count_part(self, flags: int) -> None:
         """Count a part. A command may stand between two parts; it ends no message."""
+        self.num_parts += 1
         if flags & _COMMAND:
             if flags & _MORE:
                 raise RemoteProtocolError("a ZMTP command with more parts to follow")
             return
-        self._num_parts = self._num_parts + 1 if flags & _MORE else 0
-        if self._num_parts == MAX_PARTS:
+        if not flags & _MORE:
+            self._num_parts_of_message = 0
+            self._is_last_part = True
+            return
+        self._num_parts_of_message += 1
+        if self._num_parts_of_message == MAX_PARTS:
             raise RemoteProtocolError(f"a message of more than {MAX_PARTS} parts")
