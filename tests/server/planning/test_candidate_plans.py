@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES
 from catoptra_server.planning.candidate_plans import (
     FACE_SAMPLE_COUNTS,
     SAMPLE_COUNTS,
@@ -12,6 +13,7 @@ from catoptra_server.planning.candidate_plans import (
     generate_candidate_plans,
 )
 from catoptra_server.planning.cost_model import cost_group
+from catoptra_server.planning.view_size import plan_view_size
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
@@ -48,6 +50,15 @@ def test_candidates_of_a_mesh_keep_the_mesh_and_cast_every_ray() -> None:
 def test_candidates_of_a_large_image_stay_within_memory_but_for_one_sample() -> None:
     assert {plan.samples for plan in candidate_plans(PerPixel(), TRACE, width_px=2048)} == {1, 2}
     assert {plan.samples for plan in candidate_plans(PerPixel(), TRACE, width_px=8192)} == {1}
+
+
+def test_candidates_of_a_large_image_keep_faces_within_memory_but_for_one_sample() -> None:
+    plans = candidate_plans(PerPixel(), RASTER, width_px=2048)
+    camera = make_omni_camera(width_px=2048)
+    large = [p for p in plans if plan_view_size(camera, p).num_bytes > DEFAULT_LIMIT_BYTES]
+    # 2048 px at 4 texels a pixel would be 0.8 GB of texels, four times as much with 4 samples each.
+    assert {(plan.samples, plan.face_samples) for plan in large} <= {(1, 1)}
+    assert {plan.face_samples for plan in plans} == {1, 4}
 
 
 @pytest.mark.parametrize("kind", RendererKind)

@@ -11,7 +11,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES
 from catoptra_server.planning.explicit_plan import DEFAULT_STRIDE_PX, plan_from_settings
+from catoptra_server.planning.view_size import plan_view_size
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
@@ -20,9 +22,6 @@ SAMPLE_COUNTS = tuple(range(1, 9))
 # Below half a texel a pixel a face blurs the image; above four the atlas costs time for no detail.
 TEXELS_PER_PX = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0)
 FACE_SAMPLE_COUNTS = (1, 4)
-# Trace holds some 100 bytes a sample, so this is 3 GB, or 8 x 8 samples of 720 x 720 px; such a
-# view takes seconds to prepare.
-MAX_SAMPLES = 2**25
 
 # (samples, texels a pixel, samples a texel): each rate of the raster stages in `cost_model` has a
 # plan that differs from the first in its quantity.
@@ -39,13 +38,20 @@ def generate_candidate_plans(
         for settings in _candidate_settings(surface, kind):
             # Faces and mesh limits depend on all numbers but the samples: computed once for eight.
             plan = plan_from_settings(settings, camera, kind=kind, reason="candidate")
-            for samples in _sample_counts(camera):
-                yield replace(plan, samples=samples)
+            yield from _fitting_plans(
+                camera, [replace(plan, samples=samples) for samples in SAMPLE_COUNTS]
+            )
 
 
-def _sample_counts(camera: OmniCamera) -> tuple[int, ...]:
-    pixels = camera.width_px * camera.height_px
-    return tuple(s for s in SAMPLE_COUNTS if s == 1 or pixels * s * s <= MAX_SAMPLES)
+def _fitting_plans(camera: OmniCamera, plans: Iterable[RenderPlan]) -> Iterator[RenderPlan]:
+    """Yield the plans within the default memory limit, and those with the fewest samples.
+
+    A client's accuracy target must not take more memory than a robot's file may request.
+    """
+    for plan in plans:
+        is_smallest = plan.samples == 1 and plan.face_samples == 1
+        if is_smallest or plan_view_size(camera, plan).num_bytes <= DEFAULT_LIMIT_BYTES:
+            yield plan
 
 
 def _candidate_settings(surface: MirrorSurface, kind: RendererKind) -> Iterator[RenderSettings]:
