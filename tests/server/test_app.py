@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import socket
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -185,6 +186,18 @@ def test_controllers_beyond_the_maximum_are_rejected_until_one_disconnects(tmp_p
     ini = tmp_path / "server.ini"
     ini.write_text("[USARBotAPI.BotServer]\nListenPort=3000\nMaxConnections=1\n")
     run_scenario(serve_for(dataclasses.replace(make_options(tmp_path), server_file=ini), visit))
+
+
+@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="no IPv6 on this machine")
+def test_all_ports_on_all_ipv6_addresses_accept_ipv4_too(tmp_path: Path) -> None:
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        assert address.image_port is not None
+        for port in (address.control_port, address.image_port, address.stream_port):
+            _, writer = await asyncio.open_connection(HOST, port)
+            writer.close()
+        stop.set()
+
+    run_scenario(serve_for(dataclasses.replace(make_options(tmp_path), host="::"), visit))
 
 
 async def receives_greeting(port: int) -> bool:

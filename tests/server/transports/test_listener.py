@@ -73,7 +73,7 @@ def test_connections_are_handed_over_with_their_address() -> None:
     run_scenario(scenario())
 
 
-def test_connections_have_keepalive() -> None:
+def test_connections_have_keepalive_and_send_without_delay() -> None:
     async def scenario() -> None:
         accepted: list[socket.socket] = []
         loop = AcceptLoop(
@@ -83,6 +83,7 @@ def test_connections_have_keepalive() -> None:
             await wait_until(lambda: bool(accepted), "connection")
             (end,) = accepted
             assert end.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+            assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
             assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
             end.close()
         loop.close()

@@ -108,7 +108,7 @@ class AcceptLoop:
     def _hand_over(self, accepted: socket.socket, address: str) -> None:
         try:
             accepted.setblocking(False)
-            _set_keepalive(accepted)
+            _set_options(accepted)
             self._accept(accepted, address)
         except OSError as error:
             log.warning("connection of %s to the %s port closed: %s", address, self._name, error)
@@ -124,7 +124,10 @@ class AcceptLoop:
         self._loop.call_later(_ACCEPT_RETRY_S, self._listen)
 
 
-def _set_keepalive(end: socket.socket) -> None:
+def _set_options(end: socket.socket) -> None:
+    # A reply must not wait for the acknowledgement of the one before. asyncio sets this only on
+    # sockets whose protocol number is stated, which those of `accept` do not.
+    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     end.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for option, value in _KEEPALIVE_OPTIONS.items():
         if hasattr(socket, option):
