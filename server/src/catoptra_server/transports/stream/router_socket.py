@@ -15,13 +15,13 @@ import socket
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from enum import Enum, auto
-from tempfile import TemporaryDirectory
 
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
 from catoptra_server.transports.listener import BACKLOG, create_listener
 from catoptra_server.transports.stream.connection_guard import ConnectionGuard
+from catoptra_server.transports.stream.private_folder import SOCKET_NAME, create_private_folder
 from catoptra_server.transports.tcp_server import ConnectionLimits
 
 # Messages of one peer in the queue of ZeroMQ, besides its TCP connection; replies that find no room
@@ -81,8 +81,7 @@ class RouterSocket:
         with ExitStack() as resources:
             listener = resources.enter_context(create_listener(host, port, name="stream"))
             self.port: int = listener.getsockname()[1]
-            # A directory of mode 0700: no other user can bypass the guard.
-            path = resources.enter_context(TemporaryDirectory(prefix="catoptra-")) + "/stream"
+            path = str(resources.enter_context(create_private_folder()) / SOCKET_NAME)
             context = zmq.Context(io_threads=1)
             resources.callback(context.destroy, linger=0)
             self._monitor = context.socket(zmq.PAIR)
