@@ -10,10 +10,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
-from helpers.configs import FIELD, write_small_world
+from catoptra_server.effects import EFFECT_TYPES
+from helpers.configs import FIELD, OMNI_ROBOT, Edit, write_edited_copy, write_small_world
 from helpers.control_lines import connect_control_lines
 from helpers.deadline import Deadline
 from helpers.server_process import (
@@ -44,12 +46,12 @@ def start_process(robot: Path, world: Path, *arguments: str) -> Iterator[subproc
             process.kill()
 
 
-def read_control_port(process: subprocess.Popen[str]) -> int:
-    """Control port, once the server listens."""
+def read_ports(process: subprocess.Popen[str]) -> tuple[int, int]:
+    """Control and image port, once the server listens."""
     assert process.stdout is not None
     found = LISTENING_PATTERN.fullmatch(process.stdout.readline())
     assert found, "the server did not start"
-    return int(found[1])
+    return int(found[1]), int(found[2])
 
 
 def wait_for_handler(process: subprocess.Popen[str]) -> None:
@@ -58,6 +60,14 @@ def wait_for_handler(process: subprocess.Popen[str]) -> None:
     status = Path(f"/proc/{process.pid}/status")
     while not find_caught_signals(status.read_text()) >> (signal.SIGTERM - 1) & 1:
         deadline.check()
+
+
+@contextmanager
+def use_own_temporary_folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Give the server a folder for temporary files; paths of sockets are short."""
+    with TemporaryDirectory() as folder:
+        monkeypatch.setenv("TMPDIR", folder)
+        yield Path(folder)
 
 
 def find_caught_signals(status: str) -> int:
@@ -98,7 +108,7 @@ def test_server_ends_under_load_with_a_log_that_nobody_reads(
     robot = write_small_robot(tmp_path)
     arguments = ("--clock", "lockstep", "--verbose")
     with start_process(robot, write_small_world(tmp_path), *arguments) as process:
-        port = read_control_port(process)
+        port, _ = read_ports(process)
         with connect_control_lines(port) as control, connect_control_lines(port) as other:
             # Each line is logged: far more than a pipe takes.
             for _ in range(20):
@@ -109,6 +119,32 @@ def test_server_ends_under_load_with_a_log_that_nobody_reads(
             control.send(*(10 * ["STEP {Time 60}"]))
             other.send(*(1000 * ["GETSTARTPOSES"]))
             assert terminate(process, *numbers) == 0
+
+
+def test_server_ends_while_a_frame_takes_long_and_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A frame of 6 s on one processor.
+    effects = "\n".join(f"{kind.name}=always" for kind in EFFECT_TYPES)
+    slow = Edit("Samples=2", f"Samples=8\n{effects}")
+    robot = write_edited_copy(OMNI_ROBOT, tmp_path, slow)
+    with (
+        use_own_temporary_folder(monkeypatch) as folder,
+        start_process(robot, FIELD) as process,
+    ):
+        control_port, image_port = read_ports(process)
+        with (
+            connect_control_lines(control_port) as control,
+            socket.create_connection(("127.0.0.1", image_port), DEADLINE_S) as viewer,
+        ):
+            control.send("INIT {ClassName OmniP2AT} {Start Centre}")
+            viewer.sendall(b"OK")
+            # Two cycles of reports: the frame of the robot has begun.
+            control.read_until("STA")
+            control.read_until("STA")
+            assert any(folder.iterdir())
+            assert terminate(process, signal.SIGTERM) == 0
+        assert list(folder.iterdir()) == []
 
 
 def test_log_of_a_flood_of_connections_is_short_and_counts_them(tmp_path: Path) -> None:
