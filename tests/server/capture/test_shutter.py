@@ -51,3 +51,10 @@ def test_time_samples_when_chosen_are_a_pixel_apart_and_a_quarter_for_rows(
 ) -> None:
     shutter = INSTANTANEOUS.with_readout(0.0, readout_px).with_exposure(0.01, exposure_px)
     assert shutter.num_time_samples == time_samples
+
+
+@pytest.mark.parametrize(("limit", "time_samples"), [(10, 10), (64, 33), (3, 3), (0, 2)])
+def test_time_samples_are_limited_but_never_fewer_than_two(limit: int, time_samples: int) -> None:
+    shutter = Shutter(0.01, 0.0, 33.0, max_time_samples=limit)
+    assert shutter.num_time_samples == len(shutter.times_s) == time_samples
+    np.testing.assert_allclose(shutter.row_weights(3).sum(axis=0), 1.0, rtol=1e-6)

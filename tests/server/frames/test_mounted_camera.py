@@ -76,3 +76,15 @@ def test_ego_body_when_the_camera_has_no_mirror_is_left_out() -> None:
     is_omni = [isinstance(view.camera, OmniCameraSpec) for view in views]
     assert is_omni == [True, False]
     assert [view.camera_state.ego_body is EGO_BODY for view in views] == is_omni
+
+
+def test_object_that_encloses_the_viewpoint_is_left_out_but_not_the_ego_body() -> None:
+    around, beside = place_cube(1.1, 0.0, -0.6), place_cube(1.3, 0.0, -0.6)
+    state = mounted_camera_state(
+        Pose.from_rpy((1.0, 0.0, -0.1)),
+        Pose.from_rpy((0.0, 0.0, -0.5)),
+        objects=(around, beside),
+        ego_body=around,
+    )
+    assert state.objects == (beside,)
+    assert state.ego_body is around

@@ -28,6 +28,7 @@ from catoptra_server.effects.effect import (
 )
 from catoptra_server.effects.medium.fog import Fog
 from catoptra_server.effects.medium.vignetting import Vignetting
+from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.quantisation import Quantisation
@@ -44,7 +45,9 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface
+from catoptra_server.scene.twist import Twist
 from helpers.robots import CAMERA
+from helpers.worlds import make_omni_camera
 
 CAMERA_STATE = CameraState(Pose.identity())
 
@@ -575,3 +578,31 @@ def test_effect_that_raises_refuses_its_view_and_no_other(
         with pytest.raises(ViewFailedError, match="trace and raster failed"):
             renderers.views.render(ViewRequest(camera, CAMERA_STATE))
         assert renderers.views.render(ViewRequest(MIRROR, CAMERA_STATE)).plan.startswith("trace")
+
+
+def test_frame_with_fewer_time_samples_than_its_motion_needs_says_so() -> None:
+    blur = EffectSettings((EffectSetting(MotionBlur(0.1), EffectMode.ALWAYS),))
+    camera = make_omni_camera(width_px=400)
+    spec = OmniCameraSpec(camera, replace(CAMERA.render_settings, samples=8), blur)
+    states: list[CameraState] = []
+
+    class ShutterView(EffectView):
+        def render(
+            self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+        ) -> RenderedImage:
+            states.append(camera_state)
+            return super().render(camera_state, effects)
+
+    class ShutterRenderer(EffectRenderer):
+        def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+            return ShutterView(self.log, camera)
+
+        def summarize(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
+            return SceneSummary(0.1, scene_twist=Twist((0.0, 0.0, 0.0), (0.0, 0.0, 2.0)))
+
+    view = make_cache(ShutterRenderer()).render(ViewRequest(spec, CAMERA_STATE))
+    (decision,) = view.effect_decisions
+    shutter = states[0].shutter
+    assert shutter is not None
+    assert shutter.num_time_samples == 3
+    assert "; 3 of " in decision.reason

@@ -44,3 +44,22 @@ def test_mesh_cannot_be_written_to() -> None:
 def test_object_with_a_texture_is_rejected() -> None:
     with pytest.raises(AssertionError, match="no textures"):
         build_object_mesh([(CUBE, Material((1.0, 1.0, 1.0), Path("a.png")))])
+
+
+@pytest.mark.parametrize(
+    ("point", "enclosed"),
+    [
+        ((5.0, 0.5, 0.0), True),  # between the cubes: in the box around both
+        ((5.0, 1.09, 0.0), True),
+        ((5.09, 0.5, -0.09), True),
+        ((5.0, 1.11, 0.0), False),
+        ((5.11, 0.5, 0.0), False),  # in the bounding sphere, not in the turned box
+        ((5.0, 0.5, 0.11), False),
+        ((-5.0, 0.5, 0.0), False),
+    ],
+)
+def test_object_encloses_the_points_of_its_turned_box(
+    point: tuple[float, float, float], enclosed: bool
+) -> None:
+    body = DynamicObject(MESH, Pose.from_rpy((5.0, 0.0, 0.0), (0.0, 0.0, 0.5 * math.pi)))
+    assert body.encloses(np.array(point)) is enclosed

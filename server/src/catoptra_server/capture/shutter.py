@@ -38,6 +38,8 @@ class Shutter:
     """Time from the first row's exposure to that of a row after the last; 0: a global shutter."""
     num_steps: float
     """Displacement during both times, in steps that a slot may have; any number."""
+    max_time_samples: int = MAX_TIME_SAMPLES
+    """Limit of the number of slots; fewer than there are steps blur the image in steps."""
 
     def with_exposure(self, exposure_s: float, displacement_px: float) -> Shutter:
         """Shutter with an exposure time, for the largest displacement in that time."""
@@ -53,7 +55,7 @@ class Shutter:
     def num_time_samples(self) -> int:
         """Number of slots, each one rendering."""
         # Rounded here and not in each step: two effects that need 1.5 slots each need 3, not 4.
-        return max(math.ceil(min(self.num_steps, MAX_TIME_SAMPLES)), _MIN_TIME_SAMPLES)
+        return max(math.ceil(min(self.num_steps, self.max_time_samples)), _MIN_TIME_SAMPLES)
 
     @property
     def times_s(self) -> tuple[float, ...]:

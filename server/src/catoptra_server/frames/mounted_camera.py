@@ -30,16 +30,20 @@ def mounted_camera_state(
         world_from_robot: Pose of the chassis.
         robot_from_camera: Pose of the viewpoint or pinhole on the robot.
         twist: Motion of the robot, referred to the chassis origin, in world axes.
-        objects: Other dynamic objects in the scene.
+        objects: Other dynamic objects in the scene; one whose box encloses the viewpoint is left
+            out.
         ego_body: The robot itself, where the camera may show the robot's own body.
         noise_seed: Seed of the noise of this exposure.
     """
     world_from_camera = world_from_robot @ robot_from_camera
     # A turning chassis carries the camera around: v_camera = v_robot + omega x offset.
     offset_m = world_from_camera.translation - world_from_robot.translation
+    # From inside, a body would hide everything else, at up to 60 times the cost of the frame:
+    # every ray meets it, and however slow, it passes by at any angular rate.
+    visible = tuple(one for one in objects if not one.encloses(world_from_camera.translation))
     return CameraState(
         world_from_camera,
-        objects,
+        visible,
         noise_seed=noise_seed,
         twist=twist.at_offset(offset_m),
         ego_body=ego_body,

@@ -34,9 +34,11 @@ from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound
+from catoptra_server.planning.exposure_budget import explain_limit, limit_time_samples
 from catoptra_server.planning.perspective_plan import plan_perspective_view
 from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import OmniView, RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 
@@ -246,8 +248,11 @@ class ViewCache:
         if planned.effects is NO_EFFECTS or plan.enabled_effects != planned.effects.enabled_effects:
             log.info("effects:\n%s", plan)
         planned.effects = plan
-        image = view.render(apply_scene_effects(camera_state, plan), plan.image_effects)
-        return RenderedView(image, planned.plan_text, planned.bounds, plan.decisions)
+        wanted = apply_scene_effects(camera_state, plan)
+        limited = limit_time_samples(wanted, camera.camera, cast(RenderPlan, planned.plan))
+        image = view.render(limited, plan.image_effects)
+        decisions = explain_limit(plan.decisions, wanted, limited)
+        return RenderedView(image, planned.plan_text, planned.bounds, decisions)
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""

@@ -34,6 +34,8 @@ class ObjectMesh:
     """(3,) centre of a bounding sphere."""
     radius_m: float
     """Radius of the bounding sphere."""
+    half_size_m: Floats
+    """(3,) half lengths of the bounding box about the same centre."""
 
     def __len__(self) -> int:
         """Number of triangles."""
@@ -53,6 +55,14 @@ class DynamicObject:
     def centre(self) -> Floats:
         """Centre of the bounding sphere, (3,) metres, world frame."""
         return self.world_from_object.transform_points(self.mesh.centre)
+
+    def encloses(self, point: Floats) -> bool:
+        """Whether a (3,) point of the world lies in the box around the object, in its own axes."""
+        # The sphere first: most objects are far from most points.
+        if float(np.linalg.norm(point - self.centre)) > self.mesh.radius_m:
+            return False
+        offset = self.world_from_object.inverse().transform_points(point) - self.mesh.centre
+        return bool((np.abs(offset) <= self.mesh.half_size_m).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,8 +97,10 @@ def build_object_mesh(parts: Iterable[tuple[Patch, Material]]) -> ObjectMesh:
         unlit=np.repeat([material.unlit for _, material in parts], counts),
         centre=centre,
         radius_m=float(np.linalg.norm(corners - centre, axis=-1).max()),
+        half_size_m=np.abs(corners - centre).max(axis=(0, 1)),
     )
-    for array in (mesh.corners, mesh.normals, mesh.albedo, mesh.unlit, mesh.centre):
+    shared = (mesh.corners, mesh.normals, mesh.albedo, mesh.unlit, mesh.centre, mesh.half_size_m)
+    for array in shared:
         # Shared by all objects of a class and by caches that are keyed by the mesh.
         array.setflags(write=False)
     return mesh
