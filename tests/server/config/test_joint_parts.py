@@ -95,3 +95,8 @@ def test_kenaf_when_read_has_four_flippers_and_nothing_unknown() -> None:
     assert [link.name for link in robot.chassis_joints.links] == [
         "FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper",
     ]  # fmt: skip
+
+
+def test_joint_when_far_from_the_robot_is_rejected(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"ParentPos=.*within 100 m"):
+        read(tmp_path, HINGE.format("FR", "").replace("X=0.2", "X=200"))

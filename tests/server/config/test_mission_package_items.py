@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
+from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.robot.joint_chain import MissionPackageDescription
 
@@ -34,3 +37,13 @@ def test_package_when_its_section_lists_links_has_those(tmp_path: Path) -> None:
 
 def test_package_when_without_joints_is_left_out(tmp_path: Path) -> None:
     assert read(tmp_path, HEAD.format("OmniCamPillar")) == ()
+
+
+@pytest.mark.parametrize("key", ["Location", "Position"])
+def test_package_when_far_from_the_robot_is_rejected(tmp_path: Path, key: str) -> None:
+    link = 'Links=(Name="Elbow",Parent=-1,Position=(X=0))'
+    text = f"{HEAD.format('Arm')}[USARMisPkg.Arm]\n{link}\n"
+    near = {"Location": "X=0.1,", "Position": "X=0)"}[key]
+    text = text.replace(near, f"X=5000{near[-1]}")
+    with pytest.raises(ConfigError, match=f"{key}=.*within 100 m"):
+        read(tmp_path, text)

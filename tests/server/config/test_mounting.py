@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.mounting import read_mount
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import parse_sections
@@ -30,3 +31,10 @@ def test_mount_when_by_uu_is_turned_into_metres_and_radians() -> None:
     assert mount.position_m == pytest.approx((0.1, 0.0, -0.2))
     assert mount.rotation_rad == pytest.approx((0.0, 0.0, math.pi / 2))
     assert mount.parent == "CameraTilt"
+
+
+@pytest.mark.parametrize("x", ["101", "-1e5", "1e9"])
+def test_mount_when_far_from_the_robot_is_rejected(x: str) -> None:
+    robot = make_robot_section(f"Item=(Position=(X=0,Y={x}))")
+    with pytest.raises(ConfigError, match=r"x\.ini:2: .*Position=.*within 100 m of its parent"):
+        read_mount(robot, robot.get_struct("Item"))

@@ -246,3 +246,9 @@ def test_mirror_when_cut_into_too_many_polygons_is_rejected(tmp_path: Path) -> N
     edit = Edit("Polygons=0 ", "Sectors=10000\nRings=51\n")
     with pytest.raises(ConfigError, match="at most 1000000 polygons"):
         read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, edit))
+
+
+def test_viewpoint_when_far_from_the_robot_is_rejected(tmp_path: Path) -> None:
+    edit = Edit("Position=(X=0,Y=0,Z=-0.4543)", "Position=(X=0,Y=1e6,Z=-0.4543)")
+    with pytest.raises(ConfigError, match="within 100 m of its parent"):
+        read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, edit))

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import (
@@ -13,6 +16,7 @@ from catoptra_server.config.robot_file import (
     read_robot,
     read_robots,
 )
+from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.sensors.ground_truth import GroundTruthDescription
 from catoptra_server.sensors.odometry import OdometryDescription
 from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, find_line_number, write_edited_copy
@@ -89,7 +93,7 @@ def test_struct_when_followed_by_the_pseudo_comment_of_a_real_file_is_read(tmp_p
         (Edit("SteeringType=Skid", "SteeringType=Ackermann"), "SteeringType", "SkidSteered"),
         (Edit("WheelRadius=0.13", "WheelRadius=0"), "WheelRadius", "from 0.001 to 10"),
         (Edit("WheelSeparation=0.4712", "WheelSeparation=wide"), "WheelSeparation", "a number"),
-        (Edit("(X=0.5238,Y=0.4968,", "(X=0.5238,Y=-1,"), "Y", "of at least 0.001"),
+        (Edit("(X=0.5238,Y=0.4968,", "(X=0.5238,Y=-1,"), "Y", "from 0.001 to 100"),
         (Edit("(X=0.5238,Y=0.4968,Z=0.2913)", "(X=0.5238"), "Dimensions", "a struct such as"),
         (Edit("TurnSlip=0.03", "TurnSlip=1.5"), "TurnSlip", "from 0 to 0.9"),
         (Edit("msgTimer=0.2", "msgTimer=0"), "msgTimer", "from 0.01 to 60"),
@@ -195,3 +199,47 @@ def test_file_of_too_many_robots_is_rejected_at_the_next(tmp_path: Path) -> None
         ConfigError, match=rf"robot\.ini:{9 * MAX_ROBOT_CLASSES + 2}: .*at most 256"
     ):
         read_robots(path)
+
+
+_NUMBERS = st.sampled_from(
+    ["0", "-1", "0.5", "1e5", "1e9", "-1e9", "1e10", "1e308", "-1e308", "nan", "1e-300", "x", ""]
+)
+_LINES = st.one_of(
+    st.tuples(
+        st.sampled_from(["Mass", "MaxSpeed", "batteryLife", "MaxTorque", "TurnSlip", "RideHeight"]),
+        _NUMBERS,
+    ),
+    st.tuples(
+        st.sampled_from(["Sensors", "AddParts", "MisPkgs", "JointParts", "Dimensions"]),
+        st.builds(
+            "(ItemName=a,ItemClass=class'USARBot.{}',Position=(X={},Z={}),Direction=(Y={}),"
+            "PkgName=p,PkgClass=class'USARMisPkg.CameraPanTilt',Location=(Y={}),"
+            "PartName=b,JointClass=class'KDHinge',ParentPos=(X={}),MaxRange={})".format,
+            st.sampled_from(["Sonar", "RangeScanner", "Encoder", "RobotCamera", "Odometry"]),
+            *6 * [_NUMBERS],
+        ),
+    ),
+)
+
+
+def robot_or_error(path: Path) -> tuple[RobotDescription | None, ConfigError | None]:
+    try:
+        return read_robot(path)[0], None
+    except ConfigError as error:
+        return None, error
+
+
+@settings(derandomize=True, max_examples=150, deadline=None)
+@given(st.lists(_LINES, max_size=4))
+def test_robot_when_arbitrary_is_read_near_itself_or_rejected(
+    tmp_path_factory: pytest.TempPathFactory, lines: list[tuple[str, str]]
+) -> None:
+    text = BARE + "".join(f"{key}={value}\n" for key, value in lines)
+    path = write_file(tmp_path_factory.getbasetemp(), text)
+    robot, error = robot_or_error(path)
+    assert error is None or str(path) in str(error)
+    if robot is not None:
+        cameras = [camera.mount.position_m for camera in robot.perspective_cameras]
+        links = [link.position_m for p in robot.mission_packages for link in p.links]
+        positions = np.array([*cameras, *links, robot.drive.dimensions_m])
+        assert np.abs(positions).max() <= 100.0

@@ -196,3 +196,9 @@ def test_keys_when_ignored_are_not_reported() -> None:
     assert [entry.key for entry in section.unknown_entries()] == ["B"]
     section.ignore_all()
     assert section.unknown_entries() == []
+
+
+@pytest.mark.parametrize("text", ["1e10", "-1e10", "1e308"])
+def test_number_when_beyond_all_bounds_is_rejected(text: str) -> None:
+    with pytest.raises(ConfigError, match=r"K=.*a number, not beyond 1e\+09"):
+        make_section(f"K={text}").get_float("K")

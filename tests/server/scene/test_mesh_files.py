@@ -324,3 +324,13 @@ def test_mirrored_copy_of_a_mesh_faces_the_same_side(tmp_path: Path) -> None:
     scene.add_geometry(make_plain_square(), transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
     mesh = load(export_mesh(scene, tmp_path / "m.glb"))
     np.testing.assert_allclose(normal(mesh), (0.0, 0.0, -1.0), atol=1e-12)
+
+
+def test_triangles_beyond_every_world_are_dropped_and_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    mesh = make_plain_square()
+    mesh.vertices[3] = (2e6, 0.0, 0.0)
+    loaded = load(export_mesh(mesh, tmp_path / "m.obj"))
+    assert len(loaded.patch.corners) == 1
+    assert "left out 1 of 2 triangles" in caplog.text

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.optics.units import metres_from_uu
+from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.robot.joint_chain import (
     CHASSIS_PARENT,
@@ -106,7 +107,8 @@ def _read_link(
 def _read_position(robot: SectionReader, part: SectionReader) -> Vector:
     x, y, z = part.get_vector("ParentPos", (0.0, 0.0, 0.0))
     if robot.get_bool("bMountByUU", False):
-        return metres_from_uu(x), metres_from_uu(y), metres_from_uu(z)
+        x, y, z = metres_from_uu(x), metres_from_uu(y), metres_from_uu(z)
+    require_on_robot(part, "ParentPos", (x, y, z))
     return x, y, z
 
 

@@ -12,6 +12,7 @@ import logging
 from dataclasses import replace
 
 from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.robot.joint_chain import (
     STANDARD_PACKAGES,
@@ -44,15 +45,18 @@ def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescrip
         links = standard.links
     # Location mounts the package as a whole, by the joint of its first link.
     location = struct.get_vector("Location", links[0].position_m)
+    require_on_robot(struct, "Location", location)
     return MissionPackageDescription(name, (replace(links[0], position_m=location), *links[1:]))
 
 
 def _read_link(link: SectionReader) -> LinkDescription:
+    position = link.get_vector("Position", (0.0, 0.0, 0.0))
+    require_on_robot(link, "Position", position)
     return LinkDescription(
         name=link.get_wire_name("Name"),
         # -1 is the chassis; links are numbered from 1.
         parent=int(link.get_float("Parent", -1.0, min_value=-1.0, max_value=64.0)),
-        position_m=link.get_vector("Position", (0.0, 0.0, 0.0)),
+        position_m=position,
         rotation_rad=link.get_vector("Direction", (0.0, 0.0, 0.0)),
         max_speed_rad_s=link.get_float("MaxSpeed", 0.17, min_value=0.0, max_value=100.0),
         max_torque=link.get_float("MaxTorque", 20.0, min_value=0.0),

@@ -17,6 +17,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.effect_settings import read_effect_settings
 from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.planning.explicit_plan import requested_samples
@@ -120,7 +121,9 @@ def _find_child(section: SectionReader, key: str, viewpoint: SectionReader) -> S
 
 def _read_viewpoint_pose(viewpoint: SectionReader) -> Pose:
     direction = viewpoint.get_vector("Direction", (0.0, 0.0, 0.0))
-    return Pose.from_rpy(viewpoint.get_vector("Position"), direction)
+    position = viewpoint.get_vector("Position")
+    require_on_robot(viewpoint, "Position", position)
+    return Pose.from_rpy(position, direction)
 
 
 def _read_mirror(item: SectionReader, settings: SectionReader) -> CentralMirror:

@@ -198,6 +198,6 @@ def _read_dimensions(section: SectionReader, known: DriveBase | None) -> _Dimens
         body = None
     min_m = 1e-3 if body is None else 0.0
     reported = section.get_vector(
-        "Dimensions", known.dimensions_m if known else None, min_value=min_m
+        "Dimensions", known.dimensions_m if known else None, min_value=min_m, max_value=100.0
     )
     return {"dimensions_m": reported, "collision_dimensions_m": body}

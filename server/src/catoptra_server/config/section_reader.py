@@ -19,6 +19,10 @@ from catoptra_server.config.unreal_ini import Entry, parse_struct, unquote
 
 Vector = tuple[float, float, float]
 
+# Bound of all numbers: squares and products of a few stay finite in float32, too. A
+# robot's battery of 30 years has 1e9 s; no length, mass or angle of a real file is near.
+MAX_NUMBER = 1e9
+
 # Printable Latin-1 without space and braces, which delimit names in a line of the protocol.
 _WIRE_NAME = re.compile(rf"[!-z|~\xa1-\xff]{{1,{MAX_NAME_CHARS}}}")
 WIRE_NAME_EXPECTED = "one word without spaces and braces: it is sent to clients"
@@ -124,7 +128,7 @@ class SectionReader:
         min_value: float = -math.inf,
         max_value: float = math.inf,
     ) -> float:
-        """Finite number within bounds.
+        """Number within bounds, none beyond MAX_NUMBER.
 
         Args:
             key: the key, in any case.
@@ -137,6 +141,9 @@ class SectionReader:
         expected = _describe_range("a number", min_value, max_value)
         entry = self._last_entry(key, expected)
         value = _parse_float(entry.value)
+        if value is not None and abs(value) > MAX_NUMBER:
+            expected += f", not beyond {MAX_NUMBER:g}"
+            raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
         if value is None or not min_value <= value <= max_value:
             raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
         return value

@@ -28,8 +28,8 @@ from catoptra_server.scene.texture_files import Texture, decode_image, reserve_t
 from catoptra_server.scene.world_description import MeshFile
 
 _LOG = logging.getLogger(__name__)
-# Both renderers square coordinates in float32, whose range ends at 3e38.
-_MAX_COORDINATE_M = 1e15
+# Ten times the largest coordinate of a world's file. A float32 has steps of 6 cm there.
+_MAX_COORDINATE_M = 1e6
 # Readers of further formats (archives, CAD files) exist in trimesh; none of them is bounded.
 _GLTF_SUFFIXES = (".glb", ".gltf")
 _SUFFIXES = (*_GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".dae")
