@@ -69,3 +69,10 @@ def test_count_of_a_template_with_percent_signs_can_be_formatted() -> None:
     for i in range(MAX_LINES + 1):
         limiter.admit(make_record("%d%% of %s", i, "all"), 0.0)
     assert end_window(limiter) == ["1 more '%d%% of %s' lines in the last second"]
+
+
+def test_repetition_of_several_lines_is_counted_by_the_first() -> None:
+    limiter = LineLimiter()
+    for _ in range(3):
+        limiter.admit(make_record("effects:\nfog\nnoise"), 0.0)
+    assert end_window(limiter) == ["effects: (repeated 2 times)"]

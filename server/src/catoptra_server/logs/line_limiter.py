@@ -80,7 +80,8 @@ def _count_lines(kind: _Kind, window: _Window) -> Iterator[logging.LogRecord]:
     for line, num in window.repetitions.items():
         if num:
             times = "once" if num == 1 else f"{num} times"
-            yield _make_record(name, level, f"{line} (repeated {times})")
+            first = line.partition("\n")[0]
+            yield _make_record(name, level, f"{first} (repeated {times})")
     if window.num_suppressed:
         text = f"{window.num_suppressed} more '{template}' lines in the last second"
         yield _make_record(name, level, text)
