@@ -46,6 +46,7 @@ from catoptra_protocol.usarsim.reports import (
 )
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
+from catoptra_server.frames.frame_rendering import render_frame
 from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
     CameraChannel,
@@ -54,7 +55,6 @@ from catoptra_server.frames.frame_request import (
     FrameRequest,
     ImagePortChannel,
 )
-from catoptra_server.frames.render_thread import render_frame
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import build_scene

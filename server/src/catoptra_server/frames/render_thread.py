@@ -11,8 +11,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Protocol
@@ -21,16 +20,13 @@ from catoptra_server.fair_queue import FairQueue
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.channel_backoff import ChannelBackoff
 from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_rendering import ViewProvider, render_frame
 from catoptra_server.frames.frame_request import (
     Channel,
-    FrameComposition,
     FrameRequest,
-    ViewRequest,
 )
-from catoptra_server.frames.multi_view import compose_tiles
-from catoptra_server.frames.view_cache import RenderedView, ViewFailedError, ViewState
+from catoptra_server.frames.view_cache import ViewFailedError, ViewState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.render.renderer import Image
 
 log = logging.getLogger(__name__)
 
@@ -58,19 +54,6 @@ class _PlanQuery:
 
     camera: OmniCameraSpec
     reply: PlanCallback
-
-
-class ViewProvider(Protocol):
-    """Source of rendered views; the server's is `ViewCache`."""
-
-    def render(self, request: ViewRequest) -> RenderedView:
-        """Render a view."""
-
-    def view_state(self, camera: OmniCameraSpec) -> ViewState:
-        """Plan that the next frame of a camera will have; prepares no view."""
-
-    def close(self) -> None:
-        """Close all views and renderers."""
 
 
 class FrameSink(Protocol):
@@ -244,63 +227,3 @@ def _find_plan(camera: OmniCameraSpec, views: ViewProvider | None) -> ViewState 
     except Exception:
         log_fault(log, "no plan was found for a camera")
         return PlanFailure("an internal fault ended the planning: see the server's log")
-
-
-def render_frame(
-    request: FrameRequest, views: ViewProvider | None, *, monotonic: Callable[[], float]
-) -> Frame:
-    """Render all views of a request and compose the frame; black without a view provider."""
-    composition = request.composition
-    begin_s = monotonic()
-    rendered = [
-        None if view is None or views is None else views.render(view) for view in composition.views
-    ]
-    rgb = _compose_image(composition, rendered)
-    # Up to here the duration counts: the rest gathers numbers.
-    end_s = monotonic()
-    present = [view for view in rendered if view is not None]
-    stage_ms: Counter[str] = Counter()
-    for view in present:
-        stage_ms.update(view.image.stage_ms)
-    bounds = max_bounds(view.error_bounds for view in present)
-    return Frame(
-        sequence=request.sequence,
-        time_s=request.time_s,
-        rgb=rgb,
-        exposed_at_s=request.exposed_at_s,
-        finished_at_s=end_s,
-        channel=request.channel,
-        metadata=composition.metadata,
-        stage_ms=dict(stage_ms),
-        render_duration_s=end_s - begin_s,
-        # A set: cameras of one class share a plan.
-        plan="; ".join(sorted({view.plan for view in present})) or None,
-        error_bound_px=bounds["outline_px"] if bounds else None,
-        error_bounds=bounds,
-        # In a list of several cameras' decisions the camera of each would be lost.
-        effect_decisions=present[0].effect_decisions if len(rendered) == len(present) == 1 else (),
-    )
-
-
-def max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float] | None:
-    """Largest value of each error bound, over all views of a frame.
-
-    Returns:
-        The bounds by name; None for a frame without views, or with a view without bounds.
-    """
-    views = list(bounds)
-    known = [view for view in views if view is not None]
-    if not known or len(known) < len(views):
-        return None
-    names = dict.fromkeys(name for view in known for name in view)
-    return {name: max(view.get(name, 0.0) for view in known) for name in names}
-
-
-def _compose_image(composition: FrameComposition, rendered: Sequence[RenderedView | None]) -> Image:
-    """Image of all tiles."""
-    images = [view.image.rgb if view else None for view in rendered]
-    first, layout = images[0], composition.layout
-    # A single view that fills the frame is the frame: no copy of a megabyte.
-    if len(images) == 1 and first is not None and first.shape[:2] == layout.shape:
-        return first
-    return compose_tiles(layout, images)

@@ -15,9 +15,6 @@ from collections.abc import Callable
 from enum import Enum
 from typing import assert_never
 
-from catoptra_protocol.usarsim.command_results import STATUS_FAILED
-from catoptra_protocol.usarsim.commands import Init, Set
-from catoptra_protocol.usarsim.reports import CommandResult
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.capture_scheduler import (
     NS_PER_S,
@@ -33,6 +30,7 @@ from catoptra_server.frames.frame_request import (
     FrameRequest,
     ImagePortChannel,
 )
+from catoptra_server.simulation.fault_replies import FAULT_REASON, reply_fault
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.inbox import Inbox
 from catoptra_server.simulation.simulation_events import (
@@ -41,7 +39,6 @@ from catoptra_server.simulation.simulation_events import (
     ClientDisconnected,
     ClientWork,
     CommandReceived,
-    Fault,
     LandmarksRequested,
     ResetRequested,
     SimulationEvent,
@@ -61,8 +58,6 @@ MAX_STEP_S = 60.0
 # Wall time for the work of clients between two ticks of 20 ms: a quarter, which leaves the rest to
 # robots and sensors, and to the other threads, which share the interpreter with this one.
 WORK_BUDGET_S = 0.005
-# Text for clients whose work raised; the traceback is in the log.
-_FAULT_REASON = "an internal fault ended this request: see the server's log"
 
 
 class ClockMode(Enum):
@@ -194,7 +189,7 @@ class Simulation:
             self._execute(event)
         except Exception:
             log_fault(log, "%s of a client failed and was dropped", type(event).__name__)
-            self._reply_fault(event)
+            reply_fault(event, self._time_s)
 
     def _execute(self, event: ClientWork) -> None:
         # Without a default, as in `Fleet.execute`: a new event fails the type check here.
@@ -211,28 +206,6 @@ class Simulation:
             case LandmarksRequested(_, channel, landmarks_reply):
                 landmarks = self._fleet.compute_landmark_visibility(channel)
                 landmarks_reply(self._time_s, landmarks)
-            case _:
-                assert_never(event)
-
-    def _reply_fault(self, event: ClientWork) -> None:
-        """Reply to work that raised, wherever its client waits for a reply."""
-        match event:
-            case CommandReceived(client, Init()):
-                client.reject_init(_FAULT_REASON)
-            case CommandReceived(client, Set() as command):
-                name = command.name or ""
-                result = CommandResult(self._time_s, command.type, name, STATUS_FAILED)
-                client.deliver([result])
-            case CommandReceived():
-                pass  # no other command has a reply
-            case StepRequested():
-                event.reply(StepResult(self._time_s, failure=_FAULT_REASON))
-            case ResetRequested(_, reply):
-                reply()
-            case AccuracyTargetChanged():
-                event.reply(Fault(_FAULT_REASON), event.camera)
-            case LandmarksRequested():
-                event.reply(self._time_s, Fault(_FAULT_REASON))
             case _:
                 assert_never(event)
 
@@ -298,7 +271,7 @@ class Simulation:
         except Exception:
             log_fault(log, "the frame of %s could not be composed", channel)
             self._scheduler.remove(channel)
-            self._reject(channel, _FAULT_REASON)
+            self._reject(channel, FAULT_REASON)
             return
         if composition is None:
             self._scheduler.remove(channel)
