@@ -108,6 +108,11 @@ class FairQueue(Generic[Key, Item]):
         if len(self._accounts) > len(self) + _MAX_IDLE_ACCOUNTS:
             self._remove_idle(now_s)
 
+    def write_off(self, key: Key) -> None:
+        """Forget the time that a client has used."""
+        if key in self._accounts:
+            self._accounts[key].used_s = 0.0
+
     def drop(self, key: Key) -> list[Item]:
         """Remove a client, and return its waiting items."""
         account = self._accounts.pop(key, None)

@@ -16,6 +16,7 @@ from catoptra_server.simulation.simulation_events import (
     ClientDisconnected,
     CommandReceived,
     Fault,
+    ResetRequested,
     StepRequested,
 )
 from helpers.robots import FakeClient
@@ -168,3 +169,18 @@ def test_client_above_its_share_waits_behind_the_others() -> None:
         event = inbox.take_work()
         assert event is not None
         assert event.client is (heavy if keep_order else light)
+
+
+def test_client_above_its_share_that_leaves_waits_behind_nobody() -> None:
+    inbox, leaving, successor = make_inbox(keep_order=False), FakeClient(), FakeClient()
+    inbox.post(CommandReceived(leaving, GetStartPoses()))
+    inbox.take_work()
+    inbox.charge(leaving, 1.0)
+    last = ResetRequested(leaving, lambda: None, is_last=True)
+    for event in (CommandReceived(leaving, GetStartPoses()), last):
+        inbox.post(event)
+    inbox.post(CommandReceived(successor, GetStartPoses()))
+    clients = []
+    while (work := inbox.take_work()) is not None:
+        clients.append(work.client)
+    assert clients == [leaving, leaving, successor]

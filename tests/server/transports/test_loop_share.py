@@ -68,6 +68,18 @@ def test_wait_after_an_expensive_chunk_is_limited() -> None:
     assert share.remaining_wait_s(account) == pytest.approx(1.0)
 
 
+def test_dialogue_waits_for_nothing_however_long_it_lasts() -> None:
+    clock = Clock()
+    share = LoopShare(0.3, monotonic=clock)
+    account = share.open_account()
+    for _ in range(1000):
+        account.charge(0.001)
+        account.write_off()
+        account.charge_read()
+        clock.now_s += 0.001
+        assert share.remaining_wait_s(account) < 0.0
+
+
 def test_connection_that_stopped_counts_no_more() -> None:
     clock = Clock()
     share = LoopShare(0.5, monotonic=clock)

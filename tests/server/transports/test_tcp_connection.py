@@ -53,6 +53,20 @@ def test_reads_are_bounded_and_complete() -> None:
     run_scenario(scenario())
 
 
+def test_input_that_waits_is_known_before_it_is_read() -> None:
+    async def scenario() -> None:
+        async with connected([]) as (connection, peer):
+            assert not connection.has_more_input
+            await asyncio.get_running_loop().sock_sendall(peer, bytes(2 * READ_BYTES))
+            assert connection.has_more_input  # in the kernel
+            await connection.read()
+            assert connection.has_more_input
+            await connection.read()
+            assert not connection.has_more_input
+
+    run_scenario(scenario())
+
+
 def test_peer_that_is_not_read_is_held_back() -> None:
     async def scenario() -> None:
         async with connected([]) as (connection, peer):

@@ -23,6 +23,7 @@ from catoptra_server.simulation.simulation_events import (
     ClientWork,
     CommandReceived,
     Fault,
+    ResetRequested,
     SimulationEvent,
     StepRequested,
     StopRequested,
@@ -107,6 +108,8 @@ class Inbox:
             case AccuracyTargetChanged(), AccuracyTargetChanged() if _sets_target_of(event, newest):
                 self._work.replace_newest(event.client, event)
                 return newest
+            case ResetRequested(is_last=True), _:
+                self._work.write_off(event.client)
             case StepRequested(), _:
                 event = self._limit_step(event)
         self._work.put(event.client, event)

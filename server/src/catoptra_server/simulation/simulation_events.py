@@ -84,11 +84,14 @@ class StepRequested:
 
 @dataclass(frozen=True, slots=True)
 class ResetRequested:
-    """A client gives its robot back and stays connected."""
+    """A client gives its robot back, behind its waiting work."""
 
     client: Client
     reply: Callable[[], None]
     """Called after the removal."""
+    is_last: bool = False
+    """Whether the client sends nothing more: its waiting work is served in the order of arrival,
+    whatever time it has used, so that a client that reconnects finds place and name free."""
 
 
 @dataclass(frozen=True, slots=True)

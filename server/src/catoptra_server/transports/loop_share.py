@@ -84,6 +84,14 @@ class LoopAccount:
         """Charge the loop's time for one read to the connection."""
         self.charge(_READ_S)
 
+    def write_off(self) -> None:
+        """Forget the use of a connection that sends its commands one by one.
+
+        A dialogue, in which the peer waits for each reply, needs no limit: at any time it occupies
+        the loop with one command. It would be the slower for a limit, by half under lockstep.
+        """
+        self.paid_at_s = 0.0
+
     @property
     def remaining_wait_s(self) -> float:
         """Time until the connection may be read; 0 or less for now."""

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import socket
+import struct
+import termios
 import time
 from collections.abc import Callable
 from typing import cast
@@ -64,6 +67,15 @@ class TcpConnection(asyncio.BufferedProtocol):
         if data and self._transport is not None:
             self._transport.resume_reading()
         return data
+
+    @property
+    def has_more_input(self) -> bool:
+        """Whether input is waiting that has not been read."""
+        if self._ahead or self._transport is None or self.is_closing:
+            return bool(self._ahead)
+        waiting = bytearray(struct.calcsize("i"))
+        fcntl.ioctl(self._transport.get_extra_info("socket").fileno(), termios.FIONREAD, waiting)
+        return any(waiting)
 
     def write(self, data: bytes) -> None:
         """Send bytes, or queue them."""

@@ -33,6 +33,8 @@ log = logging.getLogger(__name__)
 # so that memory stays bounded.
 _DROP_PERIODIC_ABOVE_BYTES = 64 * 1024
 _DISCONNECT_ABOVE_BYTES = 1024 * 1024
+# Commands in one read of a client that waits for the replies, such as SET, DRIVE and STEP.
+_MAX_DIALOGUE_COMMANDS = 4
 # Reports that are repeated in the next cycle.
 _PERIODIC_WORDS = ("SEN", "STA", "MISSTA")
 # Time for the work of a client that has closed its sending side: replies to its last commands.
@@ -83,9 +85,12 @@ class ControlPeer:
         """Hand the client's commands to the simulation until it sends nothing more."""
         while data := await self._connection.read():
             log.debug("from %s: %r", self._connection.address, data)
-            for command in self._parse(data):
+            commands = self._parse(data)
+            for command in commands:
                 self._connection.has_handshake = True
                 await self._post_in_turn(self._make_event(command))
+            if len(commands) <= _MAX_DIALOGUE_COMMANDS and not self._connection.has_more_input:
+                self._account.write_off()
             self._account.charge_read()
             await self._account.wait()
         await self._finish()
@@ -116,7 +121,7 @@ class ControlPeer:
             self._loop.call_soon_threadsafe(is_finished.set)
 
         # Behind the queued commands; the connection is cancelled if this takes too long.
-        await self._post_in_turn(ResetRequested(self, finish))
+        await self._post_in_turn(ResetRequested(self, finish, is_last=True))
         await is_finished.wait()
 
     def _reply_step(self, result: StepResult) -> None:

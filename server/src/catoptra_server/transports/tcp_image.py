@@ -118,6 +118,8 @@ class _ImagePeer:
             for request in requests.receive(data):
                 self._connection.has_handshake = True
                 await self._answer(request)
+            if not self._connection.has_more_input:
+                self._account.write_off()
             self._account.charge_read()
             await self._account.wait()
 
