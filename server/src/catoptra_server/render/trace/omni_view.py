@@ -33,7 +33,7 @@ class ColourSource(Protocol):
         """Render an exposure into the colours of the scale; also milliseconds by stage."""
 
 
-class RangeSource(Protocol):
+class PixelRangeSource(Protocol):
     """Prepared rays through the pixel centres."""
 
     memory_bytes: int
@@ -56,7 +56,7 @@ class TraceOmniView:
         *,
         make_encoded_source: SourceFactory,
         make_linear_source: SourceFactory,
-        make_ranges: Callable[[], RangeSource],
+        make_ranges: Callable[[], PixelRangeSource],
         ray_bytes: int,
     ) -> None:
         """Keep the factories.
@@ -75,7 +75,7 @@ class TraceOmniView:
         self._ray_bytes = ray_bytes
         # At most four, by scale and shadows.
         self._sources: dict[tuple[SourceFactory, bool], ColourSource] = {}
-        self._ranges: RangeSource | None = None
+        self._ranges: PixelRangeSource | None = None
 
     @property
     def memory_bytes(self) -> int:
