@@ -124,6 +124,23 @@ def test_renderer_when_the_server_ends_is_closed_with_its_view(
     assert renderer.view.is_closed
 
 
+def test_server_warns_of_its_host_before_it_listens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hosts: list[str] = []
+
+    async def record(host: str) -> None:
+        hosts.append(host)
+
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        assert hosts == [address.host]
+        stop.set()
+
+    use_renderer(monkeypatch, FakeView())
+    monkeypatch.setattr(app, "warn_of_exposure", record)
+    run_scenario(serve_for(make_options(tmp_path), visit))
+
+
 def test_server_when_no_renderer_can_run_does_not_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,7 +1,8 @@
-"""Subcommands: each reaches its own parser, and the doctor loads no library of the server."""
+"""Subcommands: each reaches its own parser; signals and libraries are the server's alone."""
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 
@@ -33,6 +34,30 @@ def test_doctor_when_it_starts_has_loaded_no_library_of_the_server() -> None:
     )
     process = subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, check=False)
     assert process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("module", "words", "handles_signals"),
+    [
+        ("cli", [], True),
+        ("doctor.doctor_cli", ["doctor"], False),
+        ("explain", ["explain"], False),
+    ],
+)
+def test_signals_are_handled_for_the_server_alone(
+    monkeypatch: pytest.MonkeyPatch, module: str, words: list[str], handles_signals: bool
+) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    within: list[object] = []
+
+    def record(*_: object) -> int:
+        within.append(signal.getsignal(signal.SIGINT))
+        return 3
+
+    monkeypatch.setattr(f"catoptra_server.{module}.main", record)
+    assert main(words) == 3
+    assert (within != [before]) == handles_signals
+    assert signal.getsignal(signal.SIGINT) == before
 
 
 def test_main_with_explain_explains(capsys: pytest.CaptureFixture[str]) -> None:
