@@ -20,7 +20,7 @@ MAX_LIMIT_MIB = 2**20
 
 # A triangle in NumPy arrays and in the structures of either renderer: 650 to 720.
 BYTES_PER_TRIANGLE = 750
-# Three bytes, three linear float32 of the trace renderer, and four more while Pillow decodes: 19.
+# Three bytes, three linear float32 of the trace renderer, and four more while Pillow decodes: 23.
 BYTES_PER_TEXEL = 24
 
 # Rays of a sample in two orders, 12 bytes each, and the batch in which these are computed.

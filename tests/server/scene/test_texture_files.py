@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_server.memory_budget import MIB, MemoryBudget
-from catoptra_server.scene.texture_files import announced_size, load_texture
+from catoptra_server.scene.texture_files import load_texture, read_image_size
 from helpers.mesh_file_samples import make_announcing_png, make_quadrant_image
 
 
@@ -67,4 +67,4 @@ def test_texture_of_a_format_that_needs_another_program_is_rejected(tmp_path: Pa
 
 
 def test_size_of_an_image_is_read_from_its_first_bytes() -> None:
-    assert announced_size(make_announcing_png(70, 50), SourceLocation("q.png")) == (70, 50)
+    assert read_image_size(make_announcing_png(70, 50), SourceLocation("q.png")) == (70, 50)

@@ -15,7 +15,7 @@ from typing import Any
 
 from catoptra_protocol.errors import SourceLocation
 from catoptra_server.memory_budget import MemoryBudget
-from catoptra_server.scene.texture_files import announced_size, reserve_texels
+from catoptra_server.scene.texture_files import read_image_size, reserve_texels
 
 _MAGIC = b"glTF"
 _DATA_URI = "data:"
@@ -50,7 +50,7 @@ def reserve_gltf(
         remedy="a mesh file with fewer or smaller accessors and buffer views",
     )
     for image in _embedded_images(header, binary, read_asset):
-        reserve_texels(announced_size(image, where), memory, where)
+        reserve_texels(read_image_size(image, where), memory, where)
 
 
 def _split_glb(data: bytes) -> tuple[dict[str, Any], bytes]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_server.memory_budget import MemoryBudget
-from catoptra_server.scene.texture_files import announced_size, reserve_texels
+from catoptra_server.scene.texture_files import read_image_size, reserve_texels
 
 _IMAGE_SUFFIXES = frozenset(
     (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".ppm", ".tga", ".tif", ".tiff", ".webp")
@@ -63,5 +63,5 @@ class MeshAssets:
         )
         data = path.read_bytes()
         if path.suffix.lower() in _IMAGE_SUFFIXES:
-            reserve_texels(announced_size(data, where), self._memory, where)
+            reserve_texels(read_image_size(data, where), self._memory, where)
         return data

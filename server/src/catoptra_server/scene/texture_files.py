@@ -55,7 +55,7 @@ def reserve_texels(size: tuple[int, int], memory: MemoryBudget, where: SourceLoc
     )
 
 
-def announced_size(data: bytes, where: SourceLocation) -> tuple[int, int]:
+def read_image_size(data: bytes, where: SourceLocation) -> tuple[int, int]:
     """Width and height that the first bytes of an image file state.
 
     Raises:
