@@ -145,12 +145,12 @@ class ViewCache:
             ViewFailedError: No renderer can prepare the view.
         """
 
-        def prepare_planned(planned: PlannedCamera) -> str:
+        def prepare_view(planned: PlannedCamera) -> str:
             self._views.get(planned)
             self._views.trim()
             return planned.plan_text
 
-        return self._work_with_recovery(camera, prepare_planned)
+        return self._work_with_recovery(camera, prepare_view)
 
     def render(self, request: ViewRequest) -> RenderedView:
         """Render a view; the first frame of a camera includes the preparation.
@@ -159,14 +159,14 @@ class ViewCache:
             ViewFailedError: No renderer can draw the view.
         """
         return self._work_with_recovery(
-            request.camera, partial(self._render_planned, request.camera_state)
+            request.camera, partial(self._render_by_plan, request.camera_state)
         )
 
     def _work_with_recovery(
         self, camera: CameraSpec, work: Callable[[PlannedCamera], _ResultT]
     ) -> _ResultT:
         """Result of some work for a camera, by a new or another renderer after a fault."""
-        planned = self._find_planned(camera)
+        planned = self._find_plan(camera)
         kind = planned.plan.renderer
         try:
             return work(planned)
@@ -177,7 +177,7 @@ class ViewCache:
             log_fault(log, "%s failed to render a view and is made anew", kind.value)
         self._renew_renderer(kind)
         try:
-            return work(self._find_planned(camera))
+            return work(self._find_plan(camera))
         except Exception:
             log_fault(log, "%s failed again after it was made anew", kind.value)
         # Whatever comes of this view, others find a renderer that works.
@@ -194,7 +194,7 @@ class ViewCache:
         self._planner.renderers.replace(failed, other)
         self._discard_plans()
         try:
-            result = work(self._find_planned(camera))
+            result = work(self._find_plan(camera))
         except Exception as error:
             log_fault(log, "%s failed in place of %s", other.value, failed.value)
             self._renew_renderer(other)
@@ -215,7 +215,7 @@ class ViewCache:
         self._planned.clear()
         self._planner.discard_tables()
 
-    def _render_planned(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
+    def _render_by_plan(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
         """Render a view by a plan."""
         if not isinstance(planned.spec, OmniCameraSpec):
             rendered = RenderedView(
@@ -262,7 +262,7 @@ class ViewCache:
             return ViewState(self._planner.choose_plan(camera, self._calibration_states), None)
         return ViewState(planned.choice, planned.budget_monitor.median_ms)
 
-    def _find_planned(self, camera: CameraSpec) -> PlannedCamera:
+    def _find_plan(self, camera: CameraSpec) -> PlannedCamera:
         """Camera with its plan.
 
         Raises:
