@@ -43,6 +43,16 @@ def test_client_above_its_share_is_last_until_it_is_paid_back() -> None:
     assert take_all(queue) == [0, 1]
 
 
+def test_client_above_its_share_is_in_order_once_its_use_is_written_off() -> None:
+    queue = FairQueue[str, int](share=0.1, monotonic=_Clock())
+    queue.write_off("a")
+    for number, key in enumerate("aab"):
+        queue.put(key, number)
+    queue.charge("a", 0.5)
+    queue.write_off("a")
+    assert take_all(queue) == [0, 1, 2]
+
+
 def test_queue_without_shares_ignores_all_use() -> None:
     queue = FairQueue[str, int](share=None, monotonic=_Clock())
     for number, key in enumerate("abab"):

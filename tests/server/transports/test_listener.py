@@ -6,6 +6,7 @@ import asyncio
 import logging
 import resource
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -87,6 +88,24 @@ def test_connections_have_keepalive_and_send_without_delay() -> None:
             assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
             end.close()
         loop.close()
+
+    run_scenario(scenario())
+
+
+def test_flood_of_connections_leaves_the_loop_to_others() -> None:
+    async def scenario() -> None:
+        accepted: list[socket.socket] = []
+        loop = AcceptLoop(
+            create_listener(HOST, 0, name="x"), lambda end, _: accepted.append(end), name="x"
+        )
+        clients = [socket.create_connection((HOST, loop.port)) for _ in range(100)]
+        begin_s = time.monotonic()
+        await wait_until(lambda: len(accepted) == len(clients), "last connection")
+        # 1 ms for each but those of the last turn.
+        assert time.monotonic() - begin_s > 0.05
+        loop.close()
+        for end in (*clients, *accepted):
+            end.close()
 
     run_scenario(scenario())
 
