@@ -154,14 +154,14 @@ class RenderThread:
         try:
             views = create_views()
             on_ready()
-            self._run_until_stopped(views)
+            self._serve_queue(views)
         finally:
             # Also after an error: the simulation may be blocked in `submit_and_wait`.
             self._cancel_pending()
             if views is not None:
                 views.close()
 
-    def _run_until_stopped(self, views: ViewProvider | None) -> None:
+    def _serve_queue(self, views: ViewProvider | None) -> None:
         while True:
             with self._changed:
                 self._changed.wait_for(
