@@ -55,7 +55,7 @@ class LogWriter(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Queue a record, or count the record where its like are frequent."""
         try:
-            if self._is_admitted(record):
+            if self._admit(record):
                 self._append(self.format(record))
         # Arguments that do not fit the template, or whose text raises: a bug in the server, which
         # must not reach the caller.
@@ -84,7 +84,7 @@ class LogWriter(logging.Handler):
         self._thread.join(_CLOSE_TIMEOUT_S)
         super().close()
 
-    def _is_admitted(self, record: logging.LogRecord) -> bool:
+    def _admit(self, record: logging.LogRecord) -> bool:
         # Wire traffic, logged at DEBUG on request, is complete.
         if record.levelno <= logging.DEBUG:
             return True
