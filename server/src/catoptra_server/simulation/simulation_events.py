@@ -20,6 +20,9 @@ class Client(Protocol):
     Methods may be called from any thread, and return at once: the simulation waits for no socket.
     """
 
+    # Clients are keys of queues and robots, by identity.
+    def __hash__(self) -> int: ...
+
     def deliver(self, reports: Sequence[Report]) -> None:
         """Send reports, in order and in one piece."""
 
