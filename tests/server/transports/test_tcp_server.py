@@ -181,6 +181,34 @@ def test_connection_without_a_handshake_makes_room_for_newcomers_the_oldest_firs
     run_scenario(scenario())
 
 
+def test_connection_whose_peer_has_left_makes_room_for_newcomers() -> None:
+    async def wait_for_ever(connection: TcpConnection) -> None:
+        connection.write(await connection.read())
+        connection.has_handshake = True
+        await asyncio.Event().wait()
+
+    async def scenario() -> None:
+        async with serve(wait_for_ever, max_connections=2) as server:
+            ends = [await connect(server) for _ in range(2)]
+            for reader, writer in ends:
+                writer.write(b"x")
+                await reader.readexactly(1)
+            (staying_in, staying), (leaving_in, leaving) = ends
+            leaving.write_eof()
+            connections = list(server._connections)
+            ended = connections[1]
+            await wait_until(lambda: ended.peer_ended_at_s is not None, "end of a peer")
+            in_, out = await connect(server)
+            out.write(b"y")
+            assert await in_.readexactly(1) == b"y"
+            assert await leaving_in.read() == b""
+            assert not staying_in.at_eof()
+            for writer in (staying, leaving, out):
+                writer.close()
+
+    run_scenario(scenario())
+
+
 def test_connection_without_a_handshake_in_time_is_closed_whatever_it_sends() -> None:
     async def swallow(connection: TcpConnection) -> None:
         while await connection.read():

@@ -19,8 +19,8 @@ log = logging.getLogger(__name__)
 BACKLOG = 512
 # Connections accepted in one turn of the loop; the others wait for a later one.
 _MAX_ACCEPTS_PER_TURN = 16
-# Pause for each of them: opening and closing a connection takes 0.4 to 0.5 ms of the loop, so that a
-# flood of connections takes less than half of it.
+# Pause for each of them: opening and closing a connection takes 0.4 to 0.5 ms of the loop, so that
+# a flood of connections takes less than half of it.
 _PAUSE_PER_ACCEPT_S = 0.001
 # Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
 # and only burn processor time.

@@ -7,6 +7,7 @@ has left is noticed while its input is still being handled.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import logging
 import socket
 import time
@@ -32,8 +33,8 @@ class ConnectionLimits:
     """Limits of the connections to one port."""
 
     max_connections: int = 64
-    """Concurrent connections, as in UDK. At the limit the oldest one without a handshake is closed
-    for a newcomer; without such a one the newcomer is rejected."""
+    """Concurrent connections, as in UDK. At the limit the oldest one without a handshake, or else
+    whose peer has left, is closed for a newcomer; without such a one the newcomer is rejected."""
     handshake_timeout_s: float = 300.0
     """Time for the first valid input; 0 = no limit."""
     idle_timeout_s: float = 600.0
@@ -96,11 +97,13 @@ class TcpServer:
         self._connections[connection] = task
 
     def _make_room(self) -> bool:
-        """Close the oldest connection without a handshake; False if there is none."""
-        oldest = next((c for c in self._connections if not c.has_handshake), None)
+        """Close a connection that needs its place least; False if there is none."""
+        silent = (one for one in self._connections if not one.has_handshake)
+        ended = (one for one in self._connections if one.peer_ended_at_s is not None)
+        oldest = next(itertools.chain(silent, ended), None)
         if oldest is None:
             return False
-        log.info("%s closed for a newcomer: it has sent nothing valid", oldest.address)
+        log.info("%s closed for a newcomer: it has left or sent nothing valid", oldest.address)
         self._end(oldest)
         # At once, not when asyncio reports the end: the newcomer takes its place.
         self._connections.pop(oldest, None)
