@@ -217,6 +217,19 @@ def test_all_ports_on_all_ipv6_addresses_accept_ipv4_too(tmp_path: Path) -> None
     run_scenario(serve_for(dataclasses.replace(make_options(tmp_path), host="::"), visit))
 
 
+def test_timeouts_hold_for_control_and_image_port(tmp_path: Path) -> None:
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        for port in (address.control_port, address.image_port):
+            reader, writer = await asyncio.open_connection(HOST, port)
+            await reader.read()  # to the end: without a command or request it is closed
+            writer.close()
+        stop.set()
+
+    options = make_options(tmp_path)
+    limited = options.server_options | ServerOptions(handshake_timeout_s=0.1)
+    run_scenario(serve_for(dataclasses.replace(options, server_options=limited), visit))
+
+
 async def receives_greeting(port: int) -> bool:
     """Whether a new connection receives the greeting."""
     reader, writer = await asyncio.open_connection(HOST, port)
