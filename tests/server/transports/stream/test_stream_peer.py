@@ -245,7 +245,7 @@ def inject_fault(
         monkeypatch.setattr(f"catoptra_server.transports.stream.stream_server.{name}", raise_error)
 
 
-def test_client_when_it_reads_nothing_for_long_is_stalled(
+def test_client_when_it_reads_nothing_for_long_has_stalled_outbox(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(stream_peer, "_MAX_BLOCKED_S", 0.0)

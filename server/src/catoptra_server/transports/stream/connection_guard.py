@@ -115,9 +115,9 @@ class ConnectionGuard:
                     *(connection.address, limit_s),
                 )
                 connection.close()
-        self._close_ended()
+        self._close_orphans()
 
-    def _close_ended(self) -> None:
+    def _close_orphans(self) -> None:
         """Close connections whose end of the ROUTER is shut down while the client reads nothing."""
         blocked = {one.router_fd: one for one in self._connections if one.is_client_blocked}
         poll = select.poll()

@@ -81,7 +81,7 @@ class FrameSender:
         self._last_received_id = request.id
         replaced, self._waiting = self._waiting, request
         if replaced is not None:
-            self._reject_superseded(replaced.id, by=request.id)
+            self._reject_old_request(replaced.id, by=request.id)
             # A wait for another channel's frame would delay this one.
             if self._encoding is None and _select_channel(replaced) != _select_channel(request):
                 self.close()
@@ -146,13 +146,13 @@ class FrameSender:
         if self._outbox.withdraw_frame():
             self.num_sent -= 1
             self.num_dropped += 1
-            self._reject_superseded(self._last_sent_id, by=request.id)
+            self._reject_old_request(self._last_sent_id, by=request.id)
         header = self._make_header(frame, request)
         self._outbox.send_frame(bytes_from_message(header), payload)
         self._last_sent_id = request.id
         self.num_sent += 1
 
-    def _reject_superseded(self, id_: int, *, by: int) -> None:
+    def _reject_old_request(self, id_: int, *, by: int) -> None:
         self._send_reply(Error(id_, f"superseded by request {by}"))
 
     def _make_header(self, frame: Frame, request: GetFrameRequest) -> FrameHeader:

@@ -61,7 +61,7 @@ def _remove_abandoned_folders(parent: Path) -> None:
     for folder in candidates:
         # Another server may remove the same folder at the same time.
         with suppress(OSError):
-            if _is_own_folder(folder) and _is_abandoned(folder):
+            if _is_own_folder(folder) and _has_no_server(folder):
                 shutil.rmtree(folder)
                 log.info("removed %s, which a killed server left", folder)
 
@@ -77,7 +77,7 @@ def _is_own_folder(folder: Path) -> bool:
     )
 
 
-def _is_abandoned(folder: Path) -> bool:
+def _has_no_server(folder: Path) -> bool:
     """Whether no living server holds the lock of a folder; False for one without a lock yet."""
     try:
         lock = os.open(folder / _LOCK_NAME, os.O_RDONLY | os.O_NOFOLLOW)

@@ -145,9 +145,9 @@ class RobotSession:
 
     def _call_on_loop(self, function: Callable[..., None], *arguments: object) -> None:
         # Sockets and replies belong to the loop.
-        self._loop.call_soon_threadsafe(self._run_unless_closed, function, *arguments)
+        self._loop.call_soon_threadsafe(self._run_if_open, function, *arguments)
 
-    def _run_unless_closed(self, function: Callable[..., None], *arguments: object) -> None:
+    def _run_if_open(self, function: Callable[..., None], *arguments: object) -> None:
         if self._is_closed:
             return
         try:

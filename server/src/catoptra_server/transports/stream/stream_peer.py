@@ -106,7 +106,7 @@ class StreamPeer:
         self._idle_heartbeats += 1
         return self._idle_heartbeats <= max_idle
 
-    def is_stalled(self) -> bool:
+    def has_stalled_outbox(self) -> bool:
         """Whether the client has read nothing for long; to be called regularly."""
         if self.outbox.flush() or not self.outbox.is_blocked:
             self._blocked_since_s = None

@@ -130,7 +130,7 @@ class StreamServer:
     def send_heartbeats(self) -> None:
         """Send due heartbeats, and remove clients that read nothing."""
         for identity, peer in list(self._peers.items()):
-            if peer.is_stalled():
+            if peer.has_stalled_outbox():
                 self._end_connection(identity, peer)
             elif peer.wants_heartbeat(MAX_IDLE_HEARTBEATS):
                 self._send(identity, [_HEARTBEAT])
@@ -215,9 +215,9 @@ class StreamServer:
         if peer is not None:
             self._blocked.append(peer)
         if self._blocked and self._flush_timer is None:
-            self._flush_timer = self._loop.call_later(_FLUSH_INTERVAL_S, self._flush_blocked)
+            self._flush_timer = self._loop.call_later(_FLUSH_INTERVAL_S, self._flush_outboxes)
 
-    def _flush_blocked(self) -> None:
+    def _flush_outboxes(self) -> None:
         self._flush_timer = None
         # A few in turn, so that peers that read nothing cost no time, however many.
         for _ in range(min(_FLUSHED_PEERS, len(self._blocked))):
