@@ -27,7 +27,9 @@ def plan_view_size(camera: OmniCamera, plan: RenderPlan, *, has_effects: bool = 
 
 def omni_view_size(camera: OmniCamera, settings: RenderSettings, *, has_effects: bool) -> ViewSize:
     """Size of the view that explicit settings describe, whichever renderer is chosen."""
-    plan = plan_from_settings(settings, camera, kind=RendererKind.RASTER, reason="size")
+    # With faces a view holds more than rays.
+    kind = next(kind for kind in RendererKind if kind.uses_faces)
+    plan = plan_from_settings(settings, camera, kind=kind, reason="size")
     return plan_view_size(camera, plan, has_effects=has_effects)
 
 
