@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server import app
-from catoptra_server.app import ListeningAddress, Options, serve
+from catoptra_server import app, server_threads
+from catoptra_server.app import ListeningAddress, serve
 from catoptra_server.config.server_file import ServerOptions
+from catoptra_server.options import Options
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.simulation import ClockMode, Simulation
@@ -89,7 +90,7 @@ class _FakeRenderer:
 def use_renderer(monkeypatch: pytest.MonkeyPatch, view: FakeView) -> _FakeRenderer:
     renderer = _FakeRenderer(view)
     choice = RendererChoice(renderer, RendererKind.TRACE, "fake")  # type: ignore[arg-type] # fake enough
-    monkeypatch.setattr(app, "choose_renderer", lambda *args, **kwargs: choice)
+    monkeypatch.setattr(server_threads, "choose_renderer", lambda *args, **kwargs: choice)
     return renderer
 
 
@@ -150,7 +151,7 @@ def test_server_when_no_renderer_can_run_does_not_start(
     async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
         raise AssertionError("the server listens without a renderer")
 
-    monkeypatch.setattr(app, "choose_renderer", reject)
+    monkeypatch.setattr(server_threads, "choose_renderer", reject)
     with pytest.raises(DomainError, match="no renderer today"):
         run_scenario(serve_for(make_options(tmp_path), visit))
 

@@ -11,10 +11,11 @@ import pytest
 
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server import cli as module
-from catoptra_server.app import ListeningAddress, Options, serve
+from catoptra_server.app import ListeningAddress, serve
 from catoptra_server.cli import main
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.frames.multi_view import multi_view_layout
+from catoptra_server.options import Options
 from catoptra_server.render.raster import gl_device
 from catoptra_server.termination import Termination
 from catoptra_server.worker_thread import ThreadFailedError

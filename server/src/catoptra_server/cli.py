@@ -16,7 +16,7 @@ from typing import cast
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.image_port import ImageType
-from catoptra_server.app import ListeningAddress, Options, serve
+from catoptra_server.app import ListeningAddress, serve
 from catoptra_server.config.bundled_files import FileKind, find_configuration
 from catoptra_server.config.server_file import (
     MAX_CONNECTIONS,
@@ -28,6 +28,7 @@ from catoptra_server.descriptor_limit import raise_descriptor_limit
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.logs.log_writer import LogWriter, write_log
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MAX_LIMIT_MIB, MIB
+from catoptra_server.options import Options
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.simulation import ClockMode
 from catoptra_server.termination import Termination
