@@ -54,3 +54,6 @@ _ATTACKS = (
     Attack(stream_attacks.hold_unterminated_message),
 )
 ATTACKS = {attack.run.__name__: attack for attack in _ATTACKS}
+# Under lockstep all work is done in the order of arrival, so that equal commands give equal bytes:
+# only the floods of steps can be held back there without a change of the result.
+LOCKSTEP_ATTACKS = (control_attacks.flood_steps.__name__,)

@@ -2,8 +2,8 @@
 
 Run: make soak, or .venv/bin/python tests/load/run.py --seconds 60. First a control run with the
 same honest load and no attack, then the attack, each for --seconds or CATOPTRA_SOAK_S; then both
-for a tenth of that time under a lockstep clock. Writes out/soak/soak.json and out/soak/report.md.
-The exit status is 0 only if every requirement holds.
+for a tenth of that time under a lockstep clock, where the attackers send steps. Writes
+out/soak/soak.json and out/soak/report.md. The exit status is 0 only if every requirement holds.
 
 One attack alone, its honest clients before, during and after:
 .venv/bin/python tests/load/run.py --attack flood_scans --seconds 4
@@ -25,10 +25,10 @@ from rich.console import Console
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from helpers.requirement_results import RequirementResult, print_requirements
-from load.attacks import ATTACKS, SOAK_ARGUMENTS
+from load.attacks import ATTACKS, LOCKSTEP_ATTACKS, SOAK_ARGUMENTS
 from load.single_attack import HEADINGS, format_row, measure_attack
 from load.soak import LoadResult, run_load
-from load.soak_limits import SoakLimits, evaluate_soak
+from load.soak_limits import SoakLimits, evaluate_lockstep, evaluate_soak
 
 ROOT = Path(__file__).parents[2]
 _ALL = "all"
@@ -67,12 +67,25 @@ def _print_attacks(names: Sequence[str], seconds: float, folder: Path) -> None:
 async def _run_soak(
     folder: Path, duration_s: float
 ) -> tuple[list[RequirementResult], dict[str, LoadResult]]:
+    limits = SoakLimits()
     control = await run_load(folder / "control", duration_s, *SOAK_ARGUMENTS)
     attacked = await run_load(
         folder / "attacked", duration_s, *SOAK_ARGUMENTS, attacks=tuple(ATTACKS)
     )
-    results = evaluate_soak(control, attacked, SoakLimits(), num_attacks=len(ATTACKS))
-    return results, {"control": control, "attacked": attacked}
+    results = evaluate_soak(control, attacked, limits, num_attacks=len(ATTACKS))
+    runs = {"control": control, "attacked": attacked}
+    lockstep_s = _LOCKSTEP_FRACTION * duration_s
+    for name, attacks in (("lockstep_control", ()), ("lockstep_attacked", LOCKSTEP_ATTACKS)):
+        runs[name] = await run_load(
+            folder / name, lockstep_s, "--clock", "lockstep", attacks=attacks
+        )
+    results += evaluate_lockstep(
+        runs["lockstep_control"],
+        runs["lockstep_attacked"],
+        limits,
+        num_attacks=len(LOCKSTEP_ATTACKS),
+    )
+    return results, runs
 
 
 def _write_report(
