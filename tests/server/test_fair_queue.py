@@ -83,3 +83,42 @@ def test_accounts_without_work_and_use_are_forgotten() -> None:
         queue.take()
         queue.charge(str(number), 0.01)
     assert len(queue._accounts) < 300
+
+
+def test_long_work_waits_for_a_client_that_was_active_a_moment_ago() -> None:
+    clock = _Clock()
+    queue = FairQueue[str, int](share=0.1, patience_s=0.05, monotonic=clock)
+    for key, duration_s in (("viewer", 0.01), ("long", 2.0)):
+        queue.put(key, 0)
+        assert queue.take() == (key, 0)
+        queue.charge(key, duration_s)
+    queue.put("viewer", 1)
+    assert queue.take() == ("viewer", 1)
+    queue.charge("viewer", 0.01)
+    queue.put("long", 1)
+    # Between two requests of the viewer ...
+    clock.now_s += 0.04
+    assert queue.take() is None
+    # ... and after the viewer has left.
+    clock.now_s += 0.02
+    assert queue.take() == ("long", 1)
+
+
+def test_short_work_waits_for_nobody() -> None:
+    queue = FairQueue[str, int](share=0.1, patience_s=0.05, monotonic=_Clock())
+    for key, duration_s in (("idle", 0.001), ("busy", 0.1)):
+        queue.put(key, 0)
+        queue.take()
+        queue.charge(key, duration_s)
+    queue.put("busy", 1)
+    assert queue.take() == ("busy", 1)
+
+
+def test_long_work_of_the_client_with_the_least_use_is_not_delayed() -> None:
+    queue = FairQueue[str, int](share=0.1, patience_s=0.05, monotonic=_Clock())
+    for key, duration_s in (("used", 3.0), ("long", 2.0)):
+        queue.put(key, 0)
+        queue.take()
+        queue.charge(key, duration_s)
+    queue.put("long", 1)
+    assert queue.take() == ("long", 1)

@@ -1,11 +1,14 @@
 """Work of many clients in one queue, ordered so that heavy use of one delays no other.
 
 Within a share of the time that a client may use, work is taken in the order of arrival. Work of
-clients above their share waits behind all other work, the least used client first.
+clients above their share waits behind all other work, the least used client first. Long work of
+such a client waits for others even while they have none, if they had some a moment ago: a viewer
+that requests frame after frame would otherwise find it begun between two of its requests.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Hashable
@@ -29,14 +32,21 @@ class _Account(Generic[Item]):
     items: deque[tuple[int, Item]] = field(default_factory=deque)
     """Work with the number of its arrival."""
     used_s: float = 0.0
-    updated_s: float = 0.0
+    last_s: float = 0.0
+    """Duration of the last item."""
+    updated_s: float = -math.inf
+    """Time of the last charge."""
 
 
 class FairQueue(Generic[Key, Item]):
     """A queue by client. Not thread-safe: the owner holds a lock."""
 
     def __init__(
-        self, *, share: float | None, monotonic: Callable[[], float] = time.monotonic
+        self,
+        *,
+        share: float | None,
+        patience_s: float = 0.0,
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """Create an empty queue.
 
@@ -46,6 +56,7 @@ class FairQueue(Generic[Key, Item]):
             monotonic: Clock, seconds.
         """
         self._share = share
+        self._patience_s = patience_s
         self._monotonic = monotonic
         self._accounts: dict[Key, _Account[Item]] = {}
         self._num_waiting = 0
@@ -82,7 +93,7 @@ class FairQueue(Generic[Key, Item]):
         items[-1] = (items[-1][0], item)
 
     def take(self, *, arrived_by: int | None = None) -> tuple[Key, Item] | None:
-        """Remove and return the next item with its client; None if none is waiting.
+        """Remove and return the next item with its client; None if none is to be begun now.
 
         Args:
             arrived_by: Newest arrival to take, see `num_arrived`; None takes any.
@@ -94,6 +105,8 @@ class FairQueue(Generic[Key, Item]):
         key, account = min(waiting, key=lambda entry: self._rank(entry[1], now_s))
         if arrived_by is not None and account.items[0][0] > arrived_by:
             return None
+        if self._patience_s and self._has_active_rival(account, now_s):
+            return None
         self._num_waiting -= 1
         return key, account.items.popleft()[1]
 
@@ -104,7 +117,7 @@ class FairQueue(Generic[Key, Item]):
         if account is None:
             return
         account.used_s = self._present_use_s(account, now_s) + duration_s
-        account.updated_s = now_s
+        account.last_s, account.updated_s = duration_s, now_s
         if len(self._accounts) > len(self) + _MAX_IDLE_ACCOUNTS:
             self._remove_idle(now_s)
 
@@ -129,8 +142,22 @@ class FairQueue(Generic[Key, Item]):
         # Equal for all clients within their share, so that the arrival decides among them.
         return (used_s if used_s > _BURST_S else 0.0, account.items[0][0])
 
+    def _has_active_rival(self, account: _Account[Item], now_s: float) -> bool:
+        """Whether long work of a client waits for a client with less use, active a moment ago."""
+        if account.last_s < 4.0 * self._patience_s:
+            return False
+        used_s = self._present_use_s(account, now_s)
+        return any(
+            now_s - other.updated_s < self._patience_s
+            and self._present_use_s(other, now_s) < used_s
+            for other in self._accounts.values()
+            if other is not account
+        )
+
     def _present_use_s(self, account: _Account[Item], now_s: float) -> float:
         """Use so far, less the share of the time that has passed since."""
+        if not account.used_s:
+            return 0.0
         return max(0.0, account.used_s - (self._share or 0.0) * (now_s - account.updated_s))
 
     def _remove_idle(self, now_s: float) -> None:

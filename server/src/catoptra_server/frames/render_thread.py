@@ -32,6 +32,11 @@ log = logging.getLogger(__name__)
 
 # Part of the thread's time that one channel may use before others come first.
 _CHANNEL_SHARE = 0.1
+# Longest pause between two requests of a viewer that requests frame after frame: such a viewer
+# comes before a frame that takes 0.2 s, as the first one of an expensive accuracy target does.
+_PATIENCE_S = 0.05
+# Interval at which a long frame is tried again that waits for such a viewer.
+_RETRY_S = 0.01
 
 _RenderFuture = Future[None]
 _PendingFrame = tuple[FrameRequest, _RenderFuture]
@@ -90,7 +95,7 @@ class RenderThread:
         # Guards all below.
         self._changed = threading.Condition()
         self._frames: FairQueue[Channel, _PendingFrame] = FairQueue(
-            share=_CHANNEL_SHARE, monotonic=monotonic
+            share=_CHANNEL_SHARE, patience_s=_PATIENCE_S, monotonic=monotonic
         )
         self._plans: dict[Hashable, _PlanQuery] = {}
         self._is_stopping = False
@@ -162,6 +167,7 @@ class RenderThread:
                 views.close()
 
     def _serve_queue(self, views: ViewProvider | None) -> None:
+        """Answer requests until stopped."""
         while True:
             with self._changed:
                 self._changed.wait_for(
@@ -171,6 +177,9 @@ class RenderThread:
                     return
                 pending = self._frames.take()
                 query = self._plans.pop(next(iter(self._plans))) if self._plans else None
+                if pending is None and query is None:
+                    self._changed.wait(_RETRY_S)
+                    continue
             # At most one plan a frame: neither a flood of one kind keeps the other waiting.
             if pending is not None:
                 self._answer_frame(*pending[1], views)
