@@ -19,6 +19,8 @@ PARTICIPLE = re.compile(
 )
 # Verbs and nouns with the same ending.
 NO_PARTICIPLES = {"seed", "speed", "need", "feed", "embed", "exceed", "proceed", "spread_speed"}
+# Callbacks of asyncio.BufferedProtocol, whose names are not ours.
+CALLBACKS = {"connection_made", "buffer_updated", "eof_received", "connection_lost"}
 
 
 def source_files() -> Iterator[Path]:
@@ -48,7 +50,7 @@ def participles(source: str) -> list[str]:
         for node in ast.walk(ast.parse(source))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and PARTICIPLE.match(node.name)
-        and node.name.strip("_") not in NO_PARTICIPLES
+        and node.name.strip("_") not in NO_PARTICIPLES | CALLBACKS
         and not any("property" in ast.unparse(line) for line in node.decorator_list)
     ]
 
