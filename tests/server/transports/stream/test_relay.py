@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.transports.stream.relay import Relay
+from catoptra_server.transports.stream.relay import InspectBytes, Relay
 from helpers.loopback import run_scenario, wait_until
 
 
 class RelayFixture:
     """A relay between two pairs of sockets; the test holds `near` and `far`."""
 
-    def __init__(self, inspect: Callable[[bytes], float]) -> None:
+    def __init__(self, inspect: InspectBytes) -> None:
         self.near, source = socket.socketpair()
         sink, self.far = socket.socketpair()
         self.sockets = (self.near, source, sink, self.far)
@@ -28,7 +28,7 @@ class RelayFixture:
 
 
 @contextmanager
-def open_relay(inspect: Callable[[bytes], float] = lambda data: 0.0) -> Iterator[RelayFixture]:
+def open_relay(inspect: InspectBytes = lambda data: (data, 0.0)) -> Iterator[RelayFixture]:
     fixture = RelayFixture(inspect)
     try:
         yield fixture
@@ -60,7 +60,7 @@ def test_source_when_paused_is_read_after_the_pause() -> None:
 
     async def scenario() -> None:
         loop = asyncio.get_running_loop()
-        with open_relay(lambda data: pauses.pop(0)) as fixture:
+        with open_relay(lambda data: (data, pauses.pop(0))) as fixture:
             fixture.near.send(bytes(2000))
             begin_s = loop.time()
             assert len(await loop.sock_recv(fixture.far, 10_000)) == 1000
@@ -96,7 +96,7 @@ def test_end_of_the_sink_is_reported() -> None:
 
 
 def test_bytes_when_rejected_are_not_relayed() -> None:
-    def reject(data: bytes) -> float:
+    def reject(data: bytes) -> tuple[bytes, float]:
         raise RemoteProtocolError("bad")
 
     async def scenario() -> None:
@@ -112,7 +112,7 @@ def test_bytes_when_rejected_are_not_relayed() -> None:
 
 def test_relay_when_closed_in_a_pause_reads_nothing_more() -> None:
     async def scenario() -> None:
-        with open_relay(lambda data: 0.001) as fixture:
+        with open_relay(lambda data: (data, 0.001)) as fixture:
             fixture.near.send(bytes(100))
             await asyncio.get_running_loop().sock_recv(fixture.far, 100)
             fixture.relay.close()

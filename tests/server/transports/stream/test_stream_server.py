@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 
 import msgpack
 import pytest
@@ -26,7 +27,7 @@ from catoptra_protocol.stream.requests import (
 )
 from catoptra_server.frames.frame import Frame
 from catoptra_server.simulation import ClientDisconnected
-from catoptra_server.transports.stream import stream_server
+from catoptra_server.transports.stream import connection_guard, stream_peer, stream_server
 from catoptra_server.transports.stream.stream_peer import StreamPeer
 from helpers.fake_simulation import SERVER_INFO, FakeSimulation, serve_fake_simulation
 from helpers.loopback import run_scenario, wait_until
@@ -142,7 +143,13 @@ def test_client_when_it_stalls_costs_one_frame_and_none_of_another_client() -> N
     run_scenario(scenario())
 
 
-def test_client_when_it_requests_without_reading_is_sent_a_bounded_number() -> None:
+def test_client_when_it_requests_without_reading_is_sent_a_bounded_number(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # A slow machine must not end the client before it has sent its requests.
+    monkeypatch.setattr(stream_peer, "_MAX_BLOCKED_S", math.inf)
+    monkeypatch.setitem(connection_guard._TCP_OPTIONS, "TCP_USER_TIMEOUT", 0)
+
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation(640, 480)) as server:
             with (

@@ -1,9 +1,10 @@
 """Server side of the ZeroMQ stream.
 
 `connection_guard` owns the public port and limits what a connection can use: it counts messages by
-`zmtp_part_limit` and passes bytes by `relay`. `router_socket` is the ROUTER behind the guard, in a
-`private_folder`. `stream_server` replies to requests about the server itself (`server_info`), a
-`stream_peer` to those of one client: about its robot by `robot_session`, frames by `frame_sender`,
-others by `landmark_replies` and `plan_replies`. `pending_requests` gives each request one reply,
-`outbox` holds replies that the client has no room for.
+`zmtp_part_limit`, removes identities by `zmtp_identity`, and passes bytes by `relay`.
+`router_socket` is the ROUTER behind the guard, in a `private_folder`. `stream_server` replies to
+requests about the server itself (`server_info`), a `stream_peer` to those of one client: about its
+robot by `robot_session`, frames by `frame_sender`, others by `landmark_replies` and `plan_replies`.
+`pending_requests` gives each request one reply, `outbox` holds replies that the client has no room
+for.
 """

@@ -1,10 +1,10 @@
 """The public port of the stream: a relay to the private ROUTER that limits what clients can use.
 
-Bytes pass unchanged both ways, over a local socket that only this user can open. A message without
-an end, a flood of requests, a connection without a request: each is held back or ended here, where
-ZeroMQ has no limit. At most one read per direction is buffered: bytes that the ROUTER does not
-accept stay in the client's TCP connection, and vice versa. Measured in
-tests/measurements/unterminated_messages.py.
+Bytes pass both ways, unchanged but for the identity of a client, over a local socket that only this
+user can open. A message without an end, a flood of requests, a connection without a request: each
+is held back or ended here, where ZeroMQ has no limit. At most one read per direction is buffered:
+bytes that the ROUTER does not accept stay in the client's TCP connection, and vice versa. Measured
+in tests/measurements/unterminated_messages.py.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_server.transports.listener import AcceptLoop
 from catoptra_server.transports.loop_share import LoopAccount, LoopShare
 from catoptra_server.transports.stream.relay import Relay
+from catoptra_server.transports.stream.zmtp_identity import IdentityFilter
 from catoptra_server.transports.stream.zmtp_part_limit import ZmtpPartCounter
 from catoptra_server.transports.tcp_server import ConnectionLimits
 
@@ -42,6 +43,17 @@ _READ_COST_S = 50e-6
 # A read of the smallest messages costs 0.1 s, and ten thousand seconds of a flood of many clients.
 _MAX_WAIT_S = 60.0
 _CHECK_INTERVAL_S = 0.25
+# A host that vanished is disconnected after this time, whether or not bytes are on their way to it;
+# so is a client whose buffers stay full. The kernel of a busy program replies by itself.
+_VANISHED_AFTER_S = 6
+_TCP_OPTIONS = {
+    # A reply must not wait for the acknowledgement of the one before.
+    "TCP_NODELAY": 1,
+    "TCP_KEEPIDLE": _VANISHED_AFTER_S // 3,
+    "TCP_KEEPINTVL": _VANISHED_AFTER_S // 3,
+    "TCP_KEEPCNT": 2,
+    "TCP_USER_TIMEOUT": 1000 * _VANISHED_AFTER_S,
+}
 
 
 class ConnectionGuard:
@@ -54,7 +66,7 @@ class ConnectionGuard:
             listener: Listening socket, which the guard owns from now on.
             path: Path of the ROUTER's socket.
             limits: Number of connections, and time for the first request; there is no limit of
-                idleness, since ZeroMQ checks idle connections by PING.
+                idleness, since TCP checks idle connections.
         """
         self._loop = asyncio.get_running_loop()
         self._path = path
@@ -76,8 +88,9 @@ class ConnectionGuard:
         if len(self._connections) >= self._limits.max_connections and not self._make_room():
             limit = f"the limit of {self._limits.max_connections} connections is reached"
             raise ConnectionRefusedError(limit)
-        # A reply must not wait for the acknowledgement of the one before.
-        client_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for option, value in _TCP_OPTIONS.items():
+            if hasattr(socket, option):  # not all systems have all
+                client_socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
         router_socket = socket.socket(socket.AF_UNIX)
         try:
             router_socket.setblocking(False)
@@ -145,6 +158,7 @@ class _GuardedConnection:
         self._account = account
         self._on_close = on_close
         self._counter = ZmtpPartCounter()
+        self._identity_filter = IdentityFilter()
         self._upstream = Relay(
             client_socket,
             router_socket,
@@ -188,8 +202,8 @@ class _GuardedConnection:
             end.close()
         self._on_close(self)
 
-    def _inspect(self, data: bytes) -> float:
-        """Count the messages of a read before ZeroMQ gets them; time until the next read."""
+    def _inspect(self, data: bytes) -> tuple[bytes, float]:
+        """Count the messages of a read; the bytes for ZeroMQ, and the time until the next read."""
         num_messages, num_parts = self._counter.num_messages, self._counter.num_parts
         # A part beyond the limit must not reach libzmq.
         self._counter.feed(data)
@@ -198,7 +212,7 @@ class _GuardedConnection:
             + _MESSAGE_COST_S * (self._counter.num_messages - num_messages)
             + _PART_COST_S * (self._counter.num_parts - num_parts)
         )
-        return self._account.remaining_wait_s
+        return self._identity_filter.feed(data), self._account.remaining_wait_s
 
     def _close_on_error(self, reason: Exception | None) -> None:
         # Only violations are logged here; StreamServer logs clients that disconnect.
@@ -207,6 +221,6 @@ class _GuardedConnection:
         self.close()
 
 
-def _accept_any(_: bytes) -> float:
+def _accept_any(data: bytes) -> tuple[bytes, float]:
     """Pass all bytes of the ROUTER, which is ours, at once."""
-    return 0.0
+    return data, 0.0

@@ -69,8 +69,14 @@ class Outbox:
     def flush(self) -> bool:
         """Send waiting messages as far as there is room; whether any was sent."""
         num_before = len(self._waiting)
-        while self._waiting and self._send(self._waiting[0]) is not SendResult.QUEUE_FULL:
-            parts = self._waiting.popleft()
+        while self._waiting:
+            parts = self._waiting[0]
+            if self._send(parts) is SendResult.QUEUE_FULL:
+                break
+            # The client may have disconnected, which closes the outbox.
+            if self._is_closed:
+                return False
+            self._waiting.popleft()
             if parts is self._frame:
                 self._frame = None
             else:

@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 from catoptra_protocol.errors import RemoteProtocolError
 
-# Receives bytes before they are relayed; returns the time in seconds until the next read. A
-# RemoteProtocolError ends the connection.
-InspectBytes = Callable[[bytes], float]
+# Receives the bytes of a read; returns those to relay, and the time in seconds until the next read.
+# A RemoteProtocolError ends the connection.
+InspectBytes = Callable[[bytes], tuple[bytes, float]]
 EndCallback = Callable[[Exception | None], None]
 
 
@@ -32,7 +32,7 @@ class Relay:
             source: Non-blocking socket to read.
             sink: Non-blocking socket to write.
             read_bytes: Largest read.
-            inspect: Inspects the bytes of each read.
+            inspect: Inspects, and may change, the bytes of each read.
             on_end: Called with the reason when the source or the sink has ended.
         """
         self._loop = asyncio.get_running_loop()
@@ -60,14 +60,14 @@ class Relay:
 
     def _receive(self) -> None:
         try:
-            data = self._source.recv(self._read_bytes)
-            wait_s = self._inspect(data)
+            received = self._source.recv(self._read_bytes)
+            data, wait_s = self._inspect(received)
         except BlockingIOError:
             return
         except (OSError, RemoteProtocolError) as error:
             self._on_end(error)
             return
-        if not data:
+        if not received:
             self._on_end(None)
             return
         self._pending = memoryview(data)

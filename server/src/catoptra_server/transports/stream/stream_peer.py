@@ -40,8 +40,8 @@ log = logging.getLogger(__name__)
 
 _NO_ROBOT = "this client has no robot: spawn one first (a lost connection removes its robot)"
 # A client that reads nothing for so long is not a busy program: ZeroMQ reads for that one, until
-# its queue is full.
-_MAX_BLOCKED_S = 30.0
+# its queue is full. Linux ends the connection itself then (TCP_USER_TIMEOUT of the guard).
+_MAX_BLOCKED_S = 6.0
 
 # Requests of a single client; StreamServer serves the others.
 PeerRequest = (
