@@ -31,6 +31,7 @@ from zmq.utils.monitor import parse_monitor_message
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from catoptra_server.transports.stream.router_socket import RouterSocket
+from catoptra_server.transports.tcp_server import ConnectionLimits
 from helpers.zmtp import LONG, MORE, connect_with_handshake, zmtp_frame
 
 HOST = "127.0.0.1"
@@ -137,7 +138,13 @@ def send_unterminated_message(port: int, block: bytes, end_s: float) -> None:
 
 async def serve_behind_guard() -> None:
     """Reply to every request with a frame, through the guard; print the port."""
-    router = RouterSocket(HOST, 0, lambda peer_id, _: router.send(peer_id, FRAME))
+    router = RouterSocket(
+        HOST,
+        0,
+        limits=ConnectionLimits(),
+        on_message=lambda peer_id, _: router.send(peer_id, FRAME),
+        on_disconnect=lambda _: None,
+    )
     print(router.port, flush=True)
     await asyncio.Event().wait()
 

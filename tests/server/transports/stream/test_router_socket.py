@@ -13,7 +13,13 @@ from catoptra_server.transports.stream.router_socket import RouterSocket, SendRe
 from catoptra_server.transports.tcp_server import ConnectionLimits
 from helpers.loopback import HOST, run_scenario
 from helpers.stream_peer import connect_raw_peer
-from helpers.zmtp import LONG, MORE, connect_with_handshake, send_until_disconnect, zmtp_frame
+from helpers.zmtp import (
+    LONG,
+    MORE,
+    connect_with_handshake,
+    send_until_disconnect,
+    zmtp_frame,
+)
 
 # More than the kernel buffers for a connection without a reader: a few megabytes.
 UNTERMINATED_BYTES = 32_000_000
