@@ -27,4 +27,5 @@ def test_honest_clients_under_attack_keep_a_third_of_the_required_service(tmp_pa
         run_load(tmp_path / "attacked", _ATTACK_S, *SOAK_ARGUMENTS, attacks=tuple(ATTACKS))
     )
     results = evaluate_soak(control, attacked, _LIMITS, num_attacks=len(ATTACKS))
-    assert not [result for result in results if not result.is_met]
+    missed = [f"{r.requirement}: {r.measurement}" for r in results if not r.is_met]
+    assert not missed, "\n".join(missed)
