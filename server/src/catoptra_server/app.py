@@ -12,6 +12,8 @@ import logging
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 from catoptra_protocol.usarsim.reports import Greeting
 from catoptra_server.config.server_file import ServerSettings, resolve_settings
@@ -25,6 +27,7 @@ from catoptra_server.startup import (
     read_startup_config,
 )
 from catoptra_server.transports.connection_budget import fit_connections
+from catoptra_server.transports.loop_share import LoopShare
 from catoptra_server.transports.network_exposure import warn_of_exposure
 from catoptra_server.transports.stream.connection_guard import (
     DESCRIPTORS_PER_CONNECTION,
@@ -94,13 +97,14 @@ async def _open_ports(
     """Keep all ports open until the stop event is set."""
     host = server.options.host
     await warn_of_exposure(host)
+    limits = _make_limits(server.settings)
     async with AsyncExitStack() as open_ports:
-        control = await open_ports.enter_async_context(_serve_control_port(server))
+        control = await open_ports.enter_async_context(_serve_control_port(server, limits.control))
         image_port = None
         if server.settings.has_images:
-            images = await open_ports.enter_async_context(_serve_image_port(server))
+            images = await open_ports.enter_async_context(_serve_image_port(server, limits.image))
             image_port = images.port
-        stream = await open_ports.enter_async_context(_serve_stream_port(server))
+        stream = await open_ports.enter_async_context(_serve_stream_port(server, limits.stream))
         # What is loaded now lives as long as the process: a collection that looks at all 65 000
         # objects would stop every thread for 45 ms, two ticks.
         gc.freeze()
@@ -115,34 +119,35 @@ _TCP_DESCRIPTOR_SHARE = 0.25
 _STREAM_DESCRIPTOR_SHARE = 0.5
 
 
-def _serve_control_port(server: ServerThreads) -> AbstractAsyncContextManager[TcpServer]:
+def _serve_control_port(
+    server: ServerThreads, limits: ConnectionLimits
+) -> AbstractAsyncContextManager[TcpServer]:
     return serve_control(
         server.options.host,
         server.settings.control_port,
         greeting=Greeting("BotDeathMatch", server.startup.world.name),
         dialect=server.options.dialect,
         post=server.simulation.post,
-        limits=_make_limits(server.settings, server.settings.max_connections, "control"),
+        limits=limits,
     )
 
 
-def _serve_image_port(server: ServerThreads) -> AbstractAsyncContextManager[TcpServer]:
+def _serve_image_port(
+    server: ServerThreads, limits: ConnectionLimits
+) -> AbstractAsyncContextManager[TcpServer]:
     settings = server.settings
     return serve_images(
         server.options.host,
         settings.image_port,
         mailboxes=server.mailboxes,
         options=ImageOptions(settings.image_type, settings.legacy_images, settings.multi_view),
-        limits=_make_limits(settings, settings.max_image_connections, "image"),
+        limits=limits,
     )
 
 
-def _make_limits(settings: ServerSettings, max_connections: int, name: str) -> ConnectionLimits:
-    fitting = fit_connections(max_connections, share=_TCP_DESCRIPTOR_SHARE, name=name)
-    return ConnectionLimits(fitting, settings.handshake_timeout_s, settings.idle_timeout_s)
-
-
-def _serve_stream_port(server: ServerThreads) -> AbstractAsyncContextManager[StreamServer]:
+def _serve_stream_port(
+    server: ServerThreads, limits: ConnectionLimits
+) -> AbstractAsyncContextManager[StreamServer]:
     startup, options, settings = server.startup, server.options, server.settings
     port = options.stream_port
     # Scripts of USARSim's time know two ports: with --control-port 0 a second server on the machine
@@ -159,18 +164,36 @@ def _serve_stream_port(server: ServerThreads) -> AbstractAsyncContextManager[Str
             startup.robots, startup.world, clock=clock, plans=server.plans
         ),
         query_plan=server.render_thread.query_plan,
-        limits=_make_stream_limits(settings),
+        limits=limits,
     )
 
 
-def _make_stream_limits(settings: ServerSettings) -> ConnectionLimits:
-    fitting = fit_connections(
+class _PortLimits(NamedTuple):
+    """Limits of the connections to each port."""
+
+    control: ConnectionLimits
+    image: ConnectionLimits
+    stream: ConnectionLimits
+
+
+def _make_limits(settings: ServerSettings) -> _PortLimits:
+    limits = ConnectionLimits(
+        handshake_timeout_s=settings.handshake_timeout_s,
+        idle_timeout_s=settings.idle_timeout_s,
+        loop_share=LoopShare(),
+    )
+    fit_tcp = partial(fit_connections, share=_TCP_DESCRIPTOR_SHARE)
+    stream = fit_connections(
         MAX_CONNECTIONS,
         share=_STREAM_DESCRIPTOR_SHARE,
         descriptors_each=DESCRIPTORS_PER_CONNECTION,
         name="stream",
     )
-    return ConnectionLimits(fitting, settings.handshake_timeout_s, settings.idle_timeout_s)
+    return _PortLimits(
+        replace(limits, max_connections=fit_tcp(settings.max_connections, name="control")),
+        replace(limits, max_connections=fit_tcp(settings.max_image_connections, name="image")),
+        replace(limits, max_connections=stream),
+    )
 
 
 def _apply_accuracy_target(startup: StartupConfig, options: Options) -> StartupConfig:

@@ -35,6 +35,9 @@ _CHANNEL_SHARE = 0.1
 # Longest pause between two requests of a viewer that requests frame after frame: such a viewer
 # comes before a frame that takes 0.2 s, as the first one of an expensive accuracy target does.
 _PATIENCE_S = 0.05
+# Frames that take longer count up to four times: while one is drawn nobody else has a frame.
+_LONG_FRAME_S = 0.05
+_MAX_WEIGHT = 4.0
 # Interval at which a long frame is tried again that waits for such a viewer.
 _RETRY_S = 0.01
 
@@ -195,8 +198,10 @@ class RenderThread:
         if reason:
             self._sink.fail_frame(request.channel, reason)
         future.set_result(None)
+        duration_s = self._monotonic() - begin_s
+        weight = min(max(1.0, duration_s / _LONG_FRAME_S), _MAX_WEIGHT)
         with self._changed:
-            self._frames.charge(request.channel, self._monotonic() - begin_s)
+            self._frames.charge(request.channel, weight * duration_s)
 
     def _render_or_fail(self, request: FrameRequest, views: ViewProvider | None) -> str:
         """Render a frame and put it; the reason of a failure, empty after success."""

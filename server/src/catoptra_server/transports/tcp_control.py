@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext
+from functools import partial
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
@@ -22,7 +23,8 @@ from catoptra_server.simulation import (
     StepRequested,
     StepResult,
 )
-from catoptra_server.transports.loop_share import LoopAccount, LoopShare
+from catoptra_server.transports.loop_calls import LoopCalls
+from catoptra_server.transports.loop_share import LoopAccount
 from catoptra_server.transports.tcp_connection import TcpConnection
 from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer, serve_tcp
 
@@ -53,8 +55,9 @@ class ControlPeer:
         *,
         post: PostEvent,
         account: LoopAccount,
+        loop_calls: LoopCalls,
     ) -> None:
-        self._loop = asyncio.get_running_loop()
+        self._loop_calls = loop_calls
         self._connection = connection
         self._protocol = protocol
         self._post = post
@@ -63,11 +66,11 @@ class ControlPeer:
 
     def deliver(self, reports: Sequence[Report]) -> None:
         """Send reports; from any thread, as all methods of a simulation's client."""
-        self._loop.call_soon_threadsafe(self._send, tuple(reports))
+        self._loop_calls.call(partial(self._send, tuple(reports)))
 
     def confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
         """Allow the client to be silent; the first reports are its only notice of the robot."""
-        self._loop.call_soon_threadsafe(self._allow_silence)
+        self._loop_calls.call(self._allow_silence)
 
     def reject_init(self, reason: str) -> None:
         """Send nothing: the protocol has no message for a rejection; the log has the reason."""
@@ -75,11 +78,11 @@ class ControlPeer:
     def disconnect(self, reason: str) -> None:
         """End the connection after the reports so far."""
         log.warning("%s disconnected: %s", self._connection.address, reason)
-        self._loop.call_soon_threadsafe(self._connection.close)
+        self._loop_calls.call(self._connection.close)
 
     def resume_reading(self) -> None:
         """Continue to post commands."""
-        self._loop.call_soon_threadsafe(self._has_room.set)
+        self._loop_calls.call(self._has_room.set)
 
     async def serve(self) -> None:
         """Hand the client's commands to the simulation until it sends nothing more."""
@@ -118,7 +121,7 @@ class ControlPeer:
         is_finished = asyncio.Event()
 
         def finish() -> None:
-            self._loop.call_soon_threadsafe(is_finished.set)
+            self._loop_calls.call(is_finished.set)
 
         # Behind the queued commands; the connection is cancelled if this takes too long.
         await self._post_in_turn(ResetRequested(self, finish, is_last=True))
@@ -183,11 +186,18 @@ def serve_control(
     Raises:
         OSError: The port is not available.
     """
-    share = LoopShare()
+    limits = limits or ConnectionLimits()
+    loop_calls = LoopCalls()
 
     async def handle_connection(connection: TcpConnection) -> None:
         protocol = ControlServer(dialect)
-        client = ControlPeer(connection, protocol, post=post, account=share.open_account())
+        client = ControlPeer(
+            connection,
+            protocol,
+            post=post,
+            account=limits.loop_share.open_account(),
+            loop_calls=loop_calls,
+        )
         log.info("controller %s connected", connection.address)
         try:
             connection.write(protocol.send(greeting))
@@ -203,6 +213,6 @@ def serve_control(
         port,
         handle_connection,
         name="control",
-        limits=limits or ConnectionLimits(),
+        limits=limits,
         end_grace_s=_END_GRACE_S,
     )

@@ -19,7 +19,7 @@ from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, ImagePortChannel
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.frames.multi_view import TileLayout
-from catoptra_server.transports.loop_share import LoopAccount, LoopShare
+from catoptra_server.transports.loop_share import LoopAccount
 from catoptra_server.transports.tcp_connection import TcpConnection
 from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer, serve_tcp
 
@@ -62,7 +62,8 @@ def serve_images(
         OSError: The port is not available.
     """
 
-    share = LoopShare()
+    limits = limits or ConnectionLimits()
+    share = limits.loop_share
 
     async def handle_connection(connection: TcpConnection) -> None:
         address = connection.address
@@ -82,7 +83,7 @@ def serve_images(
         port,
         handle_connection,
         name="image",
-        limits=limits or ConnectionLimits(),
+        limits=limits,
         end_grace_s=_END_GRACE_S,
     )
 

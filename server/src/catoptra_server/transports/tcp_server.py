@@ -13,10 +13,11 @@ import socket
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from catoptra_server.fault_log import log_fault
 from catoptra_server.transports.listener import AcceptLoop, create_listener
+from catoptra_server.transports.loop_share import LoopShare
 from catoptra_server.transports.tcp_connection import TcpConnection
 
 ConnectionHandler = Callable[[TcpConnection], Awaitable[None]]
@@ -39,6 +40,8 @@ class ConnectionLimits:
     """Time for the first valid input; 0 = no limit."""
     idle_timeout_s: float = 600.0
     """Silence of a peer, unless its handler allows more; 0 = no limit."""
+    loop_share: LoopShare = field(default_factory=LoopShare)
+    """Time of the event loop for the peers' input; one for all ports of a server."""
 
 
 class TcpServer:

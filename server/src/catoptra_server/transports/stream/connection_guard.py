@@ -18,7 +18,7 @@ from collections.abc import Callable
 
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_server.transports.listener import AcceptLoop
-from catoptra_server.transports.loop_share import LoopAccount, LoopShare
+from catoptra_server.transports.loop_share import LoopAccount
 from catoptra_server.transports.stream.relay import Relay
 from catoptra_server.transports.stream.zmtp_identity import IdentityFilter
 from catoptra_server.transports.stream.zmtp_part_limit import ZmtpPartCounter
@@ -71,7 +71,6 @@ class ConnectionGuard:
         self._loop = asyncio.get_running_loop()
         self._path = path
         self._limits = limits
-        self._loop_share = LoopShare(max_wait_s=_MAX_WAIT_S)
         # In the order of acceptance.
         self._connections: dict[_GuardedConnection, None] = {}
         self._accept_loop = AcceptLoop(listener, self._accept, name="stream")
@@ -102,7 +101,7 @@ class ConnectionGuard:
             client_socket,
             router_socket,
             address=address,
-            account=self._loop_share.open_account(),
+            account=self._limits.loop_share.open_account(max_wait_s=_MAX_WAIT_S),
             on_close=self._connections.pop,
         )
         self._connections[connection] = None
@@ -159,6 +158,8 @@ class _GuardedConnection:
         self._on_close = on_close
         self._counter = ZmtpPartCounter()
         self._identity_filter = IdentityFilter()
+        # Whether ZeroMQ has sent anything since the last read from the client.
+        self._has_replied = True
         self._upstream = Relay(
             client_socket,
             router_socket,
@@ -170,7 +171,7 @@ class _GuardedConnection:
             router_socket,
             client_socket,
             read_bytes=_DOWNSTREAM_READ_BYTES,
-            inspect=_accept_any,
+            inspect=self._note_reply,
             on_end=self._close_on_error,
         )
 
@@ -207,6 +208,10 @@ class _GuardedConnection:
         num_messages, num_parts = self._counter.num_messages, self._counter.num_parts
         # A part beyond the limit must not reach libzmq.
         self._counter.feed(data)
+        # A client that waits for each reply occupies the loop with one request at any time.
+        if self._has_replied and self._counter.num_messages <= num_messages + 1:
+            self._account.write_off()
+        self._has_replied = False
         self._account.charge(
             _READ_COST_S
             + _MESSAGE_COST_S * (self._counter.num_messages - num_messages)
@@ -214,13 +219,13 @@ class _GuardedConnection:
         )
         return self._identity_filter.feed(data), self._account.remaining_wait_s
 
+    def _note_reply(self, data: bytes) -> tuple[bytes, float]:
+        """Pass all bytes of the ROUTER, which is ours, at once."""
+        self._has_replied = True
+        return data, 0.0
+
     def _close_on_error(self, reason: Exception | None) -> None:
         # Only violations are logged here; StreamServer logs clients that disconnect.
         if isinstance(reason, RemoteProtocolError):
             log.info("stream connection of %s ended: %s", self.address, reason)
         self.close()
-
-
-def _accept_any(data: bytes) -> tuple[bytes, float]:
-    """Pass all bytes of the ROUTER, which is ours, at once."""
-    return data, 0.0
