@@ -85,40 +85,58 @@ def test_accounts_without_work_and_use_are_forgotten() -> None:
     assert len(queue._accounts) < 300
 
 
-def test_long_work_waits_for_a_client_that_was_active_a_moment_ago() -> None:
-    clock = _Clock()
-    queue = FairQueue[str, int](share=0.1, patience_s=0.05, monotonic=clock)
-    for key, duration_s in (("viewer", 0.01), ("long", 2.0)):
+def queue_with_long_work(clock: _Clock, *charges: tuple[str, float]) -> FairQueue[str, int]:
+    """Queue in which some clients had work and the last one has more waiting."""
+    queue = FairQueue[str, int](share=0.1, patience_s=0.2, monotonic=clock)
+    for key, duration_s in charges:
         queue.put(key, 0)
         assert queue.take() == (key, 0)
         queue.charge(key, duration_s)
+    queue.put(charges[-1][0], 1)
+    return queue
+
+
+def test_long_work_waits_for_a_client_that_was_active_a_moment_ago() -> None:
+    clock = _Clock()
+    queue = queue_with_long_work(clock, ("viewer", 0.01), ("long", 2.0))
     queue.put("viewer", 1)
     assert queue.take() == ("viewer", 1)
     queue.charge("viewer", 0.01)
-    queue.put("long", 1)
     # Between two requests of the viewer ...
-    clock.now_s += 0.04
+    clock.now_s += 0.19
     assert queue.take() is None
     # ... and after the viewer has left.
     clock.now_s += 0.02
     assert queue.take() == ("long", 1)
 
 
+def test_long_work_waits_for_four_times_its_duration_at_most() -> None:
+    clock = _Clock()
+    queue = queue_with_long_work(clock, ("viewer", 0.01), ("long", 2.0))
+    for num in range(79):
+        clock.now_s += 0.1
+        assert queue.take() is None, num
+        queue.charge("viewer", 0.001)
+    clock.now_s += 0.2
+    queue.charge("viewer", 0.001)
+    assert queue.take() == ("long", 1)
+
+
 def test_short_work_waits_for_nobody() -> None:
-    queue = FairQueue[str, int](share=0.1, patience_s=0.05, monotonic=_Clock())
-    for key, duration_s in (("idle", 0.001), ("busy", 0.1)):
-        queue.put(key, 0)
-        queue.take()
-        queue.charge(key, duration_s)
-    queue.put("busy", 1)
+    queue = queue_with_long_work(_Clock(), ("idle", 0.001), ("busy", 0.1))
     assert queue.take() == ("busy", 1)
 
 
 def test_long_work_of_the_client_with_the_least_use_is_not_delayed() -> None:
-    queue = FairQueue[str, int](share=0.1, patience_s=0.05, monotonic=_Clock())
-    for key, duration_s in (("used", 3.0), ("long", 2.0)):
+    queue = queue_with_long_work(_Clock(), ("used", 3.0), ("long", 2.0))
+    assert queue.take() == ("long", 1)
+
+
+def test_weight_counts_as_use() -> None:
+    queue = FairQueue[str, int](share=0.1, monotonic=_Clock())
+    for key, weight in (("heavy", 4.0), ("light", 1.0)):
         queue.put(key, 0)
         queue.take()
-        queue.charge(key, duration_s)
-    queue.put("long", 1)
-    assert queue.take() == ("long", 1)
+        queue.charge(key, 1.0, weight=weight)
+        queue.put(key, 1)
+    assert queue.take() == ("light", 1)

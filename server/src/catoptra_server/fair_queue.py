@@ -2,8 +2,8 @@
 
 Within a share of the time that a client may use, work is taken in the order of arrival. Work of
 clients above their share waits behind all other work, the least used client first. Long work of
-such a client waits for others even while they have none, if they had some a moment ago: a viewer
-that requests frame after frame would otherwise find it begun between two of its requests.
+such a client leaves time to others even while they have none, if they had some a moment ago: a
+viewer that requests frame after frame would otherwise find it begun between two of its requests.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ Item = TypeVar("Item")
 
 # Use that a client may have at once before its work waits behind that of others.
 _BURST_S = 0.005
+# Time that long work leaves to others, as a multiple of its last duration.
+_PAUSE_OF_LONG_WORK = 4.0
 # Idle accounts above which those without use are removed: keys such as names of channels come
 # from clients, and are not removed by anyone else.
 _MAX_IDLE_ACCOUNTS = 256
@@ -110,13 +112,13 @@ class FairQueue(Generic[Key, Item]):
         self._num_waiting -= 1
         return key, account.items.popleft()[1]
 
-    def charge(self, key: Key, duration_s: float) -> None:
-        """Record that work of a client took some time."""
+    def charge(self, key: Key, duration_s: float, *, weight: float = 1.0) -> None:
+        """Record that work of a client took some time, which counts by a weight as its use."""
         now_s = self._monotonic()
         account = self._accounts.get(key)
         if account is None:
             return
-        account.used_s = self._present_use_s(account, now_s) + duration_s
+        account.used_s = self._present_use_s(account, now_s) + weight * duration_s
         account.last_s, account.updated_s = duration_s, now_s
         if len(self._accounts) > len(self) + _MAX_IDLE_ACCOUNTS:
             self._remove_idle(now_s)
@@ -144,7 +146,10 @@ class FairQueue(Generic[Key, Item]):
 
     def _has_active_rival(self, account: _Account[Item], now_s: float) -> bool:
         """Whether long work of a client waits for a client with less use, active a moment ago."""
-        if account.last_s < 4.0 * self._patience_s:
+        if account.last_s < self._patience_s:
+            return False
+        # A fifth of the time remains for the long work.
+        if now_s - account.updated_s > _PAUSE_OF_LONG_WORK * account.last_s:
             return False
         used_s = self._present_use_s(account, now_s)
         return any(

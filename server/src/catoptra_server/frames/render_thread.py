@@ -32,9 +32,9 @@ log = logging.getLogger(__name__)
 
 # Part of the thread's time that one channel may use before others come first.
 _CHANNEL_SHARE = 0.1
-# Longest pause between two requests of a viewer that requests frame after frame: such a viewer
-# comes before a frame that takes 0.2 s, as the first one of an expensive accuracy target does.
-_PATIENCE_S = 0.05
+# Longest pause between two requests of a viewer that requests frame after frame. A frame that takes
+# longer, as the first one of an expensive accuracy target does, leaves such a viewer time.
+_PATIENCE_S = 0.2
 # Frames that take longer count up to four times: while one is drawn nobody else has a frame.
 _LONG_FRAME_S = 0.05
 _MAX_WEIGHT = 4.0
@@ -201,7 +201,7 @@ class RenderThread:
         duration_s = self._monotonic() - begin_s
         weight = min(max(1.0, duration_s / _LONG_FRAME_S), _MAX_WEIGHT)
         with self._changed:
-            self._frames.charge(request.channel, weight * duration_s)
+            self._frames.charge(request.channel, duration_s, weight=weight)
 
     def _render_or_fail(self, request: FrameRequest, views: ViewProvider | None) -> str:
         """Render a frame and put it; the reason of a failure, empty after success."""

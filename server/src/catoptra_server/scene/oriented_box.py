@@ -62,9 +62,11 @@ def closest_box_hits(
     # Box by box: normals are needed by few sensors, for few rays.
     for box in boxes:
         distances = box_distances([box], origins, directions)
-        is_nearer = distances < nearest
-        nearest = np.where(is_nearer, distances, nearest)
-        normals[is_nearer] = _box_normals(box, origins, directions)[is_nearer]
+        # Most rays miss most boxes.
+        nearer = np.flatnonzero(distances < nearest)
+        if nearer.size:
+            nearest[nearer] = distances[nearer]
+            normals[nearer] = _box_normals(box, origins[nearer], directions[nearer])
     return nearest, normals
 
 

@@ -64,6 +64,8 @@ class Inbox:
         self._frames: dict[Channel, float] = {}
         self._full: set[Client] = set()
         self._waiting_step_s: defaultdict[Client, float] = defaultdict(float)
+        # Whether `wait` ends for work.
+        self._waits_for_work = True
 
     def post(self, event: SimulationEvent) -> bool:
         """Add an event.
@@ -85,7 +87,10 @@ class Inbox:
                     self._urgent.append(event)
                 case _:
                     superseded = self._put_work(event)
-            self._changed.notify()
+            # Between the end of a tick's budget and the next tick work wakes nobody: each wake-up
+            # takes the interpreter from the renderer.
+            if self._waits_for_work or not isinstance(event, ClientWork):
+                self._changed.notify()
             has_room = not isinstance(event, ClientWork) or self._has_room(event.client)
         if superseded is not None:
             superseded.reply(Fault("superseded by a newer request"), superseded.camera)
@@ -149,6 +154,7 @@ class Inbox:
             for_work: Whether work ends the wait; urgent events always do.
         """
         with self._changed:
+            self._waits_for_work = for_work
             self._changed.wait_for(
                 lambda: self._urgent or self._frames or (for_work and len(self._work)), timeout_s
             )

@@ -14,15 +14,15 @@ from collections.abc import Callable
 
 log = logging.getLogger(__name__)
 
-# Connections that the kernel completes before they are accepted: half a second of a flood. One that
-# does not fit is tried again by its peer's kernel after a second.
-BACKLOG = 512
+# Connections that the kernel completes before they are accepted, six seconds at the rate below. One
+# that does not fit is tried again by its peer's kernel after a second.
+BACKLOG = 128
 # Connections accepted in one turn of the loop; the others wait for a later one.
 _MAX_ACCEPTS_PER_TURN = 16
 # Connections accepted at once, and per second: opening and closing one takes 1 ms of the loop, and
 # a flood of 240 a second took half of it. A newcomer waits in the backlog meanwhile.
 _MAX_BURST = 64
-_MAX_ACCEPTS_PER_S = 50.0
+_MAX_ACCEPTS_PER_S = 20.0
 # Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
 # and only burn processor time.
 _ACCEPT_RETRY_S = 1.0

