@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import sys
 import threading
 from collections.abc import Callable
 
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.worker_thread import ThreadFailedError, WorkerThread
+from catoptra_server.worker_thread import ThreadFailedError, WorkerThread, lower_thread_priority
 from helpers.loopback import DEADLINE_S, run_scenario
 
 
@@ -82,3 +84,26 @@ def test_worker_when_it_fails_later_reports_at_once_and_when_stopped(
     run_scenario(scenario())
     assert "the w thread failed: the server ends" in caplog.text
     assert "ValueError: broken" in caplog.text
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has a niceness of threads")
+def test_priority_is_that_of_one_thread_and_those_that_it_starts() -> None:
+    found = list[int]()
+
+    def record() -> None:
+        found.append(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+
+    def lower() -> None:
+        lower_thread_priority(before + 1)
+        record()
+        started = threading.Thread(target=record)
+        started.start()
+        started.join()
+
+    record()
+    before = found[0]
+    thread = threading.Thread(target=lower)
+    thread.start()
+    thread.join()
+    record()
+    assert found == [before, before + 1, before + 1, before]

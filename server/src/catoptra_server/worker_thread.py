@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
+import sys
 import threading
 from collections.abc import Callable
 
@@ -99,3 +101,14 @@ class WorkerThread:
         failure = ThreadFailedError(f"the {name} thread failed: {type(error).__name__}: {error}")
         failure.__cause__ = error
         return failure
+
+
+def lower_thread_priority(niceness: int) -> None:
+    """Lower the priority of the calling thread and of those that it starts.
+
+    Args:
+        niceness: 0 to 19; as of the command `nice`.
+    """
+    # Only Linux has a niceness of threads; elsewhere the call would change the whole process.
+    if sys.platform == "linux":
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), niceness)

@@ -8,6 +8,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
 from catoptra_protocol.vectors import Vector3
 
+
 @dataclass(frozen=True, slots=True)
 class Mount:
     """Pose of an item in the frame of the parent."""

@@ -34,6 +34,32 @@ def box_distances(boxes: Sequence[OrientedBox], origins: Floats, directions: Flo
     """
     if not boxes:
         return np.full(len(directions), np.inf)
+    nearest: Floats = _distances_by_box(boxes, origins, directions).min(axis=0)
+    return nearest
+
+
+def closest_box_hits(
+    boxes: Sequence[OrientedBox], origins: Floats, directions: Floats
+) -> tuple[Floats, Floats]:
+    """Distance as by `box_distances`, and the (n, 3) unit normals at the hits; 0 for a miss.
+
+    From inside a box the normal faces the ray.
+    """
+    normals = np.zeros(directions.shape)
+    if not boxes:
+        return np.full(len(directions), np.inf), normals
+    distances = _distances_by_box(boxes, origins, directions)
+    nearest: Floats = distances.min(axis=0)
+    # Box by box: few boxes are the nearest one of any ray.
+    nearest_box = np.where(np.isfinite(nearest), distances.argmin(axis=0), -1)
+    for index in np.unique(nearest_box[nearest_box >= 0]):
+        rays = nearest_box == index
+        normals[rays] = _box_normals(boxes[index], origins[rays], directions[rays])
+    return nearest, normals
+
+
+def _distances_by_box(boxes: Sequence[OrientedBox], origins: Floats, directions: Floats) -> Floats:
+    """(k, n) distances along n rays to k boxes; see `box_distances`."""
     rotations = np.stack([box.world_from_box.rotation for box in boxes])
     centres = np.stack([box.world_from_box.translation for box in boxes])
     half = 0.5 * np.array([box.size_m for box in boxes]).T[..., None]
@@ -44,30 +70,11 @@ def box_distances(boxes: Sequence[OrientedBox], origins: Floats, directions: Flo
         - np.einsum("ki,kij->jk", centres, rotations)[..., None]
     )
     along = _components_in_boxes(rotations, directions)
-    return _nearest_slab_hit(
+    return _slab_hits(
         start,
         np.where(np.abs(along) < _MIN_DIRECTION_COMPONENT, _MIN_DIRECTION_COMPONENT, along),
         half,
     )
-
-
-def closest_box_hits(
-    boxes: Sequence[OrientedBox], origins: Floats, directions: Floats
-) -> tuple[Floats, Floats]:
-    """Distance as by `box_distances`, and the (n, 3) unit normals at the hits; 0 for a miss.
-
-    From inside a box the normal faces the ray.
-    """
-    nearest, normals = np.full(len(directions), np.inf), np.zeros(directions.shape)
-    # Box by box: normals are needed by few sensors, for few rays.
-    for box in boxes:
-        distances = box_distances([box], origins, directions)
-        # Most rays miss most boxes.
-        nearer = np.flatnonzero(distances < nearest)
-        if nearer.size:
-            nearest[nearer] = distances[nearer]
-            normals[nearer] = _box_normals(box, origins[nearer], directions[nearer])
-    return nearest, normals
 
 
 def _box_normals(box: OrientedBox, origins: Floats, directions: Floats) -> Floats:
@@ -90,11 +97,10 @@ def _components_in_boxes(rotations: Floats, vectors: Floats) -> Floats:
     return np.ascontiguousarray((vectors @ columns).T).reshape(3, count, -1)
 
 
-def _nearest_slab_hit(start: Floats, along: Floats, half: Floats) -> Floats:
-    """(n,) distances to the nearest of k boxes, each the intersection of three slabs."""
+def _slab_hits(start: Floats, along: Floats, half: Floats) -> Floats:
+    """(k, n) distances to k boxes, each the intersection of three slabs."""
     first, second = (-half - start) / along, (half - start) / along
     enter = np.minimum(first, second).max(axis=0)
     leave = np.maximum(first, second).min(axis=0)
     is_hit: Bools = (enter <= leave) & (leave >= 0.0)
-    nearest: Floats = np.where(is_hit, np.maximum(enter, 0.0), np.inf).min(axis=0)
-    return nearest
+    return np.where(is_hit, np.maximum(enter, 0.0), np.inf)

@@ -55,10 +55,10 @@ log = logging.getLogger(__name__)
 _MAX_LAG_S = 0.5
 # One step advances at most this far: no client occupies the simulation for longer.
 MAX_STEP_S = 60.0
-# Wall time for the work of clients between two ticks of 20 ms: a tenth, some ten commands. The rest
-# is left to robots and sensors, and to the other threads, which share one interpreter: with 5 ms a
-# flood of commands slowed the frames of all viewers to a third.
-WORK_BUDGET_S = 0.002
+# Wall time for the work of clients between two ticks of 20 ms: a twentieth, some ten commands. The
+# rest is left to robots and sensors, and to the other threads, which share one interpreter: with
+# 5 ms a flood of commands slowed the frames of all viewers to a third.
+WORK_BUDGET_S = 0.001
 
 
 class ClockMode(Enum):
