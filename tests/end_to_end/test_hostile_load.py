@@ -18,8 +18,8 @@ _ATTACK_S = 20.0
 # In twenty seconds caches and ports fill up: views to 256 MiB, 64 connections to each TCP port and
 # 288 to the stream, which take two descriptors each.
 _FILL = {"resident_mb": 300.0, "descriptors": 600.0, "threads": 16.0}
-# Viewers keep a few per cent of their rate, not yet the half that `make soak` states: a traced frame
-# needs the interpreter 600 times, which the attackers' input also needs. Here: that they are served.
+# Viewers keep a few per cent of their rate, not yet the half that `make soak` states: a traced
+# frame needs the interpreter 600 times, and so does the attackers' input. Here: they are served.
 _MIN_RATE_FRACTION = 0.01
 # Other tests take the processors meanwhile: three times the limits of `make soak`.
 _LIMITS = replace(SoakLimits().relax(3.0, fill=_FILL), min_rate_fraction=_MIN_RATE_FRACTION)

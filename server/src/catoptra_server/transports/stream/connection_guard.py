@@ -35,8 +35,8 @@ DESCRIPTORS_PER_CONNECTION = 3
 _UPSTREAM_READ_BYTES = 1024
 # A frame should take few turns of the loop.
 _DOWNSTREAM_READ_BYTES = 256 * 1024
-# Time of the loop for a request with its reply, measured as 0.12 to 0.19 ms, and as much of ZeroMQ's
-# own thread; for a part, and for a read.
+# Time of the loop for a request with its reply, measured as 0.12 to 0.19 ms, and as much of the
+# thread of ZeroMQ; for a part, and for a read.
 _MESSAGE_COST_S = 0.4e-3
 _PART_COST_S = 2e-6
 _READ_COST_S = 50e-6
