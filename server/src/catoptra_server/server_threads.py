@@ -37,7 +37,7 @@ _MAX_CALIBRATION_STATES = 4
 # Rendering uses all processors at times; the threads of reports and sockets, which mostly wait,
 # come first. Under all attacks of tests/load at once 4 to 12 % of the reports were over 20 % late
 # without.
-RENDER_NICENESS = 10
+RENDER_NICENESS = 5
 
 
 class ServerThreads:

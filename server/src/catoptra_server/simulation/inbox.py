@@ -35,8 +35,9 @@ from catoptra_server.simulation.simulation_events import (
 MAX_WAITING = 64
 # A queue that was full is refilled from here on, not one by one.
 _RESUME_AT = MAX_WAITING // 2
-# Part of the simulation thread's time that a client may use before others come first.
-_CLIENT_SHARE = 0.05
+# Part of the simulation thread's time that a client may use before others come first: a fifth of
+# the part of all clients together.
+_CLIENT_SHARE = 0.01
 # Simulated time in the waiting steps of one client, and of all: a client that leaves, or a server
 # that stops, must not wait for hours of simulation.
 MAX_WAITING_STEP_S = 60.0
