@@ -55,6 +55,8 @@ class FairQueue(Generic[Key, Item]):
         Args:
             share: Part of the time, 0 to 1, that a client may use before its work waits behind
                 that of others; None keeps the order of arrival whatever is used.
+            patience_s: Age of the last work of a client with less use up to which long work waits
+                for the next; work is long from this duration on. 0 waits for nobody.
             monotonic: Clock, seconds.
         """
         self._share = share

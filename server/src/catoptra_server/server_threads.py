@@ -59,7 +59,7 @@ class ServerThreads:
         # frames follow from commands alone, so that the same commands give the same bytes.
         self.mailboxes = Mailboxes(self._post, prefetch=is_realtime)
         self.render_thread = render_thread = RenderThread(
-            self.mailboxes, retries_at_once=not is_realtime
+            self.mailboxes, is_lockstep=not is_realtime
         )
         self.simulation = Simulation(
             self._create_fleet(),

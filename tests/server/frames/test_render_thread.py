@@ -25,6 +25,7 @@ from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread
 from catoptra_server.frames.view_cache import RenderedView, ViewFailedError, ViewState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
+from helpers.loopback import DEADLINE_S
 from helpers.robots import CAMERA, FakeViewProvider
 
 VIEW = ViewRequest(PerspectiveCamera(4, 3, 1.0), CameraState(Pose.identity()))
@@ -62,12 +63,10 @@ class FrameStore:
 
 
 def make_render_thread(
-    stop_after: int = -1, *, retries_at_once: bool = False
+    stop_after: int = -1, *, is_lockstep: bool = False
 ) -> tuple[RenderThread, FrameStore]:
     store = FrameStore(stop_after)
-    store.render_thread = RenderThread(
-        store, retries_at_once=retries_at_once, monotonic=lambda: 0.0
-    )
+    store.render_thread = RenderThread(store, is_lockstep=is_lockstep, monotonic=lambda: 0.0)
     return store.render_thread, store
 
 
@@ -120,11 +119,11 @@ BROKEN = ViewRequest(PerspectiveCamera(4, 3, 2.0), CameraState(Pose.identity()))
 BROKEN_CHANNEL = CameraChannel("R", "Broken")
 
 
-@pytest.mark.parametrize("retries_at_once", [False, True])
+@pytest.mark.parametrize("is_lockstep", [False, True])
 def test_channel_when_rendering_fails_is_rejected_and_others_go_on(
-    retries_at_once: bool, caplog: pytest.LogCaptureFixture
+    is_lockstep: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
-    render_thread, store = make_render_thread(stop_after=4, retries_at_once=retries_at_once)
+    render_thread, store = make_render_thread(stop_after=4, is_lockstep=is_lockstep)
     broken = dataclasses.replace(make_request(BROKEN), channel=BROKEN_CHANNEL)
     views = _FailingViews()
     futures = [
@@ -136,7 +135,7 @@ def test_channel_when_rendering_fails_is_rejected_and_others_go_on(
     assert [frame.sequence for frame in store.frames] == [1, 2]
     assert all(future.result() is None for future in futures)
     # In real time a failing channel rests for a while; lockstep does not depend on the time.
-    assert views.num_attempts == (2 if retries_at_once else 1)
+    assert views.num_attempts == (2 if is_lockstep else 1)
     assert sum(bool(record.exc_info) for record in caplog.records) <= 1
 
 
@@ -232,3 +231,34 @@ def test_plans_do_not_keep_frames_waiting() -> None:
     render_thread.run(_RecordingViews, lambda: None)
     assert order == ["frame", "plan", "frame", "plan", "plan", "plan"]
     assert len(store.frames) == 2
+
+
+SLOW = ViewRequest(PerspectiveCamera(4, 3, 1.5), CameraState(Pose.identity()))
+
+
+class _SlowViews(FakeViewProvider):
+    """Views of which one takes a second of a clock that stands still otherwise."""
+
+    now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def render(self, request: ViewRequest) -> RenderedView:
+        self.now_s += 1.0 if request is SLOW else 0.01
+        return super().render(request)
+
+
+def test_long_frames_under_lockstep_wait_for_no_other_channel() -> None:
+    views, store = _SlowViews(), FrameStore(stop_after=3)
+    store.render_thread = RenderThread(store, is_lockstep=True, monotonic=views.monotonic)
+    slow = dataclasses.replace(make_request(SLOW), channel=CameraChannel("R", ""))
+    for sequence, request in enumerate((slow, make_request(VIEW), slow)):
+        store.render_thread.submit(dataclasses.replace(request, sequence=sequence))
+    thread = start_render_thread(store.render_thread, views)
+    thread.join(DEADLINE_S)
+    is_waiting = thread.is_alive()
+    store.render_thread.stop()
+    thread.join()
+    assert not is_waiting
+    assert [frame.sequence for frame in store.frames] == [0, 1, 2]

@@ -21,10 +21,7 @@ from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.channel_backoff import ChannelBackoff
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_rendering import ViewProvider, render_frame
-from catoptra_server.frames.frame_request import (
-    Channel,
-    FrameRequest,
-)
+from catoptra_server.frames.frame_request import Channel, FrameRequest
 from catoptra_server.frames.view_cache import ViewFailedError, ViewState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 
@@ -81,24 +78,27 @@ class RenderThread:
         self,
         sink: FrameSink,
         *,
-        retries_at_once: bool = False,
+        is_lockstep: bool = False,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """Create the queue.
 
         Args:
             sink: Receives the frame or the rejection of each request.
-            retries_at_once: Render a channel again right after a failure, as lockstep needs, whose
-                frames must not depend on the time; otherwise the channel is rejected for a while.
+            is_lockstep: Render every request at once, as lockstep needs, which waits for each
+                and whose frames must not depend on the time; otherwise a channel rests after a
+                failure, and after a long frame where other channels have viewers.
             monotonic: Clock that frames are timed by.
         """
         self._sink = sink
         self._monotonic = monotonic
-        self._backoff = None if retries_at_once else ChannelBackoff(monotonic)
+        self._backoff = None if is_lockstep else ChannelBackoff(monotonic)
         # Guards all below.
         self._changed = threading.Condition()
         self._frames: FairQueue[Channel, _PendingFrame] = FairQueue(
-            share=_CHANNEL_SHARE, patience_s=_PATIENCE_S, monotonic=monotonic
+            share=_CHANNEL_SHARE,
+            patience_s=0.0 if is_lockstep else _PATIENCE_S,
+            monotonic=monotonic,
         )
         self._plans: dict[Hashable, _PlanQuery] = {}
         self._is_stopping = False
