@@ -10,26 +10,16 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame_rendering import max_bounds, render_frame
 from catoptra_server.frames.frame_request import (
-    IMAGE_PORT,
-    FrameComposition,
-    FrameRequest,
     ViewRequest,
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.render_settings import RenderSettings
+from helpers.frame_requests import VIEW, make_request
 from helpers.robots import CAMERA, FakeViewProvider
 
-VIEW = ViewRequest(PerspectiveCamera(4, 3, 1.0), CameraState(Pose.identity()))
 BLOOMING = EffectDecision("Blooming", False, 0.0, 0.5, "grey levels", "dim")
-SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
-
-
-def make_request(
-    *views: ViewRequest | None, layout: TileLayout = SINGLE, sequence: int = 1
-) -> FrameRequest:
-    return FrameRequest(IMAGE_PORT, sequence, 0.5, 2.0, FrameComposition(layout, views))
 
 
 def test_frame_of_one_tile_is_the_view_s_image() -> None:

@@ -11,32 +11,19 @@ import pytest
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
     CameraChannel,
     Channel,
-    FrameComposition,
-    FrameRequest,
     ViewRequest,
 )
-from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread
 from catoptra_server.frames.view_cache import RenderedView, ViewFailedError, ViewState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
+from helpers.frame_requests import VIEW, make_request
 from helpers.loopback import DEADLINE_S
 from helpers.robots import CAMERA, FakeViewProvider
-
-VIEW = ViewRequest(PerspectiveCamera(4, 3, 1.0), CameraState(Pose.identity()))
-BLOOMING = EffectDecision("Blooming", False, 0.0, 0.5, "grey levels", "dim")
-SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
-
-
-def make_request(
-    *views: ViewRequest | None, layout: TileLayout = SINGLE, sequence: int = 1
-) -> FrameRequest:
-    return FrameRequest(IMAGE_PORT, sequence, 0.5, 2.0, FrameComposition(layout, views))
 
 
 class FrameStore:

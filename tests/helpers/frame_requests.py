@@ -1,0 +1,24 @@
+"""Requests of small frames, for tests of what renders them."""
+
+from __future__ import annotations
+
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.frames.frame_request import (
+    IMAGE_PORT,
+    FrameComposition,
+    FrameRequest,
+    ViewRequest,
+)
+from catoptra_server.frames.multi_view import TileLayout
+
+VIEW = ViewRequest(PerspectiveCamera(4, 3, 1.0), CameraState(Pose.identity()))
+SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
+
+
+def make_request(
+    *views: ViewRequest | None, layout: TileLayout = SINGLE, sequence: int = 1
+) -> FrameRequest:
+    """Request of the image port at 0.5 s of simulation time."""
+    return FrameRequest(IMAGE_PORT, sequence, 0.5, 2.0, FrameComposition(layout, views))
