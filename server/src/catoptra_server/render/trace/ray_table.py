@@ -1,0 +1,166 @@
+"""The rays of a camera: a grid of samples in the mirror frame, in blocks of 4 x 4 for ray packets.
+
+A pixel has samples x samples rays; side by side the samples of all pixels form one grid, `samples`
+times finer than the image. A tile is 4 x 4 pixels: samples x samples blocks of 4 x 4 rays, so that
+the rays of a block are neighbours at any number of samples. Computed once per view in float64, from
+the camera model or from the mirror mesh that replaces it, and stored in float32, as Embree takes
+it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.lenses import Lens
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import ImageSize, OmniCamera, direction_from_pixel
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import FaceCamera
+from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
+from catoptra_server.robot.render_settings import PerPixel
+
+TILE_PX = 4
+"""Pixels along a tile's side, and rays along a block's side."""
+BLOCK_RAYS = TILE_PX * TILE_PX
+"""Rays of a block."""
+
+# Float64 directions and what they are computed from take 130 bytes a sample, the result 13: a batch
+# takes 70 MB, where a whole image of 8192 px took 8 GB.
+_SAMPLES_PER_BATCH = 2**19
+
+Float32s = npt.NDArray[np.float32]
+# (..., 2) pixel positions to (..., 3) unit directions in the mirror frame, and (...,) validity.
+DirectionLookup = Callable[[Floats], tuple[Floats, Bools]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayTable:
+    """The rays of an image, for tiles with at least one valid ray."""
+
+    width_px: int
+    """Columns of the image."""
+    height_px: int
+    """Rows of the image."""
+    samples: int
+    """Samples along a pixel's side."""
+    tiles: npt.NDArray[np.int32]
+    """(t,) numbers of the tiles, row by row of the image, ceil(width_px / 4) tiles a row."""
+    directions: Float32s
+    """(t, samples^2, 3, 16) unit directions, mirror frame; +z where invalid. Blocks row by row in
+    their tile, rays row by row in their block."""
+    valid: npt.NDArray[np.uint16]
+    """(t, samples^2) bit masks of the rays that see the mirror; bit 0 is a block's first ray."""
+    origins: Float32s | None = None
+    """(t, samples^2, 3, 16) origins in the mirror frame, metres; None: all at its origin, the
+    effective viewpoint."""
+    times: Float32s | None = None
+    """(t, samples^2, 16) times within the exposure, from 0 at its first pose to 1 at its last;
+    None: all rays at the first pose."""
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the arrays."""
+        arrays = (self.tiles, self.directions, self.valid, self.origins, self.times)
+        return sum(array.nbytes for array in arrays if array is not None)
+
+    @property
+    def num_tile_columns(self) -> int:
+        """Tiles in a row of the image."""
+        return -(-self.width_px // TILE_PX)
+
+
+def omni_ray_table(camera: OmniCamera, plan: RenderPlan) -> RayTable:
+    """Rays of an omnidirectional camera, by the camera model or by the plan's mirror mesh."""
+    if isinstance(plan.surface, PerPixel):
+        return build_ray_table(camera, plan.samples, partial(direction_from_pixel, camera))
+    look_up = partial(mirror_mesh_directions, camera, plan.surface)
+    return build_ray_table(camera, plan.samples, look_up)
+
+
+def lens_ray_table(
+    camera: Lens, samples: int, mirror_from_camera: Floats | None = None
+) -> RayTable:
+    """Rays of a perspective camera, rotated by a (3, 3) rotation if there is one."""
+
+    def look_up(pixels: Floats) -> tuple[Floats, Bools]:
+        directions, valid = camera.direction_from_pixel(pixels)
+        # Rotated here, in float64, so that a face's rays need no rotation of their own per frame.
+        return (
+            directions if mirror_from_camera is None else directions @ mirror_from_camera.T,
+            valid,
+        )
+
+    return build_ray_table(camera, samples, look_up)
+
+
+def face_ray_table(camera: FaceCamera, samples: int) -> RayTable:
+    """Rays of one virtual camera of the cube."""
+    return lens_ray_table(camera.perspective_camera, samples, camera.mirror_from_camera)
+
+
+def build_ray_table(camera: ImageSize, samples: int, look_up: DirectionLookup) -> RayTable:
+    """Rays of an image, computed in batches of rows of tiles.
+
+    Args:
+        camera: Size of the image.
+        samples: Samples along a pixel's side.
+        look_up: Directions of pixel positions, and their validity.
+    """
+    batches = [
+        _build_tile_rows(camera, samples, look_up, rows) for rows in _split_rows(camera, samples)
+    ]
+    tiles, directions, valid = (np.concatenate(parts) for parts in zip(*batches, strict=True))
+    return RayTable(camera.width_px, camera.height_px, samples, tiles, directions, valid)
+
+
+def _split_rows(camera: ImageSize, samples: int) -> Iterator[range]:
+    """Yield the rows of tiles in batches of at most _SAMPLES_PER_BATCH samples."""
+    num_rows = -(-camera.height_px // TILE_PX)
+    per_row = TILE_PX * camera.width_px * samples**2
+    step = max(1, _SAMPLES_PER_BATCH // per_row)
+    for first in range(0, num_rows, step):
+        yield range(first, min(first + step, num_rows))
+
+
+def _build_tile_rows(
+    camera: ImageSize, samples: int, look_up: DirectionLookup, rows: range
+) -> tuple[npt.NDArray[np.int32], Float32s, npt.NDArray[np.uint16]]:
+    """Tiles, directions and validity of some rows of tiles."""
+    columns = -(-camera.width_px // TILE_PX)
+    v = _grid_positions(rows.start * TILE_PX, rows.stop * TILE_PX, samples)
+    u = _grid_positions(0, columns * TILE_PX, samples)
+    # Tiles of the last column and row may reach beyond the image: those rays are invalid.
+    within = (v < camera.height_px)[:, None] & (u < camera.width_px)
+    directions, valid = look_up(np.stack(np.meshgrid(u, v), axis=-1))
+    valid = valid & within
+    directions = np.where(valid[..., None], directions, (0.0, 0.0, 1.0)).astype(np.float32)
+    blocked = _split_blocks(directions, samples).transpose(0, 1, 3, 2)
+    bits = (_split_blocks(valid[..., None], samples)[..., 0] << np.arange(BLOCK_RAYS)).sum(axis=-1)
+    # Tiles off the mirror stay black without a ray: 1 - pi/4 of a square image with inscribed rim.
+    shown = np.flatnonzero(bits.any(axis=-1))
+    return (
+        (shown + rows.start * columns).astype(np.int32),
+        np.ascontiguousarray(blocked[shown]),
+        bits[shown].astype(np.uint16),
+    )
+
+
+def _grid_positions(first_px: int, stop_px: int, samples: int) -> Floats:
+    """Positions of the sample grid along one axis, px; a pixel's samples are evenly spaced."""
+    grid: Floats = (np.arange(first_px * samples, stop_px * samples) + 0.5) / samples
+    return grid
+
+
+def _split_blocks(grid: npt.NDArray[np.generic], samples: int) -> npt.NDArray[np.generic]:
+    """(tiles, samples^2, 16, k) blocks of a (rows, columns, k) grid of samples."""
+    rows, columns, depth = grid.shape
+    side = TILE_PX * samples
+    split = grid.reshape(rows // side, samples, TILE_PX, columns // side, samples, TILE_PX, depth)
+    # Axes: tile row, tile column, block row, block column, ray row, ray column.
+    ordered = split.transpose(0, 3, 1, 4, 2, 5, 6)
+    return ordered.reshape(-1, samples**2, BLOCK_RAYS, depth)
