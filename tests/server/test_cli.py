@@ -136,6 +136,7 @@ def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
         ("--robot", "x", "--world", "y", "--image-port", "http"),
         ("--robot", "x", "--world", "y", "--image-type", "PNG"),
         ("--robot", "x", "--world", "y", "--renderer", "vulkan"),
+        ("--robot", "x", "--world", "y", "--instruction-set", "mmx"),
         ("--robot", "x", "--world", "y", "--clock", "sundial"),
         ("--robot", "x", "--world", "y", "--threads", "-1"),
         ("--robot", "x", "--world", "y", "--seed", "one"),
@@ -165,7 +166,7 @@ def test_help_when_printed_names_every_option(capfd: pytest.CaptureFixture[str])
         serve_words("--help")
     assert ended.value.code == 0
     text = capfd.readouterr().out
-    for option in ("--robot", "--world", "--host", "--renderer", "--clock", "--seed"):
+    for option in ("--robot", "--world", "--renderer", "--instruction-set", "--clock", "--seed"):
         assert option in text
 
 
@@ -288,3 +289,8 @@ def test_image_port_when_there_is_none_is_announced_as_off(
     assert capfd.readouterr().out == (
         "listening control=127.0.0.1:1 image=off stream=127.0.0.1:2\n"
     )
+
+
+def test_instruction_set_when_named_reaches_the_options() -> None:
+    assert parse_options("--instruction-set", "avx2").instruction_set == "avx2"
+    assert parse_options().instruction_set == "auto"

@@ -30,7 +30,7 @@ from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.logs.log_writer import LogWriter, write_log
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MAX_LIMIT_MIB, MIB
 from catoptra_server.options import Options
-from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
+from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SETS, RENDERER_NAMES
 from catoptra_server.simulation import ClockMode
 from catoptra_server.termination import Termination
 from catoptra_server.worker_thread import ThreadFailedError
@@ -164,6 +164,9 @@ def _build_parser() -> argparse.ArgumentParser:
         default=0,
         help="threads of the trace renderer; 0 = one per processor",
     )
+    add("--instruction-set", choices=INSTRUCTION_SETS, default=AUTO,
+        help="instructions of the trace renderer's kernel; the same ones give the same bytes on "
+        "every processor that has them (default: auto, the best of this processor)")  # fmt: skip
     add("--max-error-px", type=_parse_non_negative, metavar="PX",
         help="accuracy target of every camera: the fastest plan that displaces no outline by more; "
         "0 = the settings of the file")  # fmt: skip
@@ -191,6 +194,7 @@ def _make_options(parsed: argparse.Namespace) -> tuple[Options, int]:
         dialect=Dialect(parsed.dialect),
         renderer=parsed.renderer,
         threads=parsed.threads,
+        instruction_set=parsed.instruction_set,
         clock=ClockMode(parsed.clock),
         seed=parsed.seed,
         max_error_px=parsed.max_error_px,

@@ -33,6 +33,9 @@ class Options:
     """`auto`, `trace` or `raster`."""
     threads: int = 0
     """Threads of the trace renderer; 0 = one per processor."""
+    instruction_set: str = "auto"
+    """Instruction set of the trace renderer's kernel: `auto`, or a smaller one than the
+    processor's, for the same bytes on several machines."""
     clock: ClockMode = ClockMode.REALTIME
     """Real time, or lockstep with the commands of clients."""
     seed: int = 0

@@ -1,4 +1,4 @@
-"""Names of the renderers, and of the option that selects one. Imported by command lines: no numpy.
+"""Names of renderers and instruction sets, for options. Imported by command lines: no numpy.
 
 The kinds are distinguished in four modules: here, in `planning/renderer_choice.py` (creation), in
 `planning/candidate_plans.py` (settings) and in `doctor/renderer_devices.py` (checks).
@@ -25,3 +25,5 @@ class RendererKind(Enum):
 
 AUTO = "auto"
 RENDERER_NAMES = (AUTO, *(kind.value for kind in RendererKind))
+INSTRUCTION_SETS = (AUTO, "avx512", "avx2", "sse4.2")
+"""Instruction sets that the trace renderer's kernel may be limited to."""
