@@ -60,7 +60,7 @@ def test_image_with_effects_is_their_result_on_the_linear_image(
 def test_stages_when_timed_have_the_effects_names(renderer: TraceRenderer) -> None:
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     stages = tuple(view.render(CAMERA_STATE, CHAIN).stage_ms)
-    assert stages == ("cells", "trace", "Vignetting", "ShotNoise", "Bayer", "encode")
+    assert stages == ("trace", "Vignetting", "ShotNoise", "Bayer", "encode")
     view.close()
 
 

@@ -202,7 +202,7 @@ def test_image_when_rendered_again_is_the_same_and_read_only() -> None:
         )
     np.testing.assert_array_equal(one.rgb, again.rgb)
     assert not one.rgb.flags.writeable
-    assert set(one.stage_ms) == {"cells", "trace"}
+    assert set(one.stage_ms) == {"trace"}
     assert one.stage_ms["trace"] > 0.0
 
 
@@ -230,6 +230,7 @@ def test_view_when_inside_an_object_or_on_a_surface_is_rendered() -> None:
     assert image.shape == (30, 30, 3)
 
 
-def test_description_names_library_threads_and_triangles() -> None:
+def test_description_names_engine_threads_and_triangles() -> None:
     with make_renderer(make_test_world(), threads=2) as renderer:
-        assert renderer.describe() == "trace: Embree, 2 threads, 230 triangles"
+        assert renderer.describe().startswith(f"trace: {renderer.engine_name} (")
+        assert renderer.describe().endswith(", 2 threads, 230 triangles")

@@ -1,39 +1,32 @@
-"""A traced image of a perspective camera: every ray, with or without shadows."""
+"""A traced image of a perspective camera, encoded directly."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
 
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import RenderedImage
-from catoptra_server.render.trace.ray_view import RayView
+from catoptra_server.render.trace.trace_engine import TracedRays
 
 
 class TraceLensView:
-    """A perspective camera's views, one with and one without shadows."""
+    """The rays of a perspective camera."""
 
-    def __init__(self, make_view: Callable[[bool], RayView], *, ray_bytes: int) -> None:
-        """Build the view without shadows.
-
-        Args:
-            make_view: Builds the view with or without shadows, each at its first use.
-            ray_bytes: Size of the rays that both views share.
-        """
-        self._make_view = make_view
-        self._ray_bytes = ray_bytes
-        # Most camera states have no shadows: prepared now, so that the first frame need not wait.
-        self._views = {False: make_view(False)}
+    def __init__(self, rays: TracedRays) -> None:
+        """Keep the prepared rays."""
+        self._rays = rays
 
     @property
     def memory_bytes(self) -> int:
         """Size of all arrays."""
-        return self._ray_bytes + sum(view.memory_bytes for view in self._views.values())
+        return self._rays.memory_bytes
 
     def render(self, camera_state: CameraState) -> RenderedImage:
         """Render one exposure of the camera."""
-        if camera_state.has_shadows not in self._views:
-            self._views[camera_state.has_shadows] = self._make_view(camera_state.has_shadows)
-        return self._views[camera_state.has_shadows].render(camera_state)
+        begin = time.perf_counter()
+        rgb = self._rays.render_srgb(camera_state)
+        return RenderedImage(rgb, {"trace": 1e3 * (time.perf_counter() - begin)})
 
     def close(self) -> None:
-        """Do nothing: all resources belong to the renderer."""
+        """Free the rays."""
+        self._rays.close()

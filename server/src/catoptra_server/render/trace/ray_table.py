@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,7 @@ BLOCK_RAYS = TILE_PX * TILE_PX
 _SAMPLES_PER_BATCH = 2**19
 
 Float32s = npt.NDArray[np.float32]
+Element = TypeVar("Element", bound=np.generic)
 # (..., 2) pixel positions to (..., 3) unit directions in the mirror frame, and (...,) validity.
 DirectionLookup = Callable[[Floats], tuple[Floats, Bools]]
 
@@ -140,7 +142,7 @@ def _build_tile_rows(
     valid = valid & within
     directions = np.where(valid[..., None], directions, (0.0, 0.0, 1.0)).astype(np.float32)
     blocked = _split_blocks(directions, samples).transpose(0, 1, 3, 2)
-    bits = (_split_blocks(valid[..., None], samples)[..., 0] << np.arange(BLOCK_RAYS)).sum(axis=-1)
+    bits = _split_blocks(valid[..., None], samples)[..., 0] @ (1 << np.arange(BLOCK_RAYS))
     # Tiles off the mirror stay black without a ray: 1 - pi/4 of a square image with inscribed rim.
     shown = np.flatnonzero(bits.any(axis=-1))
     return (
@@ -156,7 +158,7 @@ def _grid_positions(first_px: int, stop_px: int, samples: int) -> Floats:
     return grid
 
 
-def _split_blocks(grid: npt.NDArray[np.generic], samples: int) -> npt.NDArray[np.generic]:
+def _split_blocks(grid: npt.NDArray[Element], samples: int) -> npt.NDArray[Element]:
     """(tiles, samples^2, 16, k) blocks of a (rows, columns, k) grid of samples."""
     rows, columns, depth = grid.shape
     side = TILE_PX * samples

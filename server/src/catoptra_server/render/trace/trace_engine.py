@@ -7,19 +7,49 @@ An engine holds a scene; `prepare` gives it the rays of a camera. Both shade by 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.errors import DomainError
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import Image, LinearImage
-from catoptra_server.render.trace.ray_table import Float32s, RayTable
+from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 
 STATIC_SCENE = 0
 """Object number of the static scene; dynamic objects follow in the order of the camera state."""
 NOTHING = -1
 """Object and triangle number of a ray without a hit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovingExposure:
+    """Poses of camera and objects during an exposure, for rays with times.
+
+    Between two states the entries of rotations and translations are interpolated linearly: no exact
+    rotation, but what Embree does with moving instances. A state every few degrees is exact enough.
+    """
+
+    states: tuple[CameraState, ...]
+    """At least two, evenly spaced over the times 0 to 1, with the same objects in the same order.
+    The first one decides on shadows."""
+
+    def __post_init__(self) -> None:
+        if len(self.states) < 2:
+            raise DomainError(f"{len(self.states)} states: a moving exposure needs at least two")
+        meshes = [tuple(placed.mesh for placed in state.objects) for state in self.states]
+        if any(later != meshes[0] for later in meshes):
+            raise DomainError("the states of a moving exposure need the same objects in one order")
+
+
+TracedExposure = CameraState | MovingExposure
+"""One state, or several for rays with times; without times the first state counts."""
+
+
+def camera_states(exposure: TracedExposure) -> tuple[CameraState, ...]:
+    """States of an exposure, evenly spaced; one if nothing moves."""
+    return exposure.states if isinstance(exposure, MovingExposure) else (exposure,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,13 +74,13 @@ class TracedRays(Protocol):
     def memory_bytes(self) -> int:
         """Size of the rays and of the engine's tables for them."""
 
-    def render_srgb(self, camera_state: CameraState) -> Image:
-        """(h, w, 3) sRGB of one sharp exposure, read-only; black off the mirror."""
+    def render_srgb(self, exposure: TracedExposure) -> Image:
+        """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
 
-    def render_linear(self, camera_state: CameraState) -> LinearImage:
-        """(h, w, 3) linear light of one sharp exposure; zero off the mirror."""
+    def render_linear(self, exposure: TracedExposure) -> LinearImage:
+        """(h, w, 3) linear light; zero off the mirror. Light beyond white is kept."""
 
-    def find_hits(self, camera_state: CameraState) -> RayHits:
+    def find_hits(self, exposure: TracedExposure) -> RayHits:
         """First hit of each ray."""
 
     def close(self) -> None:
@@ -92,11 +122,26 @@ def assemble_grid(
         fill: Value of samples in tiles without a ray.
     """
     samples, depth = rays.samples, values.shape[-1]
-    side = 4 * samples
-    rows, columns = -(-rays.height_px // 4), rays.num_tile_columns
-    tiles = np.full((rows * columns, side, side, depth), fill, dtype=np.float32)
-    blocks = values.reshape(-1, samples, samples, 4, 4, depth)
-    tiles[rays.tiles] = blocks.transpose(0, 1, 3, 2, 4, 5).reshape(-1, side, side, depth)
-    grid = tiles.reshape(rows, columns, side, side, depth).transpose(0, 2, 1, 3, 4)
-    whole = grid.reshape(rows * side, columns * side, depth)
-    return whole[: rays.height_px * samples, : rays.width_px * samples]
+    side = TILE_PX * samples
+    blocks = values.reshape(-1, samples, samples, TILE_PX, TILE_PX, depth)
+    return assemble_tiles(rays, blocks.swapaxes(2, 3).reshape(-1, side, side, depth), fill=fill)
+
+
+def assemble_tiles(
+    rays: RayTable, tiles: npt.NDArray[Element], *, fill: Any
+) -> npt.NDArray[Element]:
+    """(h * s, w * s, k) image of the (t, 4 s, 4 s, k) tiles of a table, s elements a pixel's side.
+
+    Args:
+        rays: Table that the tiles belong to.
+        tiles: Elements row by row in each tile; s is 1 for pixels, `rays.samples` for samples.
+        fill: Value of elements in tiles without a ray.
+    """
+    side, depth = tiles.shape[1], tiles.shape[-1]
+    rows, columns = -(-rays.height_px // TILE_PX), rays.num_tile_columns
+    whole = np.full((rows * columns, side, side, depth), fill, dtype=tiles.dtype)
+    whole[rays.tiles] = tiles
+    grid = whole.reshape(rows, columns, side, side, depth).swapaxes(1, 2)
+    image = grid.reshape(rows * side, columns * side, depth)
+    scale = side // TILE_PX
+    return image[: rays.height_px * scale, : rays.width_px * scale]

@@ -1,0 +1,70 @@
+"""Batches of a ray table: valid rays one by one, and values of rays back in the table's layout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.trace.ray_table import BLOCK_RAYS, TILE_PX, RayTable
+
+# Rays of a batch: all arrays of it together, 1 kB a ray, stay far below those of an image.
+_RAYS_PER_BATCH = 2**16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayBatch:
+    """The valid rays of some tiles, mirror frame."""
+
+    tiles: slice
+    """Tiles in the table."""
+    rays: npt.NDArray[np.intp]
+    """(n,) flat indices of the valid rays in (tiles, samples^2, 16)."""
+    directions: Floats
+    """(n, 3) unit."""
+    origins: Floats
+    """(n, 3) metres."""
+    times: Floats | None
+    """(n,) times within the exposure, if the table has times."""
+
+
+def split_table(table: RayTable) -> Iterator[RayBatch]:
+    """Yield all tiles of a table in batches."""
+    step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * table.samples**2))
+    for first in range(0, len(table.tiles), step):
+        yield _make_batch(table, slice(first, first + step))
+
+
+def _make_batch(table: RayTable, tiles: slice) -> RayBatch:
+    """Batch of some tiles."""
+    is_valid = (table.valid[tiles, :, None] >> np.arange(BLOCK_RAYS)) & 1
+    rays = np.flatnonzero(is_valid)
+    directions = _select_vectors(table.directions[tiles], rays)
+    origins = None if table.origins is None else _select_vectors(table.origins[tiles], rays)
+    times = None if table.times is None else table.times[tiles].reshape(-1)[rays]
+    return RayBatch(
+        tiles,
+        rays,
+        # Unit in float32 only.
+        directions / np.linalg.norm(directions, axis=-1, keepdims=True),
+        np.zeros_like(directions) if origins is None else origins,
+        None if times is None else times.astype(np.float64),
+    )
+
+
+def _select_vectors(blocks: npt.NDArray[np.float32], rays: npt.NDArray[np.intp]) -> Floats:
+    """(n, 3) vectors of some rays in (t, samples^2, 3, 16) blocks."""
+    return blocks.swapaxes(-1, -2).reshape(-1, 3)[rays].astype(np.float64)
+
+
+def mean_pixels(values: Floats, samples: int) -> Floats:
+    """(t, 4, 4, k) means over the samples of each pixel, of (t, samples^2, 16, k) rays."""
+    depth = values.shape[-1]
+    blocks = values.reshape(-1, samples, samples, TILE_PX, TILE_PX, depth)
+    # Axes: tile, block row, ray row, block column, ray column; rows of the grid are both together.
+    grid = blocks.swapaxes(2, 3).reshape(-1, TILE_PX, samples, TILE_PX, samples, depth)
+    means: Floats = grid.mean(axis=(2, 4))
+    return means

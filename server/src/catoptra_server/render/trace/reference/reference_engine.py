@@ -1,0 +1,199 @@
+"""The reference engine: every ray of a table on its own, in batches on a thread pool."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
+from catoptra_server.render.trace.reference.affine import interpolate_poses
+from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
+from catoptra_server.render.trace.reference.placed_mesh import (
+    FirstHits,
+    PlacedMesh,
+    Rays,
+    TracedMesh,
+    find_first_hits,
+    trace_object,
+    trace_scene,
+)
+from catoptra_server.render.trace.reference.ray_batches import RayBatch, mean_pixels, split_table
+from catoptra_server.render.trace.trace_engine import (
+    NOTHING,
+    RayHits,
+    TracedExposure,
+    assemble_tiles,
+    camera_states,
+)
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import Light, World
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frame:
+    """An exposure, with its meshes in Embree. All poses relative to the scene's centre."""
+
+    mirror_poses: tuple[Pose, ...]
+    """World from mirror, one of each state."""
+    meshes: tuple[tuple[TracedMesh, tuple[Pose, ...]], ...]
+    """Static scene and dynamic objects, with their poses."""
+    lighting: Lighting
+    """Background and shadows."""
+
+    def trace(self, batch: RayBatch) -> tuple[tuple[PlacedMesh, ...], Rays, FirstHits]:
+        """First hits of a batch, with its rays and the meshes at their times."""
+        camera = interpolate_poses(self.mirror_poses, batch.times)
+        directions = camera.vectors(batch.directions)
+        # Between two poses a rotation's entries shorten: distances are metres of unit directions.
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        rays = Rays(camera.points(batch.origins), directions)
+        meshes = tuple(
+            PlacedMesh(mesh, interpolate_poses(poses, batch.times)) for mesh, poses in self.meshes
+        )
+        return meshes, rays, find_first_hits(meshes, rays)
+
+
+class ReferenceEngine:
+    """A scene in Embree, shaded in float64."""
+
+    def __init__(
+        self, scene: SceneMesh, world: World, *, threads: int, scene_lights: tuple[Light, ...]
+    ) -> None:
+        """Commit a scene.
+
+        Args:
+            scene: Triangles of the static scene.
+            world: Lights of dynamic objects, and background.
+            threads: Threads of the pool.
+            scene_lights: Lights of the static scene.
+        """
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="trace")
+        self._world = world
+        self._centre = _centre(scene)
+        self._scene = trace_scene(scene, self._centre, scene_lights)
+        self._objects: dict[ObjectMesh, TracedMesh] = {}
+        self.description = f"reference (Embree single rays, NumPy float64), {threads} threads"
+
+    @property
+    def num_object_meshes(self) -> int:
+        """Number of object meshes committed so far."""
+        return len(self._objects)
+
+    def prepare(self, rays: RayTable) -> ReferenceRays:
+        """Keep the rays of a camera."""
+        return ReferenceRays(rays, self._make_frame, self._pool)
+
+    def _make_frame(self, exposure: TracedExposure) -> _Frame:
+        """Meshes and poses of an exposure; meshes are committed at their first use."""
+        states = camera_states(exposure)
+        objects = (
+            (
+                self._find_object(copies[0].mesh),
+                tuple(self._relative(copy.world_from_object) for copy in copies),
+            )
+            for copies in zip(*(state.objects for state in states), strict=True)
+        )
+        return _Frame(
+            tuple(self._relative(state.world_from_mirror) for state in states),
+            ((self._scene, (Pose.identity(),)), *objects),
+            Lighting(self._centre, self._world.background, states[0].has_shadows),
+        )
+
+    def _relative(self, pose: Pose) -> Pose:
+        """Pose relative to the scene's centre. Both may be far from the world's origin."""
+        return Pose(pose.rotation, pose.translation - self._centre)
+
+    def _find_object(self, mesh: ObjectMesh) -> TracedMesh:
+        """An object's mesh with all lights: it moves towards those that the scene culls."""
+        if mesh not in self._objects:
+            self._objects[mesh] = trace_object(mesh, self._world.lights)
+        return self._objects[mesh]
+
+    def close(self) -> None:
+        """End the threads."""
+        self._pool.shutdown()
+
+
+def _centre(scene: SceneMesh) -> Floats:
+    """(3,) centre of the box around a scene; the world's origin for an empty one."""
+    if len(scene) == 0:
+        return np.zeros(3)
+    low, high = scene.corners.min(axis=(0, 1)), scene.corners.max(axis=(0, 1))
+    return np.asarray(0.5 * (low + high))
+
+
+class ReferenceRays:
+    """The rays of one camera."""
+
+    def __init__(
+        self,
+        table: RayTable,
+        make_frame: Callable[[TracedExposure], _Frame],
+        pool: ThreadPoolExecutor,
+    ) -> None:
+        """Keep the table."""
+        self._table = table
+        self._make_frame = make_frame
+        self._pool = pool
+        self.memory_bytes = table.memory_bytes
+        """Size of the rays."""
+
+    def render_srgb(self, exposure: TracedExposure) -> Image:
+        """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
+        means = self._render_means(exposure, lambda radiance: np.clip(radiance, 0.0, 1.0))
+        image = np.rint(255.0 * srgb_from_linear(means)).astype(np.uint8)
+        # Frames are handed to other threads, which encode them while the next one is rendered.
+        image.setflags(write=False)
+        return image
+
+    def render_linear(self, exposure: TracedExposure) -> LinearImage:
+        """(h, w, 3) linear light; zero off the mirror. Light beyond white is kept."""
+        return self._render_means(exposure, lambda radiance: radiance).astype(np.float32)
+
+    def _render_means(self, exposure: TracedExposure, limit: Callable[[Floats], Floats]) -> Floats:
+        """(h, w, 3) mean radiance of the limited samples of each pixel."""
+        table, frame = self._table, self._make_frame(exposure)
+        tiles = np.zeros((len(table.tiles), 4, 4, 3))
+
+        def render(batch: RayBatch) -> None:
+            meshes, rays, hits = frame.trace(batch)
+            part = tiles[batch.tiles]
+            # Rays that do not see the mirror are black.
+            samples = np.zeros((len(part) * table.samples**2 * BLOCK_RAYS, 3))
+            samples[batch.rays] = limit(shade_hits(meshes, rays, hits, frame.lighting))
+            part[:] = mean_pixels(samples, table.samples)
+
+        self._for_all_batches(render)
+        return assemble_tiles(table, tiles, fill=0.0)
+
+    def find_hits(self, exposure: TracedExposure) -> RayHits:
+        """First hit of each ray."""
+        frame, shape = self._make_frame(exposure), (*self._table.valid.shape, BLOCK_RAYS)
+        nothing = np.full(shape, NOTHING, dtype=np.int32)
+        found = RayHits(np.full(shape, np.inf, dtype=np.float32), nothing, nothing.copy())
+
+        def trace(batch: RayBatch) -> None:
+            _, _, hits = frame.trace(batch)
+            found.range_m[batch.tiles].reshape(-1)[batch.rays] = hits.distance
+            found.triangle[batch.tiles].reshape(-1)[batch.rays] = hits.triangle
+            found.object[batch.tiles].reshape(-1)[batch.rays] = hits.object
+
+        self._for_all_batches(trace)
+        return found
+
+    def _for_all_batches(self, work: Callable[[RayBatch], None]) -> None:
+        """Work on all batches; each writes tiles of its own, so the threads share no element."""
+        # list() waits for all of them and raises the first error of any. Embree and NumPy release
+        # the GIL.
+        list(self._pool.map(work, split_table(self._table)))
+
+    def close(self) -> None:
+        """Do nothing: threads and scene belong to the engine."""
