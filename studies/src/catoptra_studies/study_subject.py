@@ -78,8 +78,7 @@ class StudySubject:
 
     def render_reference(self, samples: int) -> tuple[Image, ...]:
         """Render the exact frame at each pose, of samples^2 rays a pixel."""
-        # Stride 1 casts every ray: no cell is filled from its corners.
-        settings = RenderSettings(PerPixel(), samples, stride_px=1)
+        settings = RenderSettings(PerPixel(), samples)
         view = self.prepare_view(RendererKind.TRACE, settings)
         try:
             return tuple(view.render(state).rgb for state in self.camera_states)

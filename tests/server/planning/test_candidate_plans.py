@@ -31,20 +31,19 @@ def candidate_plans(
 
 
 def test_candidates_of_both_renderers_are_all_combinations() -> None:
-    assert len(candidate_plans(PerPixel(), TRACE)) == 2 * len(SAMPLE_COUNTS)
+    assert len(candidate_plans(PerPixel(), TRACE)) == len(SAMPLE_COUNTS)
     count = len(SAMPLE_COUNTS) * len(TEXELS_PER_PX) * len(FACE_SAMPLE_COUNTS)
     assert len(candidate_plans(PerPixel(), RASTER)) == count
-    assert len(candidate_plans(PerPixel(), TRACE, RASTER)) == 2 * len(SAMPLE_COUNTS) + count
+    assert len(candidate_plans(PerPixel(), TRACE, RASTER)) == len(SAMPLE_COUNTS) + count
 
 
 def test_candidates_of_an_exact_mirror_have_no_mesh() -> None:
     assert {plan.surface for plan in candidate_plans(PerPixel(), TRACE, RASTER)} == {PerPixel()}
 
 
-def test_candidates_of_a_mesh_keep_the_mesh_and_cast_every_ray() -> None:
+def test_candidates_of_a_mesh_keep_the_mesh() -> None:
     mesh = Tessellation(16, 16)
-    found = candidate_plans(mesh, TRACE)
-    assert {(plan.surface, plan.stride_px) for plan in found} == {(mesh, 1)}
+    assert {plan.surface for plan in candidate_plans(mesh, TRACE)} == {mesh}
 
 
 def test_candidates_of_a_large_image_stay_within_memory_but_for_one_sample() -> None:
@@ -64,10 +63,5 @@ def test_candidates_of_a_large_image_keep_faces_within_memory_but_for_one_sample
 @pytest.mark.parametrize("kind", RendererKind)
 def test_calibration_plans_cover_every_cost_group(kind: RendererKind) -> None:
     plans = list(generate_calibration_plans(kind, CAMERA, PerPixel()))
-    assert len({cost_group(plan) for plan in plans}) == (2 if kind is TRACE else 1)
+    assert len({cost_group(plan) for plan in plans}) == 1
     assert len({plan.samples for plan in plans}) > 1
-
-
-def test_calibration_plans_of_a_mesh_cast_every_ray() -> None:
-    plans = generate_calibration_plans(TRACE, CAMERA, Tessellation(8, 8))
-    assert {plan.stride_px for plan in plans} == {1}

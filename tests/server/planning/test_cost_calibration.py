@@ -24,7 +24,7 @@ STATES = (CameraState(Pose.identity()), CameraState(Pose.from_rpy((1.0, 0.0, 0.0
 
 
 class _FakeRenderer:
-    """A renderer whose frames take a millisecond a sample along a side, by a clock of its own."""
+    """A renderer whose frames take a millisecond a sample of a pixel, by a clock of its own."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
@@ -37,8 +37,8 @@ class _FakeRenderer:
         class FakeView:
             def render(self, camera_state: CameraState) -> RenderedImage:
                 renderer.camera_states.append(camera_state)
-                renderer.now_s += 1e-3 * (plan.samples + 0.5)
-                stages = {"trace": float(plan.samples)}
+                renderer.now_s += 1e-3 * (plan.samples**2 + 0.5)
+                stages = {"trace": float(plan.samples**2)}
                 return RenderedImage(np.zeros((1, 1, 3), dtype=np.uint8), stages)
 
             def close(self) -> None:
@@ -53,8 +53,8 @@ class _FakeRenderer:
 def test_calibration_has_medians_of_all_stages_and_of_the_time_between() -> None:
     renderer = _FakeRenderer()
     found = measure_costs(renderer, TRACE, CAMERA, PerPixel(), STATES, clock=renderer.clock)  # type: ignore[arg-type]
-    assert [one.plan.samples for one in found] == [1, 2, 1]
-    assert [one.stage_ms["trace"] for one in found] == [1.0, 2.0, 1.0]
+    assert [one.plan.samples for one in found] == [1, 2, 6]
+    assert [one.stage_ms["trace"] for one in found] == [1.0, 4.0, 36.0]
     assert all(one.stage_ms[OTHER_STAGES] == pytest.approx(0.5) for one in found)
     assert renderer.num_closed == 3
     assert set(renderer.camera_states) == set(STATES)
@@ -64,4 +64,4 @@ def test_calibration_when_fitted_reproduces_the_measured_times() -> None:
     renderer = _FakeRenderer()
     found = measure_costs(renderer, TRACE, CAMERA, PerPixel(), STATES, clock=renderer.clock)  # type: ignore[arg-type]
     model = fit_cost_model(CAMERA, found)
-    assert model.predict_frame_ms(found[1].plan) == pytest.approx(2.5)
+    assert model.predict_frame_ms(found[1].plan) == pytest.approx(4.5)

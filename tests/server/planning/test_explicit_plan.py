@@ -53,21 +53,6 @@ def test_plan_when_the_rim_looks_above_125_deg_has_a_sixth_face(rim_deg: float, 
     assert len(make_plan(RenderSettings(), rim_deg=rim_deg).faces) == faces
 
 
-@pytest.mark.parametrize(
-    ("settings", "stride_px"),
-    [
-        (RenderSettings(), 4),
-        (RenderSettings(stride_px=1), 1),
-        (RenderSettings(stride_px=7), 7),
-        (RenderSettings(Tessellation(8, 8), stride_px=7), 1),
-    ],
-)
-def test_plan_of_an_exact_mirror_has_distant_rays(settings: RenderSettings, stride_px: int) -> None:
-    plan = plan_from_settings(settings, CAMERA, kind=RendererKind.TRACE, reason="exact")
-    assert plan.stride_px == stride_px
-    assert ("apart" in str(plan)) == (stride_px > 1)
-
-
 def test_incidence_of_an_exact_mirror_ends_at_the_rim() -> None:
     assert max_incidence_rad(CAMERA, PerPixel()) == CAMERA.rim_rad
 

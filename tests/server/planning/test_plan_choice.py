@@ -19,14 +19,14 @@ KINDS = tuple(RendererKind)
 
 
 class FakeCostPredictor:
-    """Costs a sample and a million texels; distant rays cost half of all rays."""
+    """Costs a sample and a million texels."""
 
     def __init__(self, *, trace_ms: float = 5.0, raster_ms: float = 5.0) -> None:
         self._trace_ms, self._raster_ms = trace_ms, raster_ms
 
     def predict_frame_ms(self, plan: RenderPlan) -> float:
         if plan.renderer is RendererKind.TRACE:
-            return self._trace_ms * plan.samples**2 * (1.0 if plan.stride_px > 1 else 2.0)
+            return self._trace_ms * plan.samples**2
         texels = sum(part.num_texels for part in plan.face_regions) * plan.face_samples
         return self._raster_ms * (plan.samples**2 / 4 + 1e-6 * texels)
 

@@ -117,10 +117,9 @@ def test_settings_are_ignored_with_a_target() -> None:
     choice = (
         FakeCostMeasurement()
         .create_planner()
-        .choose_plan(camera_spec(AccuracyTarget(0.1), samples=3, stride_px=7), CAMERA_STATES)
+        .choose_plan(camera_spec(AccuracyTarget(0.1), samples=3), CAMERA_STATES)
     )
     assert choice.plan.samples == 8
-    assert choice.plan.stride_px != 7
 
 
 def test_renderer_that_cannot_be_created_is_no_candidate() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from catoptra_protocol.errors import DomainError
@@ -27,17 +25,6 @@ def test_plan_without_or_with_too_many_samples_is_rejected(samples: int) -> None
         make_plan(RenderSettings(samples=samples))
 
 
-@pytest.mark.parametrize("stride_px", [-1, 65])
-def test_plan_with_too_distant_rays_is_rejected(stride_px: int) -> None:
-    with pytest.raises(DomainError, match="1 to 64 px"):
-        make_plan(RenderSettings(stride_px=stride_px))
-
-
-def test_plan_of_a_mesh_with_distant_rays_is_rejected() -> None:
-    with pytest.raises(DomainError, match="every ray"):
-        replace(make_plan(RenderSettings(Tessellation(8, 8))), stride_px=2)
-
-
 @pytest.mark.parametrize(
     ("settings", "text"),
     [
@@ -53,6 +40,5 @@ def test_plan_when_printed_has_numbers_and_reason(settings: RenderSettings, text
 
 
 def test_plan_of_trace_when_printed_has_no_faces() -> None:
-    rays = "rays 4 px apart and along silhouettes"
     plan = make_plan(RenderSettings(), RendererKind.TRACE)
-    assert str(plan) == f"trace, per pixel, 2^2 samples, {rays}: requested"
+    assert str(plan) == "trace, per pixel, 2^2 samples: requested"

@@ -15,9 +15,7 @@ LEVELS = (
         "polygons", RendererKind.TRACE, RenderSettings(tessellation_from_polygon_count(16), 1)
     ),
     AccuracyLevel("one", RendererKind.TRACE, RenderSettings(PerPixel(), 1)),
-    AccuracyLevel(
-        "exact", RendererKind.TRACE, RenderSettings(PerPixel(), 4, stride_px=1), is_key=True
-    ),
+    AccuracyLevel("exact", RendererKind.TRACE, RenderSettings(PerPixel(), 4), is_key=True),
 )
 
 

@@ -244,7 +244,6 @@ def _read_render_settings(
         # Faces share an atlas and one size; 0 lets the plan choose sizes by density.
         face_size_px=max(client.size_px for client in _read_texture_clients(file)),
         face_samples=capture.get_int("FaceSamples", 0, max_value=8),
-        stride_px=capture.get_int("TraceStride", 0, max_value=64),
         accuracy_target=AccuracyTarget(
             max_error_px=capture.get_float("MaxErrorPx", 0.0, min_value=0.0, max_value=1000.0),
             budget_ms=capture.get_float("BudgetMs", 0.0, min_value=0.0, max_value=60_000.0),

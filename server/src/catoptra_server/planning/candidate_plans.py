@@ -12,11 +12,11 @@ from dataclasses import replace
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES
-from catoptra_server.planning.explicit_plan import DEFAULT_STRIDE_PX, plan_from_settings
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.view_size import plan_view_size
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
+from catoptra_server.robot.render_settings import MirrorSurface, RenderSettings
 
 SAMPLE_COUNTS = tuple(range(1, 9))
 # Below half a texel a pixel a face blurs the image; above four the atlas costs time for no detail.
@@ -26,8 +26,8 @@ FACE_SAMPLE_COUNTS = (1, 4)
 # (samples, texels a pixel, samples a texel): each rate of the raster stages in `cost_model` has a
 # plan that differs from the first in its quantity.
 _RASTER_CALIBRATION = ((1, 0.5, 1), (2, 1.0, 1), (1, 1.5, 1), (1, 0.5, 4))
-# (samples, stride), 0 = default: two points for the stride's rates, one for every ray.
-_TRACE_CALIBRATION = ((1, 0), (2, 0), (1, 1))
+# Samples along a pixel's side: two points for the rates, and one near the most expensive plan.
+_TRACE_CALIBRATION = (1, 2, 6)
 
 
 def generate_candidate_plans(
@@ -58,8 +58,7 @@ def _candidate_settings(surface: MirrorSurface, kind: RendererKind) -> Iterator[
     """Yield the candidates' settings, all numbers but the samples."""
     base = RenderSettings(surface)
     if kind is RendererKind.TRACE:
-        strides = (1, DEFAULT_STRIDE_PX) if isinstance(surface, PerPixel) else (1,)
-        yield from (replace(base, stride_px=stride_px) for stride_px in strides)
+        yield base
         return
     for texels_per_px in TEXELS_PER_PX:
         for samples in FACE_SAMPLE_COUNTS:
@@ -77,8 +76,8 @@ def generate_calibration_plans(
 def _calibration_settings(kind: RendererKind, surface: MirrorSurface) -> Iterator[RenderSettings]:
     base = RenderSettings(surface)
     if kind is RendererKind.TRACE:
-        for samples, stride_px in _TRACE_CALIBRATION:
-            yield replace(base, samples=samples, stride_px=stride_px)
+        for samples in _TRACE_CALIBRATION:
+            yield replace(base, samples=samples)
         return
     for samples, texels_per_px, face_samples in _RASTER_CALIBRATION:
         yield replace(base, samples=samples, texels_per_px=texels_per_px, face_samples=face_samples)

@@ -5,8 +5,7 @@ sample, a texel. Rates hold for one scene, one camera and one renderer on one ma
 
 | renderer | stage  | time grows with                                                    |
 |----------|--------|--------------------------------------------------------------------|
-| trace    | cells  | no number of the plan: corners of cells and silhouettes            |
-| trace    | trace  | samples of the image: all of them, or those left open by cells     |
+| trace    | trace  | samples of the image                                               |
 | raster   | faces  | the scene's triangles (constant), texels, further samples a texel  |
 | raster   | mirror | samples of the image, and texels: a larger atlas exceeds the cache |
 | any      | other  | samples: averaging, read-back, time between the stages             |
@@ -67,10 +66,7 @@ class CostModel:
 
 def cost_group(plan: RenderPlan) -> str:
     """Group of plans that share rates: plans that run the same stages by the same code."""
-    renderer = plan.renderer.value
-    if plan.renderer.uses_faces:
-        return renderer
-    return f"{renderer}, rays apart" if plan.stride_px > 1 else f"{renderer}, every ray"
+    return plan.renderer.value
 
 
 def cost_features(stage: str, plan: RenderPlan, camera: OmniCamera) -> tuple[float, ...]:
@@ -78,8 +74,6 @@ def cost_features(stage: str, plan: RenderPlan, camera: OmniCamera) -> tuple[flo
     samples = _PER_MILLION * camera.width_px * camera.height_px * plan.samples**2
     texels = _PER_MILLION * sum(region.num_texels for region in plan.face_regions)
     match stage:
-        case "cells":
-            return (1.0,)
         case "faces":
             # The first sample of a texel is in `texels`: multisampling shades once, stores more.
             return 1.0, texels, texels * (plan.face_samples - 1)

@@ -13,7 +13,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.planning.face_regions import face_regions, max_face_size_px
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
+from catoptra_server.robot.render_settings import MirrorSurface, RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation
 
 # 2 x 2 removes most of the aliasing and still leaves a frame of 640 px within a tenth of a second
@@ -22,9 +22,6 @@ DEFAULT_SAMPLES = 2
 # More samples take three times as long on software OpenGL and remove a sixth of the error:
 # measured in tests/measurements/raster_faces.py.
 DEFAULT_FACE_SAMPLES = 1
-# Of 2, 4, 6 and 8 px within a tenth of the fastest at one sample a pixel and at 2 x 2, in nearly
-# every scene of tests/measurements/sparse_rays.py.
-DEFAULT_STRIDE_PX = 4
 # Finer faces cost in proportion and gain little, measured likewise.
 DEFAULT_TEXELS_PER_PX = 1.0
 
@@ -59,15 +56,7 @@ def plan_from_settings(
         faces=visible_faces(limit_rad),
         face_regions=regions,
         reason=reason,
-        stride_px=_stride_px(settings),
     )
-
-
-def _stride_px(settings: RenderSettings) -> int:
-    """Distance of the first rays; a configured stride is ignored for a mirror mesh."""
-    if not isinstance(settings.surface, PerPixel):
-        return 1
-    return settings.stride_px or DEFAULT_STRIDE_PX
 
 
 def max_incidence_rad(camera: OmniCamera, surface: MirrorSurface) -> float:

@@ -34,19 +34,10 @@ class RenderPlan:
     """Visible regions of the faces, with their texel densities."""
     reason: str
     """Reason for this plan, for the log."""
-    stride_px: int = 1
-    """Distance of trace's first rays. Rays between them are cast only where a surface begins or
-    ends; nothing is lost by that (`render/trace/silhouette_edges.py`). 1: every ray is cast."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.samples <= 16:
             raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
-        if not 1 <= self.stride_px <= 64:
-            raise DomainError(f"rays must be 1 to 64 px apart, not {self.stride_px}")
-        # The proof that a cell is filled by one surface needs a smooth projection, which a mirror
-        # mesh does not have at its edges.
-        if self.stride_px > 1 and not isinstance(self.surface, PerPixel):
-            raise DomainError("a mirror mesh needs every ray: stride_px must be 1")
 
     def __str__(self) -> str:
         return f"{self.description}: {self.reason}"
@@ -64,6 +55,4 @@ class RenderPlan:
             names = "".join(face.name for face in self.faces)
             details = f", faces {names} of {self.face_size_px} px"
             details += f" with {self.face_samples} samples each" if self.face_samples > 1 else ""
-        elif self.stride_px > 1:
-            details = f", rays {self.stride_px} px apart and along silhouettes"
         return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{details}"

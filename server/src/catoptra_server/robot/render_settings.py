@@ -68,8 +68,6 @@ class RenderSettings:
     """Side of each face of the cube map around the viewpoint."""
     face_samples: int = 0
     """Samples along a texel's side of a face."""
-    stride_px: int = 0
-    """Distance of the traced rays inside surfaces; silhouettes have every ray."""
     texels_per_px: float = 0.0
     """Density of the faces in their densest pixel, where no face size is set."""
     accuracy_target: AccuracyTarget = AccuracyTarget()
