@@ -2,8 +2,11 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
+KERNEL := server/src/catoptra_server/render/trace/kernel
 SOURCES := protocol/src server/src client/src studies/src
+BUILD_SCRIPTS := server/build_kernel.py server/setup.py
 # Idle BLAS threads spin and nearly double a traced frame on two cores; nothing here multiplies large matrices.
 export OPENBLAS_NUM_THREADS := 1
 
@@ -15,10 +18,19 @@ help: ## Show this list
 
 setup: $(READY) ## Make the virtual environment .venv with everything pinned in constraints.txt
 
-$(READY): constraints.txt protocol/pyproject.toml server/pyproject.toml client/pyproject.toml studies/pyproject.toml
+# A changed source is compiled without installing anything again. Without a library there is no
+# stamp: the reason is printed again with the next target.
+$(READY): $(INSTALLED) server/build_kernel.py $(wildcard $(KERNEL)/src $(KERNEL)/src/*.[ch])
+	$(BIN)/python server/build_kernel.py
+	test ! -f $(KERNEL)/libcatoptra_trace.so || touch $@
+
+# The compiler (411 MB) is unpacked once, into .venv, instead of anew for every build of the server.
+$(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml server/setup.py client/pyproject.toml studies/pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Catoptra needs Python 3.11 or newer, this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt setuptools \
+	  "ziglang; sys_platform == 'linux' and platform_machine == 'x86_64'"
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-build-isolation \
 	  --editable protocol --editable server --editable client --editable 'studies[server]' \
 	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff
 	touch $@
@@ -36,14 +48,14 @@ stability: $(READY) ## Compare every formula with 50-digit references at its har
 	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability
 
 lint: $(READY) ## Check format, style, types and import contracts
-	$(BIN)/ruff format --check $(SOURCES) tests
-	$(BIN)/ruff check $(SOURCES) tests
-	$(BIN)/mypy $(SOURCES)
+	$(BIN)/ruff format --check $(SOURCES) $(BUILD_SCRIPTS) tests
+	$(BIN)/ruff check $(SOURCES) $(BUILD_SCRIPTS) tests
+	$(BIN)/mypy $(SOURCES) server/build_kernel.py
 	$(BIN)/lint-imports --no-cache
 
 format: $(READY) ## Format the sources and apply ruff's automatic fixes
-	$(BIN)/ruff check --fix $(SOURCES) tests
-	$(BIN)/ruff format $(SOURCES) tests
+	$(BIN)/ruff check --fix $(SOURCES) $(BUILD_SCRIPTS) tests
+	$(BIN)/ruff format $(SOURCES) $(BUILD_SCRIPTS) tests
 
 bench: $(READY) ## Measure frames per second on this machine; writes out/bench/bench.json
 	$(BIN)/python tests/cost/bench.py
@@ -71,7 +83,8 @@ soak: $(READY) ## Attack a server for ten minutes beside honest clients, after a
 
 wheels: $(READY) ## Build the four distributions into out/wheels, and test them in virtual environments
 	rm -rf out/wheels protocol/build server/build client/build studies/build
-	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client ./studies
+	CATOPTRA_REQUIRE_KERNEL=$${CATOPTRA_REQUIRE_KERNEL-1} \
+	  $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client ./studies
 	CATOPTRA_WHEELS=out/wheels $(BIN)/python -m pytest tests/packaging/test_wheels.py
 
 # Another engine than Docker's: COMPOSE=podman-compose.
@@ -84,4 +97,5 @@ compose: ## Run the experiment with server and client in containers; writes out/
 
 clean: ## Remove all generated files
 	rm -rf out out-fresh $(VENV)
+	rm -f $(KERNEL)/libcatoptra_trace.* $(KERNEL)/not_built.txt
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

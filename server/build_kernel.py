@@ -1,0 +1,197 @@
+"""Build of the trace renderer's native kernel: C11 sources to one shared library.
+
+The compiler is the package `ziglang`; the system needs none. `setup.py` runs this in every build of
+the server, `make setup` alone when a source changed. Where no kernel can be built, the reason is
+written beside the place of the library and the server traces with its reference;
+CATOPTRA_REQUIRE_KERNEL=1 makes that an error. It imports the standard library only, since it runs
+before anything is installed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+
+# Folder of the package that holds the library, relative to the folder of the package's root.
+KERNEL_PACKAGE = Path("catoptra_server/render/trace/kernel")
+PACKAGE_ROOT = Path(__file__).resolve().parent / "src"
+SOURCE_FOLDER = PACKAGE_ROOT / KERNEL_PACKAGE / "src"
+LIBRARY_NAME = "libcatoptra_trace.so"
+# Read by library_files.py: pip shows no output of a build that succeeds.
+REASON_NAME = "not_built.txt"
+
+# Without a target the compiler takes the build machine's C library and processor. 2.17 is the C
+# library of manylinux2014, which is the tag of the wheel.
+TARGET = ("-target", "x86_64-linux-gnu.2.17")
+# A source of another suffix is for every x86-64 processor since 2009; a variant for a newer one is
+# chosen by the kernel at run time.
+BASE_PROCESSOR = "x86_64_v2"
+PROCESSOR_OF_SUFFIX = {
+    "_avx2": "x86_64_v3",
+    "_avx512": "x86_64_v4",
+}
+# No fused multiply-add: results must not depend on the variant. No errno: square roots in one
+# instruction. -g0: no path of the build machine, so that the same sources give the same bytes.
+COMPILE_FLAGS = (
+    *("-std=c11", "-O3", "-g0", "-fPIC", "-pthread", "-fvisibility=hidden"),
+    *("-ffp-contract=off", "-fno-math-errno", "-fno-sanitize=undefined"),
+    *("-Wall", "-Wextra", "-Werror"),
+)
+# -nostdlib: zig else compiles its runtime library first, 6 s of a build of 7 s, and nothing of it
+# is used here. An undefined symbol fails the build instead of the server.
+LINK_FLAGS = ("-shared", "-s", "-nostdlib", "-Wl,-z,defs")
+LIBRARIES = ("-lc", "-lm", "-lpthread", "-ldl")
+
+
+class KernelBuildError(Exception):
+    """The reason for which no kernel was built, as one line."""
+
+
+def build_or_explain(folder: Path, *, sources: Path = SOURCE_FOLDER) -> bool:
+    """Build the library in a folder, or write there why not; whether it was built.
+
+    Raises:
+        SystemExit: CATOPTRA_REQUIRE_KERNEL is set and no kernel was built.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in (LIBRARY_NAME, REASON_NAME):
+        (folder / name).unlink(missing_ok=True)
+    try:
+        build_library(folder / LIBRARY_NAME, sources=sources)
+    except KernelBuildError as error:
+        _explain(str(error), folder)
+        return False
+    return True
+
+
+def _explain(reason: str, folder: Path) -> None:
+    if os.environ.get("CATOPTRA_REQUIRE_KERNEL", "0") not in ("", "0"):
+        sys.exit(f"error: no native kernel: {reason} (CATOPTRA_REQUIRE_KERNEL is set)")
+    (folder / REASON_NAME).write_text(reason + "\n", encoding="utf-8")
+    print(
+        f"warning: no native kernel: {reason}; the server will trace with its slow reference",
+        file=sys.stderr,
+    )
+
+
+def is_current(folder: Path, *, sources: Path = SOURCE_FOLDER) -> bool:
+    """Whether the library in a folder is newer than every source, their list and this file."""
+    library = folder / LIBRARY_NAME
+    inputs = [sources, *sources.glob("*.[ch]"), Path(__file__)]
+    return library.is_file() and all(
+        path.stat().st_mtime_ns < library.stat().st_mtime_ns for path in inputs
+    )
+
+
+def build_library(library: Path, *, sources: Path) -> None:
+    """Compile all C files of a folder and link them.
+
+    Raises:
+        KernelBuildError: the machine, the compiler or a source does not allow it.
+    """
+    if reason := unsupported_platform() or missing_compiler():
+        raise KernelBuildError(reason)
+    files = sorted(sources.glob("*.c"))
+    if not files:
+        raise KernelBuildError(f"{sources} holds no C source")
+    started_ns = time.time_ns()
+    with tempfile.TemporaryDirectory(prefix="catoptra-kernel-") as name:
+        objects = _compile_all(files, Path(name))
+        linked = Path(name) / LIBRARY_NAME
+        _run_zig(
+            *(*TARGET, f"-mcpu={BASE_PROCESSOR}", "-O3", *LINK_FLAGS),
+            *(*map(str, objects), *LIBRARIES, "-o", str(linked)),
+            cache=Path(name),
+        )
+        # As old as the start: a source saved during the build is newer.
+        os.utime(linked, ns=(started_ns, started_ns))
+        _move(linked, library)
+
+
+def _compile_all(files: Sequence[Path], folder: Path) -> list[Path]:
+    """Object files of C files, compiled side by side."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(partial(_compile, folder=folder), files))
+
+
+def _compile(source: Path, *, folder: Path) -> Path:
+    compiled = folder / f"{source.stem}.o"
+    flags = (*TARGET, f"-mcpu={processor_of(source)}", *COMPILE_FLAGS)
+    _run_zig(*flags, "-c", str(source), "-o", str(compiled), cache=folder)
+    return compiled
+
+
+def processor_of(source: Path) -> str:
+    """Oldest processor for which a C file is compiled, as zig names it."""
+    for suffix, processor in PROCESSOR_OF_SUFFIX.items():
+        if source.stem.endswith(suffix):
+            return processor
+    return BASE_PROCESSOR
+
+
+def _run_zig(*words: str, cache: Path) -> None:
+    # Zig's caches: the home folder may be missing or read-only.
+    caches = {"ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
+    ended = subprocess.run(
+        [sys.executable, "-m", "ziglang", "cc", *words],
+        env={**os.environ, **caches},
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+    )
+    if ended.returncode:
+        sys.stderr.write(ended.stderr)
+        raise KernelBuildError(f"the compiler failed: {_first_error(ended.stderr)}")
+
+
+def _first_error(output: str) -> str:
+    """First line of a compiler's output that states an error, else its last line."""
+    lines = output.strip().splitlines() or ["no output"]
+    return next((line for line in lines if "error:" in line), lines[-1])
+
+
+def _move(source: Path, target: Path) -> None:
+    """Replace a file at once: a server that has the old one open keeps it."""
+    part = target.with_suffix(".part")
+    shutil.copy2(source, part)
+    part.chmod(0o755)
+    part.replace(target)
+
+
+def unsupported_platform() -> str:
+    """Reason for which this machine cannot use the kernel; empty where it can."""
+    machine = platform.machine()
+    if sys.platform != "linux" or machine != "x86_64" or sys.maxsize <= 2**32:
+        return f"the kernel exists for Linux on x86_64, this is {sys.platform} on {machine}"
+    if platform.libc_ver()[0] != "glibc":
+        return "the kernel needs glibc as the system's C library"
+    return ""
+
+
+def missing_compiler() -> str:
+    """Reason for which nothing can be compiled; empty where the compiler is installed."""
+    if importlib.util.find_spec("ziglang") is None:
+        return "the package ziglang, which compiles the kernel, is not installed"
+    return ""
+
+
+def main() -> None:
+    """Build the kernel in the source tree, unless it is newer than its sources."""
+    folder = PACKAGE_ROOT / KERNEL_PACKAGE
+    if not is_current(folder):
+        build_or_explain(folder)
+
+
+if __name__ == "__main__":
+    main()

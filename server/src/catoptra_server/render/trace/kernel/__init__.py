@@ -1,0 +1,1 @@
+"""The native kernel: its library, and the interface to it by ctypes."""

@@ -1,0 +1,289 @@
+"""Build of the native kernel: where it succeeds, what the library needs, and the reasons if not."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from catoptra_server.render.trace.kernel import library_files
+from helpers.configs import REPOSITORY
+
+
+def load_build_script() -> ModuleType:
+    """The module server/build_kernel.py, which no package holds."""
+    path = REPOSITORY / "server" / "build_kernel.py"
+    spec = importlib.util.spec_from_file_location("build_kernel", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+build_kernel = load_build_script()
+
+WHY_NOT = build_kernel.unsupported_platform() or build_kernel.missing_compiler()
+needs_compiler = pytest.mark.skipif(bool(WHY_NOT), reason=f"no kernel here: {WHY_NOT}")
+
+EXPORT = '__attribute__((visibility("default")))'
+# A header, a second file, and what zig's own runtime library would otherwise provide.
+HEADER = "double scale(double value);\n"
+FIRST = f"""#include "scale.h"
+#include <pthread.h>
+#include <string.h>
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+{EXPORT} double scale_sum(const double *values, int count) {{
+    double copy[64] = {{0}};
+    memcpy(copy, values, (size_t)count * sizeof *values);
+    pthread_mutex_lock(&lock);
+    double sum = 0;
+    for (int i = 0; i < count; i++)
+        sum += scale(copy[i]);
+    pthread_mutex_unlock(&lock);
+    return sum;
+}}
+"""
+SECOND = (
+    '#include "scale.h"\n#include <math.h>\ndouble scale(double value) { return sin(value); }\n'
+)
+
+
+def write_sources(folder: Path) -> Path:
+    """Write the sources of a small library into a new folder."""
+    folder.mkdir()
+    for name, text in {"scale.h": HEADER, "first.c": FIRST, "second_avx2.c": SECOND}.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
+    """A folder with the sources of a small library."""
+    return write_sources(tmp_path / "sources")
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for the library."""
+    monkeypatch.delenv("CATOPTRA_REQUIRE_KERNEL", raising=False)
+    return tmp_path / "package"
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small library, built once."""
+    if WHY_NOT:
+        pytest.skip(f"no kernel here: {WHY_NOT}")
+    folder = tmp_path_factory.mktemp("built")
+    assert build_kernel.build_or_explain(folder, sources=write_sources(folder / "sources"))
+    return folder / build_kernel.LIBRARY_NAME
+
+
+def reason_in(package: Path) -> str:
+    """Reason that the build left; there must be no library."""
+    assert [path.name for path in package.iterdir()] == [build_kernel.REASON_NAME]
+    return (package / build_kernel.REASON_NAME).read_text(encoding="utf-8").strip()
+
+
+def test_names_of_the_files_are_those_that_the_server_looks_for() -> None:
+    assert build_kernel.LIBRARY_NAME == library_files.LIBRARY_NAME
+    assert build_kernel.REASON_NAME == library_files.REASON_NAME
+    assert (build_kernel.PACKAGE_ROOT / build_kernel.KERNEL_PACKAGE) == Path(
+        library_files.__file__
+    ).parent
+
+
+def test_compiler_when_pinned_is_the_same_in_both_files() -> None:
+    """Constraints do not reach the isolated build, and the build's pin does not reach `.venv`."""
+    project = tomllib.loads((REPOSITORY / "server/pyproject.toml").read_text(encoding="utf-8"))
+    pins = [r.partition(";")[0] for r in project["build-system"]["requires"] if "ziglang" in r]
+    constraints = (REPOSITORY / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    assert pins == [line for line in constraints if line.startswith("ziglang==")]
+
+
+def test_library_when_built_computes(built: Path) -> None:
+    library = ctypes.CDLL(str(built))
+    library.scale_sum.restype = ctypes.c_double
+    values = (ctypes.c_double * 3)(0.5, 0.0, -0.5)
+    assert library.scale_sum(values, 3) == 0.0
+
+
+def test_library_when_built_exports_only_what_is_marked(built: Path) -> None:
+    library = ctypes.CDLL(str(built))
+    assert hasattr(library, "scale_sum")
+    assert not hasattr(library, "scale")
+
+
+def test_library_when_built_needs_only_an_old_system_library(built: Path) -> None:
+    binary = built.read_bytes()
+    needed = set(re.findall(rb"\0(lib[\w.+-]+\.so[.\d]*)", binary))
+    assert b"libm.so.6" in needed
+    assert needed <= {b"libc.so.6", b"libm.so.6", b"libpthread.so.0", b"libdl.so.2"}
+    versions = re.findall(rb"GLIBC_2\.(\d+)", binary)
+    assert versions
+    assert max(map(int, versions)) <= 17
+
+
+@needs_compiler
+def test_library_when_built_elsewhere_has_the_same_bytes(
+    built: Path, package: Path, sources: Path
+) -> None:
+    build_kernel.build_or_explain(package, sources=sources)
+    assert [path.name for path in package.iterdir()] == [build_kernel.LIBRARY_NAME]
+    assert (package / build_kernel.LIBRARY_NAME).read_bytes() == built.read_bytes()
+
+
+@needs_compiler
+def test_build_when_home_cannot_be_written_succeeds(
+    package: Path, sources: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", "/nonexistent")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    assert build_kernel.build_or_explain(package, sources=sources)
+
+
+@pytest.mark.parametrize(
+    ("name", "processor"),
+    [
+        ("frame.c", "x86_64_v2"),
+        ("frame_avx2.c", "x86_64_v3"),
+        ("frame_avx512.c", "x86_64_v4"),
+        ("avx2.c", "x86_64_v2"),
+    ],
+)
+def test_processor_of_a_source_follows_from_its_suffix(name: str, processor: str) -> None:
+    assert build_kernel.processor_of(Path(name)) == processor
+
+
+BROKEN = {
+    "an error": "int f(void) { return missing; }\n",
+    "a warning": "int f(void) { int unused; return 1; }\n",
+    "an undefined symbol": f"int missing(void);\n{EXPORT} int f(void) {{ return missing(); }}\n",
+}
+
+
+@needs_compiler
+@pytest.mark.parametrize("text", BROKEN.values(), ids=BROKEN)
+def test_build_when_a_source_is_broken_removes_the_old_library_and_says_why(
+    text: str, package: Path, sources: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package.mkdir()
+    (package / build_kernel.LIBRARY_NAME).touch()
+    (sources / "third.c").write_text(text, encoding="utf-8")
+    assert not build_kernel.build_or_explain(package, sources=sources)
+    assert re.match(r"the compiler failed: .*(missing|unused)", reason_in(package))
+    assert "warning: no native kernel: the compiler failed" in capsys.readouterr().err
+
+
+def test_build_when_there_is_no_source_says_so(package: Path, tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build_kernel, "unsupported_platform", str)
+        patch.setattr(build_kernel, "missing_compiler", str)
+        assert not build_kernel.build_or_explain(package, sources=tmp_path)
+    assert reason_in(package) == f"{tmp_path} holds no C source"
+
+
+@pytest.fixture
+def without_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No package ziglang, on a machine that could use the kernel."""
+    monkeypatch.setattr(build_kernel, "unsupported_platform", str)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+
+
+@pytest.mark.usefixtures("without_compiler")
+def test_build_without_compiler_warns_and_leaves_the_reason(
+    package: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not build_kernel.build_or_explain(package)
+    assert "ziglang, which compiles the kernel, is not installed" in reason_in(package)
+    assert capsys.readouterr().err.startswith("warning: no native kernel: the package ziglang")
+
+
+@pytest.mark.usefixtures("without_compiler")
+@pytest.mark.parametrize("value", ["", "0"])
+def test_build_without_compiler_when_the_kernel_is_not_required_goes_on(
+    value: str, package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CATOPTRA_REQUIRE_KERNEL", value)
+    assert not build_kernel.build_or_explain(package)
+
+
+@pytest.mark.usefixtures("without_compiler")
+def test_build_without_compiler_when_the_kernel_is_required_fails(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CATOPTRA_REQUIRE_KERNEL", "1")
+    with pytest.raises(SystemExit, match="error: no native kernel: the package ziglang"):
+        build_kernel.build_or_explain(package)
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "library", "named"),
+    [
+        ("linux", "aarch64", "glibc", "linux on aarch64"),
+        ("darwin", "x86_64", "", "darwin on x86_64"),
+        ("win32", "AMD64", "", "win32 on AMD64"),
+        ("linux", "x86_64", "", "needs glibc"),
+    ],
+)
+def test_build_on_another_platform_states_it(
+    system: str, machine: str, library: str, named: str, package: Path
+) -> None:
+    # A context, since pytest itself reads sys.platform between the test and its clean-up.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "platform", system)
+        patch.setattr(build_kernel.platform, "machine", lambda: machine)
+        patch.setattr(build_kernel.platform, "libc_ver", lambda: (library, ""))
+        assert not build_kernel.build_or_explain(package)
+    assert named in reason_in(package)
+
+
+def set_age(path: Path, seconds: int) -> None:
+    """Let a file be some seconds older than a moment in the past."""
+    os.utime(path, (1_000_000_000 - seconds, 1_000_000_000 - seconds))
+
+
+def test_library_is_current_until_a_source_the_list_or_the_build_changes(
+    package: Path, sources: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = sources.parent / "script.py"
+    monkeypatch.setattr(build_kernel, "__file__", str(script))
+    package.mkdir()
+    library = package / build_kernel.LIBRARY_NAME
+    inputs = [script, *sources.iterdir(), sources]
+    for path in (script, library):
+        path.touch()
+    for path in inputs:
+        set_age(path, 10)
+    set_age(library, 5)
+    assert build_kernel.is_current(package, sources=sources)
+    for path in inputs:
+        set_age(path, 0)
+        assert not build_kernel.is_current(package, sources=sources), path
+        set_age(path, 10)
+    library.unlink()
+    assert not build_kernel.is_current(package, sources=sources)
+
+
+@needs_compiler
+def test_library_when_a_source_is_saved_during_the_build_is_not_current(
+    package: Path, sources: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def compile_and_save(*words: str, **options: object) -> subprocess.CompletedProcess[str]:
+        ended = run(*words, **options)
+        (sources / "first.c").touch()
+        return ended
+
+    run = subprocess.run
+    monkeypatch.setattr(build_kernel.subprocess, "run", compile_and_save)
+    assert build_kernel.build_or_explain(package, sources=sources)
+    assert not build_kernel.is_current(package, sources=sources)
