@@ -77,7 +77,7 @@ def main() -> int:
     _print_detection_time(console)
     output = ROOT / "out/bench"
     output.mkdir(parents=True, exist_ok=True)
-    document = {"machine": _describe_machine(), "rows": [asdict(row) for row in rows]}
+    document = {"machine": describe_machine(), "rows": [asdict(row) for row in rows]}
     (output / "bench.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     return 0
 
@@ -194,7 +194,7 @@ def _format_row(row: FrameRateRow) -> str:
 
 
 def _make_table(rows: list[FrameRateRow]) -> Table:
-    table = Table(title=f"frames per second, {_describe_machine()}")
+    table = Table(title=f"frames per second, {describe_machine()}")
     for head in ("world", "picture", "samples", "renderer", "alone", "over TCP", "delivered"):
         table.add_column(head, justify="left" if head in ("world", "renderer") else "right")
     for row in rows:
@@ -210,7 +210,8 @@ def _make_table(rows: list[FrameRateRow]) -> Table:
     return table
 
 
-def _describe_machine() -> str:
+def describe_machine() -> str:
+    """Processor architecture, number of processors, Python version."""
     return f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Python " + (
         platform.python_version()
     )

@@ -20,10 +20,9 @@ from collections.abc import Callable
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
-from scenes import CAMERA_STATE, make_camera, make_worlds
+from scenes import CAMERA_STATE, ROBOT, make_camera, make_robots, make_worlds
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import create_renderer
@@ -33,28 +32,11 @@ from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes, inte
 from catoptra_server.render.trace.packed_light import SrgbScale
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.robot_shapes import OmniCameraTower, RobotDimensions, build_robot_mesh
 from catoptra_server.scene.scene_mesh import build_scene
 
 FRAMES = 25
 COUNTS = (0, 1, 4, 16)
-P2AT = RobotDimensions((0.5238, 0.4968, 0.2913), 0.1457, 0.13, 0.2884)
-ROBOT = build_robot_mesh(P2AT, OmniCameraTower(make_camera(), Pose.from_rpy((0.0, 0.0, -0.4543))))
 PERSPECTIVE = PerspectiveCamera(320, 240, math.radians(80.0))
-
-
-def make_robots(count: int) -> tuple[DynamicObject, ...]:
-    """Robots around the viewpoint, at distances from 0.9 m to 2.4 m."""
-    x, y, _ = CAMERA_STATE.world_from_mirror.translation
-    robots = []
-    for index in range(count):
-        bearing, distance = (
-            2.4 * index,
-            0.9 + 0.1 * index,
-        )  # the golden angle spreads bearings evenly
-        location_m = (x + distance * math.cos(bearing), y + distance * math.sin(bearing), -0.1457)
-        robots.append(DynamicObject(ROBOT, Pose.from_rpy(location_m, (0.0, 0.0, 3.0 * bearing))))
-    return tuple(robots)
 
 
 def measure_ms(run: Callable[[], object]) -> str:

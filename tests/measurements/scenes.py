@@ -1,4 +1,4 @@
-"""Scenes of the measurements: the field, and others with many small triangles."""
+"""Scenes of the measurements: the field, others with many small triangles, robots in view."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.robot_shapes import OmniCameraTower, RobotDimensions, build_robot_mesh
 from catoptra_server.scene.world_description import (
     Box,
     HemisphereLight,
@@ -77,3 +79,20 @@ def make_camera(width_px: int = 640) -> OmniCamera:
         height_px=width_px,
         rim_rad=math.radians(120.0),
     )
+
+
+P2AT = RobotDimensions((0.5238, 0.4968, 0.2913), 0.1457, 0.13, 0.2884)
+ROBOT = build_robot_mesh(P2AT, OmniCameraTower(make_camera(), Pose.from_rpy((0.0, 0.0, -0.4543))))
+
+
+def make_robots(count: int, *, turn_rad: float = 0.0) -> tuple[DynamicObject, ...]:
+    """Robots around CAMERA_STATE, at distances from 0.9 m to 2.4 m, each turned on its spot."""
+    x, y, _ = CAMERA_STATE.world_from_mirror.translation
+    robots = []
+    for index in range(count):
+        # The golden angle spreads bearings evenly.
+        bearing, distance = 2.4 * index, 0.9 + 0.1 * index
+        location_m = (x + distance * math.cos(bearing), y + distance * math.sin(bearing), -0.1457)
+        pose = Pose.from_rpy(location_m, (0.0, 0.0, 3.0 * bearing + turn_rad))
+        robots.append(DynamicObject(ROBOT, pose))
+    return tuple(robots)

@@ -1,0 +1,202 @@
+"""Rows of the comparison of ray tracers: one scene, size and number of samples each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
+from catoptra_server.render.renderer import Image, OmniView
+from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from cost.bare_packets import measure_bare_packets
+from cost.embreex_numpy import EmbreexNumpy
+from cost.race import Quartiles, RaceTimes, RenderCall, race
+from measurements.scenes import make_camera
+
+ROW_S = 4.5  # time for the rounds of one row
+STATES = 60  # camera states, a cycle
+COMPARED_STATES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One scene at one size, and what is required there."""
+
+    scene: str
+    size_px: int
+    samples: int
+    """Samples along a pixel's side."""
+    required_factor: float
+    """Least time of embreex with NumPy over ours."""
+    required_bare_share: float | None = None
+    """Least time of bare packets over ours; None where nothing is required."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellRow:
+    """Frame times of ours, of embreex with NumPy and of bare packets."""
+
+    cell: Cell
+    rounds: int
+    wall_ms: dict[str, float]
+    """Median elapsed time by contestant: ours, embreex and, where the renderer offers it, bare."""
+    processor_ms: dict[str, float]
+    """Median processor time of all threads."""
+    factor: Quartiles
+    """Elapsed time of embreex with NumPy over ours."""
+    processor_factor: Quartiles
+    """The same of processor times."""
+    bare_share: Quartiles | None
+    """Elapsed time of bare packets over ours."""
+    max_difference: int
+    """Largest difference of the pictures, grey levels."""
+    different_share: float
+    """Share of pixels that differ by more than one grey level."""
+    embreex_chunks: str
+    """The fastest division of embreex's rays."""
+
+
+@dataclass(frozen=True, slots=True)
+class CostRow:
+    """Frame times of ours with something and without."""
+
+    what: str
+    size_px: int
+    samples: int
+    """Samples along a pixel's side."""
+    max_ratio: float
+    rounds: int
+    wall_ms: dict[str, float]
+    """Median elapsed time `with` and `without`."""
+    ratio: Quartiles
+    """Elapsed time with over without."""
+    processor_ratio: Quartiles
+    """The same of processor times."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Racers:
+    """The product's renderer and the yardstick, each with the scene."""
+
+    choice: RendererChoice
+    embreex: EmbreexNumpy
+
+    @classmethod
+    def open(cls, world: World) -> Racers:
+        """Build the scene for both."""
+        scene = build_scene(world)
+        return cls(choose_renderer("trace", scene, world), EmbreexNumpy(scene, world))
+
+    def prepare(self, size_px: int, samples: int) -> OmniView:
+        """View of the product."""
+        camera = make_camera(size_px)
+        settings = RenderSettings(samples=samples)
+        plan = plan_from_settings(settings, camera, kind=self.choice.kind, reason="race")
+        return self.choice.renderer.prepare(camera, plan)
+
+    def close(self) -> None:
+        """End all threads."""
+        self.choice.renderer.close()
+        self.embreex.close()
+
+
+def make_states(
+    *,
+    has_shadows: bool = False,
+    make_objects: Callable[[float], tuple[DynamicObject, ...]] = lambda turn_rad: (),
+) -> list[CameraState]:
+    """States along a path around the centre of a world, 0.6 m above the floor.
+
+    Args:
+        has_shadows: whether surfaces occlude lights.
+        make_objects: dynamic objects in view, turned by an angle.
+    """
+    states = []
+    for t in np.linspace(0.0, 2.0 * math.pi, STATES, endpoint=False).tolist():
+        location_m = (0.5 * math.sin(t), 0.3 * math.cos(t), -0.6)
+        pose = Pose.from_rpy(location_m, (0.0, 0.0, 0.5 * t))
+        states.append(CameraState(pose, make_objects(t), has_shadows=has_shadows))
+    return states
+
+
+def measure_cell(racers: Racers, cell: Cell) -> CellRow:
+    """Race one scene at one size, then compare the pictures."""
+    states = make_states()
+    ours = racers.prepare(cell.size_px, cell.samples)
+    other = racers.embreex.prepare(make_camera(cell.size_px), cell.samples, states[0])
+    calls: dict[str, RenderCall] = {"ours": ours.render, "embreex": other.render}
+    if cell.required_bare_share and measure_bare_packets(ours, states[0]) is not None:
+        calls["bare"] = partial(measure_bare_packets, ours)
+    times = race(calls, states, seconds=ROW_S)
+    compared = states[:: STATES // COMPARED_STATES]
+    pairs = [(ours.render(state).rgb, other.render(state)) for state in compared]
+    ours.close()
+    return _make_row(cell, times, compare_pictures(pairs), other.describe())
+
+
+def _make_row(cell: Cell, times: RaceTimes, differences: tuple[int, float], chunks: str) -> CellRow:
+    return CellRow(
+        cell=cell,
+        rounds=times.rounds,
+        wall_ms=times.median_wall_ms(),
+        processor_ms=times.median_processor_ms(),
+        factor=times.ratio("embreex", "ours"),
+        processor_factor=times.processor_ratio("embreex", "ours"),
+        bare_share=times.ratio("bare", "ours") if "bare" in times.wall_ms else None,
+        max_difference=differences[0],
+        different_share=differences[1],
+        embreex_chunks=chunks,
+    )
+
+
+def compare_pictures(pairs: Sequence[tuple[Image, Image]]) -> tuple[int, float]:
+    """Largest difference in grey levels, and share of pixels that differ by more than one."""
+    differences = np.stack([np.abs(a.astype(np.int16) - b).max(axis=-1) for a, b in pairs])
+    return int(differences.max()), float((differences > 1).mean())
+
+
+def measure_cost(
+    view: OmniView,
+    what: str,
+    *,
+    changed: list[CameraState],
+    max_ratio: float,
+    shape: tuple[int, int],
+) -> CostRow:
+    """Race frames of changed states against plain ones on the same path.
+
+    Args:
+        view: view of the product.
+        what: name of the change.
+        changed: states of `make_states` with something that costs time.
+        max_ratio: greatest ratio allowed.
+        shape: pixels and samples along a side.
+    """
+    plain = make_states()
+    # The race hands both calls one state: the plain state stands for both.
+    changed_by_plain = {id(a): b for a, b in zip(plain, changed, strict=True)}
+    calls: dict[str, RenderCall] = {
+        "with": lambda state: view.render(changed_by_plain[id(state)]),
+        "without": view.render,
+    }
+    times = race(calls, plain, seconds=ROW_S)
+    return CostRow(
+        what=what,
+        size_px=shape[0],
+        samples=shape[1],
+        max_ratio=max_ratio,
+        rounds=times.rounds,
+        wall_ms=times.median_wall_ms(),
+        ratio=times.ratio("with", "without"),
+        processor_ratio=times.processor_ratio("with", "without"),
+    )
