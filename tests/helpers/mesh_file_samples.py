@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -28,7 +30,7 @@ def make_quadrant_image() -> Image.Image:
 
 def make_plain_square() -> trimesh.Trimesh:
     """Return the square without a look."""
-    return trimesh.Trimesh(SQUARE, FACES, process=False)
+    return trimesh.Trimesh(SQUARE.copy(), FACES, process=False)  # trimesh keeps the array itself
 
 
 def make_textured_square(*, pbr: bool = False) -> trimesh.Trimesh:
@@ -139,3 +141,52 @@ def make_announcing_png(width: int, height: int) -> bytes:
     return (
         b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
     )
+
+
+def write_unlit_glb(folder: Path) -> Path:
+    """Write a red square with KHR_materials_unlit beside a green one without, as GLB."""
+    path = folder / "m.glb"
+    header, binary = _split_glb(export_mesh(_make_two_squares(), path).read_bytes())
+    _make_red_material_unlit(header)
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + binary
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    return path
+
+
+def write_unlit_gltf(folder: Path) -> Path:
+    """Write the scene of `write_unlit_glb` as glTF: a text file and those that it names."""
+    for name, data in trimesh.exchange.gltf.export_gltf(_make_two_squares()).items():
+        (folder / name).write_bytes(data)
+    path = folder / "model.gltf"
+    header = json.loads(path.read_text())
+    _make_red_material_unlit(header)
+    path.write_text(json.dumps(header))
+    return path
+
+
+def _make_two_squares() -> trimesh.Scene:
+    scene = trimesh.Scene()
+    for colour in ((255, 0, 0, 255), (0, 255, 0, 255)):
+        mesh = make_plain_square()
+        material = PBRMaterial(baseColorFactor=np.array(colour, dtype=np.uint8))
+        mesh.visual = TextureVisuals(uv=UV, material=material)
+        scene.add_geometry(mesh)
+    return scene
+
+
+def _make_red_material_unlit(header: dict[str, Any]) -> None:
+    (red,) = (m for m in header["materials"] if _is_red(m["pbrMetallicRoughness"]))
+    red["extensions"] = {"KHR_materials_unlit": {}}
+    header["extensionsUsed"] = ["KHR_materials_unlit"]
+
+
+def _is_red(material: dict[str, Any]) -> bool:
+    return bool(material["baseColorFactor"][0] == 1.0)
+
+
+def _split_glb(data: bytes) -> tuple[dict[str, Any], bytes]:
+    """JSON of a GLB file, and the chunk behind the JSON."""
+    (length,) = struct.unpack_from("<I", data, 12)
+    return json.loads(data[20 : 20 + length]), data[20 + length :]

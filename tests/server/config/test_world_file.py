@@ -99,6 +99,28 @@ def test_mesh_when_no_material_is_stated_keeps_its_own(tmp_path: Path) -> None:
     item = read_world_text(tmp_path, "Meshes=(File=m.stl,Scale=0.01,Up=Y)").items[-1]
     assert item.shape == MeshFile(tmp_path / "m.stl", 0.01, "y")
     assert item.material is None
+    assert item.unlit is None
+
+
+@pytest.mark.parametrize("unlit", [True, False])
+def test_lights_of_a_mesh_with_its_own_material_are_switched_by_the_world(
+    tmp_path: Path, unlit: bool
+) -> None:
+    (tmp_path / "m.stl").touch()
+    path = write_small_world(tmp_path, f"Meshes=(File=m.stl,Unlit={unlit})")
+    world, file = read_world(path)
+    assert world.items[-1].material is None
+    assert world.items[-1].unlit is unlit
+    assert file.unknown_entries() == []
+
+
+def test_unlit_beside_a_colour_belongs_to_the_material(tmp_path: Path) -> None:
+    (tmp_path / "m.stl").touch()
+    item = read_world_text(tmp_path, "Meshes=(File=m.stl,Colour=(R=0,G=0,B=0),Unlit=true)").items[
+        -1
+    ]
+    assert item.material == Material((0.0, 0.0, 0.0), unlit=True)
+    assert item.unlit is None
 
 
 def test_lights_when_written_are_linear_light_times_brightness(tmp_path: Path) -> None:

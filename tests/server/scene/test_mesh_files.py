@@ -42,7 +42,7 @@ def load(path: Path, *, scale: float = 1.0, up: str = "z") -> LoadedMesh:
 
 
 def normal(mesh: LoadedMesh) -> np.ndarray:
-    a, b, c = mesh.patch.corners[0]
+    a, b, c = mesh.corners[0]
     cross: np.ndarray = np.cross(b - a, c - a)
     return cross / np.linalg.norm(cross)
 
@@ -50,9 +50,9 @@ def normal(mesh: LoadedMesh) -> np.ndarray:
 @pytest.mark.parametrize("ending", ["glb", "obj", "ply", "stl", "dae"])
 def test_square_of_any_format_is_two_triangles_facing_up(tmp_path: Path, ending: str) -> None:
     mesh = load(export_mesh(make_plain_square(), tmp_path / f"square.{ending}"))
-    assert mesh.patch.corners.shape == (2, 3, 3)
+    assert mesh.corners.shape == (2, 3, 3)
     np.testing.assert_allclose(normal(mesh), (0.0, 0.0, -1.0), atol=1e-12)
-    assert mesh.texture is None
+    assert mesh.appearance.texture is None
 
 
 @pytest.mark.parametrize(
@@ -69,18 +69,20 @@ def test_texture_of_a_file_is_at_full_light_and_unmirrored(
     tmp_path: Path, write: Callable[[Path], Path]
 ) -> None:
     mesh = load(write(tmp_path))
-    assert mesh.texture is not None
-    assert mesh.texture[:, :, 0].tolist() == [[255, 0], [0, 255]]
-    np.testing.assert_array_equal(mesh.albedo, 1.0)
+    assert mesh.appearance.texture is not None
+    assert mesh.appearance.texture[:, :, 0].tolist() == [[255, 0], [0, 255]]
+    np.testing.assert_array_equal(mesh.appearance.albedo, 1.0)
     # The image's bottom left corner, (0, 1), is the square's (-1, -1), which is (-1, 1) in SAE.
-    corner = (mesh.patch.corners[..., :2] == (-1.0, 1.0)).all(axis=-1)
-    np.testing.assert_array_equal(mesh.patch.uv[corner], np.tile([0.0, 1.0], (corner.sum(), 1)))
+    corner = (mesh.corners[..., :2] == (-1.0, 1.0)).all(axis=-1)
+    np.testing.assert_array_equal(
+        mesh.appearance.uv[corner], np.tile([0.0, 1.0], (corner.sum(), 1))
+    )
 
 
 @pytest.mark.parametrize("ending", ["glb", "ply", "obj"])
 def test_vertex_colours_of_a_file_become_face_colours(tmp_path: Path, ending: str) -> None:
     mesh = load(export_mesh(make_coloured_square(), tmp_path / f"m.{ending}"))
-    np.testing.assert_allclose(mesh.albedo, (RED, RED), atol=1e-12)
+    np.testing.assert_allclose(mesh.appearance.albedo, (RED, RED), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -96,20 +98,20 @@ def test_colour_of_a_material_is_linear_light(
     tmp_path: Path, write: Callable[[Path, int], Path], albedo: float
 ) -> None:
     mesh = load(write(tmp_path, HALF))
-    assert mesh.texture is None
+    assert mesh.appearance.texture is None
     # Formats keep bytes or three digits.
-    np.testing.assert_allclose(mesh.albedo[0], (albedo, 0.0, 0.0), atol=2e-3)
+    np.testing.assert_allclose(mesh.appearance.albedo[0], (albedo, 0.0, 0.0), atol=2e-3)
 
 
 def test_mesh_without_a_colour_is_mid_grey(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
-        load(export_mesh(make_plain_square(), tmp_path / "m.stl")).albedo, 0.5
+        load(export_mesh(make_plain_square(), tmp_path / "m.stl")).appearance.albedo, 0.5
     )
 
 
 def test_scaled_mesh_is_in_metres(tmp_path: Path) -> None:
     mesh = load(export_mesh(make_plain_square(), tmp_path / "m.stl"), scale=0.001)
-    assert np.ptp(mesh.patch.corners[..., 0]) == pytest.approx(0.002)
+    assert np.ptp(mesh.corners[..., 0]) == pytest.approx(0.002)
 
 
 @pytest.mark.parametrize(
@@ -124,7 +126,7 @@ def test_mesh_is_rotated_into_sae_by_its_up_axis(
 ) -> None:
     corners = np.array([point, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
     mesh = trimesh.Trimesh(corners, [[0, 1, 2]], process=False)
-    turned = load(export_mesh(mesh, tmp_path / "m.ply"), up=up).patch.corners[0, 0]
+    turned = load(export_mesh(mesh, tmp_path / "m.ply"), up=up).corners[0, 0]
     np.testing.assert_allclose(turned, in_sae, atol=1e-12)
 
 
@@ -135,7 +137,7 @@ def test_node_transforms_of_a_scene_apply(tmp_path: Path) -> None:
             make_plain_square(), transform=trimesh.transformations.translation_matrix((x, 0, 0))
         )
     meshes = load_mesh_file(MeshFile(export_mesh(scene, tmp_path / "m.glb")))
-    assert sorted(mesh.patch.corners[..., 0].mean().round(6) for mesh in meshes) == pytest.approx(
+    assert sorted(mesh.corners[..., 0].mean().round(6) for mesh in meshes) == pytest.approx(
         [-1 / 3, 10 - 1 / 3], abs=0.4
     )
 
@@ -187,7 +189,7 @@ def test_triangles_without_a_finite_position_are_dropped_and_logged(
 ) -> None:
     path = tmp_path / "m.obj"
     path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv {bad}\nf 1 2 3\nf 1 2 4\n")
-    assert len(load(path).patch.corners) == 1
+    assert len(load(path).corners) == 1
     (record,) = caplog.records
     assert "m.obj: left out 1 of 2 triangles with a corner without" in record.getMessage()
     assert record.getMessage().endswith("the first is number 1")
@@ -202,9 +204,9 @@ def test_triangles_without_finite_texture_coordinates_are_dropped_and_logged(
     first = next(i for i, line in enumerate(lines) if line.startswith("vt "))
     lines[first + 1] = f"vt {bad}"
     path.write_text("\n".join(lines))
-    kept = load(path).patch
+    kept = load(path)
     assert len(kept.corners) == 1
-    assert np.isfinite(kept.uv).all()
+    assert np.isfinite(kept.appearance.uv).all()
     assert any("texture coordinates that are no finite" in r.getMessage() for r in caplog.records)
 
 
@@ -217,7 +219,7 @@ def test_triangles_without_area_are_dropped_at_any_scale(
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nv 1e-6 1e-6 0\n"
         "f 1 2 3\nf 1 2 4\nf 1 1 2\nf 2 2 2\nf 1 2 5\n"
     )
-    assert len(load(path, scale=scale).patch.corners) == 2
+    assert len(load(path, scale=scale).corners) == 2
     assert not caplog.records
 
 
@@ -228,8 +230,8 @@ def test_square_with_one_texture_coordinate_shows_that_texel(
     lines = path.read_text().splitlines()
     path.write_text("\n".join("vt 0.25 0.75" if x.startswith("vt ") else x for x in lines))
     mesh = load(path)
-    assert len(mesh.patch.corners) == 2
-    assert np.ptp(mesh.patch.uv, axis=(0, 1)).tolist() == [0.0, 0.0]
+    assert len(mesh.corners) == 2
+    assert np.ptp(mesh.appearance.uv, axis=(0, 1)).tolist() == [0.0, 0.0]
 
 
 def test_mesh_without_a_finite_triangle_is_rejected(tmp_path: Path) -> None:
@@ -332,5 +334,5 @@ def test_triangles_beyond_every_world_are_dropped_and_logged(
     mesh = make_plain_square()
     mesh.vertices[3] = (2e6, 0.0, 0.0)
     loaded = load(export_mesh(mesh, tmp_path / "m.obj"))
-    assert len(loaded.patch.corners) == 1
+    assert len(loaded.corners) == 1
     assert "left out 1 of 2 triangles" in caplog.text

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.landmarks import Landmark
@@ -26,6 +27,7 @@ from catoptra_server.scene.world_description import (
 )
 from helpers.mesh_file_samples import (
     export_mesh,
+    make_coloured_square,
     make_plain_square,
     make_quadrant_image,
     make_textured_square,
@@ -154,3 +156,43 @@ def test_mesh_is_transformed_by_its_pose(tmp_path: Path) -> None:
     scene = build_scene(World("w", (make_item(MeshFile(path), x_m=7.0),)))
     centre = 0.5 * (scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1)))
     np.testing.assert_allclose(centre, (7.0, 0.0, 0.0), atol=1e-6)  # STL keeps float32
+
+
+# Colours that vary over a triangle.
+
+
+def write_colourful_square(folder: Path) -> Path:
+    """A square with a colour at each vertex, in the order red, green, blue, black."""
+    mesh = make_plain_square()
+    colours = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [0, 0, 0]]
+    mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=colours)
+    return export_mesh(mesh, folder / "colourful.ply")
+
+
+def test_scene_of_plain_colours_has_no_corner_albedos(tmp_path: Path) -> None:
+    path = export_mesh(make_coloured_square(), tmp_path / "m.ply")
+    scene = build_scene(World("w", (make_item(BOX), make_item(MeshFile(path), None))))
+    assert scene.corner_albedo is None
+
+
+def test_corner_albedos_of_one_mesh_stand_beside_plain_triangles(tmp_path: Path) -> None:
+    items = (make_item(BOX), make_item(MeshFile(write_colourful_square(tmp_path)), None))
+    scene = build_scene(World("w", items))
+    assert scene.corner_albedo is not None
+    np.testing.assert_array_equal(scene.corner_albedo[:12], 0.5)
+    np.testing.assert_array_equal(scene.corner_albedo[12], np.eye(3))
+    np.testing.assert_allclose(scene.albedo, scene.corner_albedo.mean(axis=1))
+
+
+# The box around all triangles.
+
+
+def test_box_of_a_scene_touches_its_extreme_corners() -> None:
+    scene = build_scene(World("w", (make_item(BOX, x_m=5.0), make_item(BOX, x_m=-1.0))))
+    np.testing.assert_array_equal(scene.box_min, scene.corners.min(axis=(0, 1)))
+    np.testing.assert_array_equal(scene.box_max, scene.corners.max(axis=(0, 1)))
+
+
+def test_box_of_an_empty_scene_is_inverted() -> None:
+    scene = build_scene(World("w", ()))
+    assert (scene.box_min > scene.box_max).all()

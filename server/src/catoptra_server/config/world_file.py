@@ -208,8 +208,14 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
         and not struct.has_key("Texture")
     )
     material = None if has_own_material else _read_material(struct, folder)
+    unlit = _read_unlit(struct) if has_own_material else None
     name, casts_shadows = struct.get_str("Name", default_name), struct.get_bool("CastShadow", True)
-    return Item(name, shape, pose, material, casts_shadows)
+    return Item(name, shape, pose, material, casts_shadows, unlit)
+
+
+def _read_unlit(struct: SectionReader) -> bool | None:
+    """Whether a mesh file with its own materials is unlit; None: as the file says."""
+    return struct.get_bool("Unlit", False) if struct.has_key("Unlit") else None
 
 
 def _read_material(struct: SectionReader, folder: Path) -> Material:

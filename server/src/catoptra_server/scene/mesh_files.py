@@ -1,29 +1,28 @@
 """Mesh files (GLB, glTF, OBJ, PLY, STL, DAE) as triangles in SAE; the only module that imports
 trimesh.
 
-A file's own appearance is used as far as the shading model goes: a texture or a colour, of the
-material or of the faces.
+A million triangles are read in some 0.3 s: vertices are scaled and rotated before their triangles
+are formed, and no array is copied to leave out triangles where all can be rendered.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.transforms import rotation_from_rpy
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.memory_budget import BYTES_PER_TRIANGLE, MemoryBudget
-from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.facets import facet_normals
 from catoptra_server.scene.gltf_sizes import reserve_gltf
+from catoptra_server.scene.mesh_appearance import MeshAppearance, UnlitName, read_appearance
 from catoptra_server.scene.mesh_assets import MeshAssets
-from catoptra_server.scene.primitives import Patch
+from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.texture_files import Texture, decode_image, reserve_texels
 from catoptra_server.scene.world_description import MeshFile
 
@@ -43,19 +42,16 @@ _MAX_TEXTURE_REPEATS = 1e6
 class LoadedMesh:
     """Mesh of one appearance, n triangles."""
 
-    patch: Patch
-    albedo: Floats
-    """(n, 3) linear."""
-    texture: Texture | None
-    """None for a mesh of plain colours."""
+    corners: Floats
+    """(n, 3, 3) metres, SAE."""
+    normals: Floats
+    """(n, 3) unit, by the winding."""
+    appearance: MeshAppearance
 
 
 # SAE from the two usual conventions: z up (x forward, y left), and y up (glTF: x right, z
-# backwards).
-_SAE_FROM_UP = {
-    "z": rotation_from_rpy(np.pi, 0.0, 0.0),
-    "y": np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
-}
+# backwards). Which coordinate of the file is x, y and z, and its sign.
+_SAE_FROM_UP = {"z": ([0, 1, 2], (1.0, -1.0, -1.0)), "y": ([2, 0, 1], (-1.0, 1.0, -1.0))}
 
 
 def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[LoadedMesh]:
@@ -79,7 +75,7 @@ def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[
         raise
     except Exception as error:  # readers of six formats raise many types
         raise _mesh_file_error(shape, f"a readable mesh file ({error})") from error
-    if not any(len(mesh.patch.corners) for mesh in meshes):
+    if not any(len(mesh.corners) for mesh in meshes):
         raise _mesh_file_error(shape, "a mesh with at least one triangle")
     return meshes
 
@@ -88,7 +84,12 @@ def _read_scene(path: Path, memory: MemoryBudget) -> Any:
     """trimesh's scene of a file; sizes that the file announces are checked first."""
     # Imported on demand: loading trimesh takes a second, reading and building the corridor 0.3 s.
     import trimesh
+    from trimesh.exchange.gltf.extensions import register_handler
 
+    # trimesh drops unknown extensions of a material, and keeps its name, which nothing else needs.
+    register_handler("KHR_materials_unlit", scope="material")(
+        lambda _: {"name": UnlitName("unlit")}
+    )
     where, num_bytes = SourceLocation(str(path)), path.stat().st_size
     memory.reserve(
         _READ_BYTES_PER_FILE_BYTE * num_bytes,
@@ -154,33 +155,66 @@ def _convert_mesh(
         make_texture: texture of an image of Pillow's.
     """
     faces = np.asarray(mesh.faces)
-    rotation, translation = world_from_mesh[:3, :3], world_from_mesh[:3, 3]
-    # Vertices may be infinite or no numbers: their triangles are dropped below.
-    with np.errstate(invalid="ignore", over="ignore"):
-        vertices = np.asarray(mesh.vertices, dtype=np.float64) @ rotation.T + translation
-        corners = vertices[faces] * shape.scale
-    is_gltf = shape.path.suffix.lower() in _GLTF_SUFFIXES
-    uv, albedo, texture = _read_appearance(mesh, faces, make_texture, is_gltf=is_gltf)
     # A mirrored copy is wound the other way round: its triangles would face inwards.
-    if np.linalg.det(rotation) < 0.0:
-        corners, uv = corners[:, ::-1], uv[:, ::-1]
+    if np.linalg.det(world_from_mesh[:3, :3]) < 0.0:
+        faces = faces[:, ::-1]
+    is_gltf = shape.path.suffix.lower() in _GLTF_SUFFIXES
+    appearance = read_appearance(mesh, faces, make_texture, is_gltf=is_gltf)
+    corners = _sae_vertices(mesh, shape, world_from_mesh).take(faces, axis=0)
     valid = _is_within_bound(
         corners, _MAX_COORDINATE_M, "a corner without a finite position", shape
     )
-    valid &= _is_within_bound(
-        uv, _MAX_TEXTURE_REPEATS, "texture coordinates that are no finite numbers", shape
+    if appearance.texture is not None:
+        valid &= _is_within_bound(
+            appearance.uv,
+            _MAX_TEXTURE_REPEATS,
+            "texture coordinates that are no finite numbers",
+            shape,
+        )
+    corners, appearance = _select(corners, valid), _select_appearance(appearance, valid)
+    normals, has_area = facet_normals(corners)
+    return LoadedMesh(
+        _select(corners, has_area),
+        _select(normals, has_area),
+        _select_appearance(appearance, has_area),
     )
-    valid[valid] = _has_area(corners[valid])
-    patch = Patch(corners[valid] @ _SAE_FROM_UP[shape.up].T, uv[valid])
-    return LoadedMesh(patch, albedo[valid], texture)
 
 
-def _is_within_bound(
-    values: Floats, max_value: float, defect: str, shape: MeshFile
-) -> npt.NDArray[np.bool_]:
+def _sae_vertices(mesh: Any, shape: MeshFile, world_from_mesh: Floats) -> Floats:
+    """(v, 3) vertices of a mesh, metres, SAE; infinite or no numbers where the file's are."""
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    with np.errstate(invalid="ignore", over="ignore"):
+        if not np.array_equal(world_from_mesh, np.eye(4)):
+            vertices = vertices @ world_from_mesh[:3, :3].T + world_from_mesh[:3, 3]
+        order, signs = _SAE_FROM_UP[shape.up]
+        sae: Floats = vertices[:, order] * (shape.scale * np.array(signs))
+        return sae
+
+
+def _select(values: Floats, valid: Bools) -> Floats:
+    """Rows of a (n,) mask; the array itself where the mask has all."""
+    return values if valid.all() else values[valid]
+
+
+def _select_appearance(appearance: MeshAppearance, valid: Bools) -> MeshAppearance:
+    """Appearance of the triangles of a (n,) mask."""
+    at_corners = appearance.corner_albedo
+    return replace(
+        appearance,
+        uv=_select(appearance.uv, valid),
+        albedo=_select(appearance.albedo, valid),
+        corner_albedo=None if at_corners is None else _select(at_corners, valid),
+    )
+
+
+def _is_within_bound(values: Floats, max_value: float, defect: str, shape: MeshFile) -> Bools:
     """(n,) triangles whose (n, 3, k) values all lie within a bound; logs the others."""
-    # Comparisons with NaN are false, so NaN counts as out of bounds.
-    within = np.asarray((np.abs(values) <= max_value).all(axis=(1, 2)))
+    within = np.ones(len(values), dtype=bool)
+    for block in row_blocks(len(values)):
+        # Comparisons with NaN are false, so NaN counts as out of bounds.
+        is_within = np.abs(values[block]) <= max_value
+        if not is_within.all():
+            within[block] = is_within.all(axis=(1, 2))
     wrong = np.flatnonzero(~within)
     if len(wrong):
         _LOG.warning(
@@ -194,49 +228,6 @@ def _is_within_bound(
     return within
 
 
-def _has_area(corners: Floats) -> npt.NDArray[np.bool_]:
-    """(n,) triangles of (n, 3, 3) with an area, however small."""
-    edges = corners[:, 1:] - corners[:, :1]
-    # Relative to the longest edge: the product of two tiny edges would underflow.
-    size = np.abs(edges).max(axis=(1, 2), initial=0.0)[:, None, None]
-    edges = edges / np.where(size > 0.0, size, 1.0)
-    return np.asarray((np.cross(edges[:, 0], edges[:, 1]) != 0.0).any(axis=-1))
-
-
-def _read_appearance(
-    mesh: Any,
-    faces: npt.NDArray[np.int64],
-    make_texture: Callable[[Any], Texture],
-    *,
-    is_gltf: bool,
-) -> tuple[Floats, Floats, Texture | None]:
-    """(n, 3, 2) uv, (n, 3) linear albedo and the texture of a loaded mesh."""
-    visual, no_uv = mesh.visual, np.zeros((len(faces), 3, 2))
-    material = getattr(visual, "material", None)
-    if material is None and visual.kind is not None:
-        return no_uv, _linear_light(visual.face_colors, is_gltf=is_gltf), None
-    uv, image = getattr(visual, "uv", None), _texture_image(material)
-    if uv is None or image is None:
-        return (
-            no_uv,
-            _repeat_per_face(_base_colour(material, _MID_GREY, is_gltf=is_gltf), faces),
-            None,
-        )
-    # trimesh counts v from the bottom, images count rows from the top.
-    flipped = np.asarray(uv, dtype=np.float64)[faces] * (1.0, -1.0) + (0.0, 1.0)
-    albedo = _base_colour(material, _WHITE, is_gltf=is_gltf)
-    return flipped, _repeat_per_face(albedo, faces), make_texture(image)
-
-
-def _repeat_per_face(colour: Floats, faces: npt.NDArray[np.int64]) -> Floats:
-    return np.broadcast_to(colour, (len(faces), 3))
-
-
-def _texture_image(material: Any) -> Any:
-    """Image of a material as Pillow has it, not decoded yet; None without one."""
-    return getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-
-
 def _load_image(
     image: Any, textures: dict[int, Texture], memory: MemoryBudget, where: SourceLocation
 ) -> Texture:
@@ -245,29 +236,3 @@ def _load_image(
         reserve_texels(image.size, memory, where)
         textures[id(image)] = decode_image(image, where)
     return textures[id(image)]
-
-
-# Colour of a surface whose file gives none: without a texture, and under one.
-_MID_GREY = np.full(3, 0.5)
-_WHITE = np.ones(3)
-# trimesh's placeholder for a colour that an MTL file does not give.
-_TRIMESH_DEFAULT_COLOUR = (102, 102, 102, 255)
-
-
-def _base_colour(material: Any, default: Floats, *, is_gltf: bool) -> Floats:
-    """(3,) linear base colour of a material; the default for a file that gives none."""
-    factor = getattr(material, "baseColorFactor", None)
-    if factor is None:
-        factor = getattr(material, "diffuse", None)
-    if factor is None or tuple(factor) == _TRIMESH_DEFAULT_COLOUR:
-        return default
-    return _linear_light(factor, is_gltf=is_gltf)
-
-
-def _linear_light(colours: npt.NDArray[np.uint8], *, is_gltf: bool) -> Floats:
-    """(..., 3) linear light of (..., 4) bytes: glTF's numbers are linear, those of others sRGB.
-
-    Source: glTF 2.0, 3.9.2 and 3.7.2.1: baseColorFactor and COLOR_0 are linear.
-    """
-    values = np.asarray(colours, dtype=np.float64)[..., :3] / 255.0
-    return values if is_gltf else linear_from_srgb(values)

@@ -1,40 +1,26 @@
 """Triangles of a whole static world, the input of both renderers.
 
 A triangle soup in the world frame: each triangle has one normal, one material and three texture
-coordinates. Colours belong to materials; a mesh file with vertex colours has one material for each
-distinct face colour.
+coordinates. Colours belong to materials; only a mesh file with colours at its vertices has colours
+that vary over a triangle.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.errors import SourceLocation
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.memory_budget import BYTES_PER_TRIANGLE, MemoryBudget
-from catoptra_server.scene import primitives
+from catoptra_server.memory_budget import MemoryBudget
+from catoptra_server.scene.facets import bounding_box
+from catoptra_server.scene.item_loader import ItemLoader, ItemPart, empty_part
 from catoptra_server.scene.landmark_shapes import items_from_landmark
-from catoptra_server.scene.mesh_files import load_mesh_file
-from catoptra_server.scene.primitives import Patch
-from catoptra_server.scene.texture_files import Texture, load_texture
-from catoptra_server.scene.world_description import (
-    Box,
-    Cylinder,
-    Item,
-    Material,
-    MeshFile,
-    Primitive,
-    Rectangle,
-    Rgb,
-    Ring,
-    SphereBand,
-    World,
-)
+from catoptra_server.scene.mesh_appearance import MeshAppearance, no_texture_coordinates
+from catoptra_server.scene.texture_files import Texture
+from catoptra_server.scene.world_description import Item, World
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,10 +32,10 @@ class SceneMesh:
     normals: Floats
     """(n, 3) unit, from the winding; 0 for a triangle without area."""
     uv: Floats
-    """(n, 3, 2) texture coordinates."""
+    """(n, 3, 2) texture coordinates; zeros that take no memory in a scene without textures."""
     albedo: Floats
-    """(n, 3) linear."""
-    unlit: npt.NDArray[np.bool_]
+    """(n, 3) linear; the mean of the corners where these differ."""
+    unlit: Bools
     """(n,) whether the triangle is shown at its albedo, whatever the lights."""
     texture_index: npt.NDArray[np.int32]
     """(n,) index into `textures`; -1 for none."""
@@ -61,22 +47,25 @@ class SceneMesh:
     """Names of the world's items, landmarks' last."""
     casts_shadows: Bools
     """(n,) whether the triangle occludes lights."""
+    corner_albedo: Floats | None = None
+    """(n, 3, 3) linear albedos at the corners, interpolated linearly over each triangle; None in a
+    scene whose triangles have one albedo each."""
+    box_min: Floats = field(init=False)
+    """(3,) smallest coordinates; inf in a scene without triangles."""
+    box_max: Floats = field(init=False)
+    """(3,) largest coordinates; -inf in a scene without triangles."""
+
+    def __post_init__(self) -> None:
+        """Find the box around all triangles, which renderers and bounds need in several places."""
+        low, high = bounding_box(self.corners)
+        object.__setattr__(self, "box_min", low)
+        object.__setattr__(self, "box_max", high)
+        for array in (self.corners, self.normals, self.uv, self.albedo, self.unlit, low, high):
+            array.setflags(write=False)
 
     def __len__(self) -> int:
         """Number of triangles."""
         return len(self.corners)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _MeshPart:
-    """Patch of one appearance, before concatenation."""
-
-    item: int
-    """Index of the item."""
-    patch: Patch
-    albedo: Rgb | Floats
-    unlit: bool
-    texture: Texture | None
 
 
 def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
@@ -95,108 +84,63 @@ def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
         for item in items_from_landmark(landmark, world.landmark_albedos)
     ]
     items = (*world.items, *landmark_items)
-    loader = _ItemLoader(world.name, memory or MemoryBudget())
+    loader = ItemLoader(world.name, memory or MemoryBudget())
     parts = [part for index, item in enumerate(items) for part in loader.load_parts(index, item)]
     return _concatenate_parts(parts, items)
 
 
-def _concatenate_parts(parts: list[_MeshPart], items: tuple[Item, ...]) -> SceneMesh:
-    counts = [len(part.patch.corners) for part in parts]
-    textures: list[Texture] = []
-    indices: list[int] = []
-    for part in parts:
-        # By identity, not by content: each file is loaded once.
-        found = [i for i, texture in enumerate(textures) if texture is part.texture]
-        if part.texture is not None and not found:
-            textures.append(part.texture)
-            found = [len(textures) - 1]
-        indices.append(found[0] if found else -1)
+def _concatenate_parts(parts: list[ItemPart], items: tuple[Item, ...]) -> SceneMesh:
     # An empty world is valid: concatenation needs at least one array of the right shape.
-    empty = Patch(np.zeros((0, 3, 3)), np.zeros((0, 3, 2)))
-    whole = primitives.concatenate([empty, *(part.patch for part in parts)])
-    edges = whole.corners[:, 1:] - whole.corners[:, :1]
-    cross = np.cross(edges[:, 0], edges[:, 1])
-    # The winding alone gives the normal: vertex normals of files are ignored, facets are flat.
-    length = np.linalg.norm(cross, axis=-1, keepdims=True)
-    albedos = [np.broadcast_to(p.albedo, (n, 3)) for p, n in zip(parts, counts, strict=True)]
-    mesh = SceneMesh(
-        corners=whole.corners,
-        normals=cross / np.where(length > 0.0, length, 1.0),
-        uv=whole.uv,
-        albedo=np.concatenate([np.zeros((0, 3)), *albedos]),
-        unlit=np.repeat(np.array([part.unlit for part in parts], dtype=bool), counts),
-        texture_index=np.repeat(np.array(indices, dtype=np.int32), counts),
+    parts = parts or [empty_part()]
+    looks = [part.appearance for part in parts]
+    counts = [len(part.corners) for part in parts]
+    textures = _distinct_textures(looks)
+    casts_shadows = [part.item >= 0 and items[part.item].casts_shadows for part in parts]
+    return SceneMesh(
+        corners=_concatenate([part.corners for part in parts]),
+        normals=_concatenate([part.normals for part in parts]),
+        uv=_concatenate([look.uv for look in looks])
+        if textures
+        else no_texture_coordinates(sum(counts)),
+        albedo=_concatenate([look.albedo for look in looks]),
+        corner_albedo=_concatenate_corner_albedos(looks),
+        unlit=np.repeat(np.array([look.unlit for look in looks]), counts),
+        texture_index=_repeat([_find_texture(textures, look.texture) for look in looks], counts),
         textures=tuple(textures),
-        item_index=np.repeat(np.array([part.item for part in parts], dtype=np.int32), counts),
+        item_index=_repeat([part.item for part in parts], counts),
         item_names=tuple(item.name for item in items),
-        casts_shadows=np.repeat(
-            np.array([items[part.item].casts_shadows for part in parts], dtype=bool), counts
-        ),
+        casts_shadows=np.repeat(np.array(casts_shadows), counts),
     )
-    for array in (mesh.corners, mesh.normals, mesh.uv, mesh.albedo, mesh.unlit):
-        array.setflags(write=False)
-    return mesh
 
 
-class _ItemLoader:
-    """Loader of the items of one scene, within one memory budget."""
-
-    def __init__(self, world_name: str, memory: MemoryBudget) -> None:
-        self._where = SourceLocation(world_name)
-        self._memory = memory
-        self._textures: dict[Path, Texture] = {}
-
-    def load_parts(self, index: int, item: Item) -> Iterator[_MeshPart]:
-        """Yield the parts of an item, each of one appearance."""
-        if isinstance(item.shape, MeshFile):
-            yield from self._load_mesh_file(index, item, item.shape)
-            return
-        assert item.material is not None, "only mesh files bring materials of their own"
-        num_triangles = primitives.max_triangles(item.shape)
-        self._memory.reserve(
-            BYTES_PER_TRIANGLE * num_triangles,
-            where=self._where,
-            key=item.name,
-            value=f"{num_triangles} triangles",
-            remedy="fewer items, Sectors or Rings",
-        )
-        patch = _transform_to_world(_build_shape(item.shape), item)
-        texture = self._load_texture(item.material)
-        yield _MeshPart(index, patch, item.material.albedo, item.material.unlit, texture)
-
-    def _load_mesh_file(self, index: int, item: Item, shape: MeshFile) -> Iterator[_MeshPart]:
-        for mesh in load_mesh_file(shape, self._memory):
-            patch = _transform_to_world(mesh.patch, item)
-            material = item.material
-            if material is None:
-                yield _MeshPart(index, patch, mesh.albedo, False, mesh.texture)
-            else:
-                texture = self._load_texture(material)
-                yield _MeshPart(index, patch, material.albedo, material.unlit, texture)
-
-    def _load_texture(self, material: Material) -> Texture | None:
-        """Texture of a material, loaded once for all items that have it."""
-        if material.texture is None:
-            return None
-        path = material.texture.resolve()
-        if path not in self._textures:
-            self._textures[path] = load_texture(path, self._memory)
-        return self._textures[path]
+def _distinct_textures(looks: list[MeshAppearance]) -> list[Texture]:
+    """Textures of all parts, by identity, not by content: each file is loaded once."""
+    by_identity = {id(look.texture): look.texture for look in looks}
+    return [texture for texture in by_identity.values() if texture is not None]
 
 
-def _build_shape(shape: Primitive) -> Patch:
-    match shape:
-        case Box():
-            return primitives.box(shape)
-        case Cylinder():
-            return primitives.cylinder(shape)
-        case Rectangle():
-            return primitives.rectangle(shape)
-        case Ring():
-            return primitives.ring(shape)
-        case SphereBand():
-            return primitives.sphere_band(shape)
+def _find_texture(textures: list[Texture], texture: Texture | None) -> int:
+    """Index of a texture; -1 for none."""
+    return next((index for index, other in enumerate(textures) if other is texture), -1)
 
 
-def _transform_to_world(patch: Patch, item: Item) -> Patch:
-    return Patch(item.world_from_item.transform_points(patch.corners), patch.uv)
+def _repeat(values: list[int], counts: Sequence[int]) -> npt.NDArray[np.int32]:
+    return np.repeat(np.array(values, dtype=np.int32), counts)
+
+
+def _concatenate(arrays: list[Floats]) -> Floats:
+    """All rows; the array itself where there is one, so that a large mesh is not copied."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+def _concatenate_corner_albedos(looks: list[MeshAppearance]) -> Floats | None:
+    """(n, 3, 3) albedos at the corners; None where all triangles have one albedo each."""
+    if all(look.corner_albedo is None for look in looks):
+        return None
+    return _concatenate([_albedos_at_corners(look) for look in looks])
+
+
+def _albedos_at_corners(look: MeshAppearance) -> Floats:
+    if look.corner_albedo is not None:
+        return look.corner_albedo
+    return np.broadcast_to(look.albedo[:, None], (len(look.albedo), 3, 3))

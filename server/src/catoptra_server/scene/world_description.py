@@ -104,6 +104,9 @@ class Item:
     """None: the mesh file's own materials."""
     casts_shadows: bool = True
     """False for surfaces that let light through, such as a ceiling under lamps."""
+    unlit: bool | None = None
+    """Whether a mesh file is shown at its albedo, whatever the lights; None: as file or material
+    say."""
 
 
 @dataclass(frozen=True, slots=True)

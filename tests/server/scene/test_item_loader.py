@@ -1,0 +1,67 @@
+"""Items as triangles: poses, materials in place of a file's own, lights off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.memory_budget import MemoryBudget
+from catoptra_server.scene.facets import facet_normals
+from catoptra_server.scene.item_loader import ItemLoader, ItemPart
+from catoptra_server.scene.world_description import Box, Item, Material, MeshFile
+from helpers.mesh_file_samples import export_mesh, make_coloured_square, write_unlit_glb
+
+TURNED = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
+
+
+def load(item: Item) -> list[ItemPart]:
+    return list(ItemLoader("w", MemoryBudget()).load_parts(7, item))
+
+
+def make_item(path: Path, *, material: Material | None = None, unlit: bool | None = None) -> Item:
+    return Item("it", MeshFile(path), Pose.identity(), material, unlit=unlit)
+
+
+@pytest.mark.parametrize("pose", [Pose.identity(), Pose.from_rpy((1.0, 2.0, 3.0)), TURNED])
+def test_mesh_file_is_transformed_by_the_pose_with_its_normals(tmp_path: Path, pose: Pose) -> None:
+    path = export_mesh(make_coloured_square(), tmp_path / "m.ply")
+    (part,) = load(Item("it", MeshFile(path), pose, None))
+    (at_origin,) = load(make_item(path))
+    np.testing.assert_allclose(part.corners, pose.transform_points(at_origin.corners), atol=1e-12)
+    np.testing.assert_allclose(part.normals, facet_normals(part.corners)[0], atol=1e-12)
+    assert part.item == 7
+
+
+def test_shape_has_unit_normals_in_the_world() -> None:
+    (part,) = load(Item("it", Box((1.0, 1.0, 1.0)), TURNED, Material((0.5, 0.5, 0.5))))
+    outward = part.corners.mean(axis=1) - TURNED.translation
+    assert (np.einsum("ni,ni->n", part.normals, outward) > 0.1).all()
+    np.testing.assert_allclose(np.linalg.norm(part.normals, axis=-1), 1.0)
+
+
+@pytest.mark.parametrize("unlit", [True, False])
+def test_mesh_file_with_lights_off_keeps_its_colours(tmp_path: Path, unlit: bool) -> None:
+    path = export_mesh(make_coloured_square(), tmp_path / "m.ply")
+    (part,) = load(make_item(path, unlit=unlit))
+    assert part.appearance.unlit is unlit
+    np.testing.assert_array_equal(part.appearance.albedo, [[1.0, 0, 0], [1, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("unlit", "expected"), [(None, [False, True]), (True, [True, True]), (False, [False, False])]
+)
+def test_item_overrides_what_a_file_says_of_lights(
+    tmp_path: Path, unlit: bool | None, expected: list[bool]
+) -> None:
+    parts = load(make_item(write_unlit_glb(tmp_path), unlit=unlit))
+    assert sorted(part.appearance.unlit for part in parts) == expected
+
+
+def test_material_of_the_item_replaces_all_of_the_file(tmp_path: Path) -> None:
+    grey = Material((0.5, 0.5, 0.5))
+    parts = load(make_item(write_unlit_glb(tmp_path), material=grey))
+    assert [part.appearance.unlit for part in parts] == [False, False]
+    np.testing.assert_array_equal(np.concatenate([p.appearance.albedo for p in parts]), 0.5)

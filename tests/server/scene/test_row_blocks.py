@@ -1,0 +1,14 @@
+"""Blocks of rows: all rows once, in order, none longer than a block."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_server.scene.row_blocks import ROWS_PER_BLOCK, row_blocks
+
+
+@pytest.mark.parametrize("count", [0, 1, ROWS_PER_BLOCK, ROWS_PER_BLOCK + 1, 3 * ROWS_PER_BLOCK])
+def test_blocks_cover_all_rows_once(count: int) -> None:
+    blocks = [range(count)[block] for block in row_blocks(count)]
+    assert [row for block in blocks for row in block] == list(range(count))
+    assert all(0 < len(block) <= ROWS_PER_BLOCK for block in blocks)
