@@ -180,3 +180,10 @@ def test_triangles_that_are_one_from_above_are_kept_once() -> None:
     # A sill's top and bottom are two triangles each, of one outline; a side is seen on edge.
     sill = make_obstacle_grid((Box((1.0, 1.0, 0.2)), (2.0, 0.0, -0.1)))
     assert len(sill.find_near((2.0, 0.0), 9.0)) == 2 + 4 * 2
+
+
+def test_many_triangles_as_large_as_the_world_share_few_cells() -> None:
+    plates = tuple((Box((100.0, 100.0, 0.1)), (0.001 * row, 0.0, -0.3)) for row in range(400))
+    large = make_obstacle_grid(*plates)
+    assert sum(map(len, large.cells.values())) <= 2**20
+    assert intersects(large, 0.0)
