@@ -1,0 +1,92 @@
+"""An exposure as the kernel's structure: poses of the camera and of the dynamic objects."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
+from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct
+from catoptra_server.render.trace.kernel.scene_arrays import Owned, object_arrays
+from catoptra_server.render.trace.trace_engine import TracedExposure, camera_states
+from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh
+
+
+class ObjectTable:
+    """Meshes of dynamic objects, each committed at its first use."""
+
+    def __init__(self, device: KernelDevice, centre: Floats) -> None:
+        """Begin without a mesh.
+
+        Args:
+            device: Device of the meshes.
+            centre: (3,) centre of the static scene, world frame.
+        """
+        self._device = device
+        self._centre = centre
+        self._meshes: dict[ObjectMesh, tuple[int, Owned]] = {}
+
+    def __len__(self) -> int:
+        """Number of meshes."""
+        return len(self._meshes)
+
+    def find_mesh(self, mesh: ObjectMesh) -> int:
+        """Address of a mesh."""
+        if mesh not in self._meshes:
+            owned = object_arrays(mesh)
+            self._meshes[mesh] = self._device.commit_mesh(owned.struct), owned
+        return self._meshes[mesh][0]
+
+    def close(self) -> None:
+        """Free the meshes."""
+        while self._meshes:
+            self._device.release_mesh(self._meshes.popitem()[1][0])
+
+
+def exposure_arrays(exposure: TracedExposure, centre: Floats, table: ObjectTable) -> Owned:
+    """Frame without outputs: poses relative to the (3,) centre of the static scene."""
+    states = camera_states(exposure)
+    objects = states[0].objects
+    camera = _pose_array([state.world_from_mirror for state in states], centre)
+    meshes = (ctypes.c_void_p * max(1, len(objects)))(
+        *(table.find_mesh(placed.mesh) for placed in objects)
+    )
+    poses = _pose_array(
+        [placed.world_from_object for state in states for placed in state.objects], centre
+    )
+    boxes = _box_array(objects)
+    struct = FrameStruct(
+        num_poses=len(states),
+        camera=camera.ctypes.data,
+        num_objects=len(objects),
+        objects=ctypes.addressof(meshes),
+        object_poses=poses.ctypes.data,
+        object_boxes=boxes.ctypes.data,
+        has_shadows=states[0].has_shadows,
+    )
+    return Owned(struct, (camera, meshes, poses, boxes))
+
+
+def _pose_array(poses: Sequence[Pose], centre: Floats) -> npt.NDArray[np.float32]:
+    """(n, 12) rotations, row by row, and translations relative to a centre."""
+    array = np.zeros((len(poses), 12), dtype=np.float32)
+    for row, pose in zip(array, poses, strict=True):
+        row[:9] = pose.rotation.reshape(-1)
+        # Subtracted in float64: both positions may be far from the world's origin.
+        row[9:] = pose.translation - centre
+    return array
+
+
+def _box_array(objects: Sequence[DynamicObject]) -> npt.NDArray[np.float32]:
+    """(n, 6) centres and half sizes of the boxes around objects, in their frames."""
+    array = np.zeros((len(objects), 6), dtype=np.float32)
+    for row, placed in zip(array, objects, strict=True):
+        row[:3] = placed.mesh.centre
+        # Float32 rounds corners: the box grows by as much.
+        row[3:] = placed.mesh.half_size_m * (1.0 + 1e-5) + 1e-6
+    return array

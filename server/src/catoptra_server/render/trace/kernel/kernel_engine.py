@@ -1,0 +1,245 @@
+"""The native engine: a scene on a kernel device, and the rays of cameras.
+
+A frame is one call, from the rays and the camera's pose to pixels. C code: `src/`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.trace.kernel.exposure_arrays import ObjectTable, exposure_arrays
+from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
+from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
+from catoptra_server.render.trace.kernel.kernel_structs import (
+    OUTPUT_HITS,
+    OUTPUT_LINEAR,
+    OUTPUT_SRGB,
+    FrameCounts,
+    RayTableStruct,
+    SceneStruct,
+)
+from catoptra_server.render.trace.kernel.scene_arrays import (
+    Owned,
+    caster_arrays,
+    encoded_table,
+    hemisphere_struct,
+    light_array,
+    radiance_table,
+    scene_arrays,
+    surfaces_struct,
+    texture_array,
+)
+from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
+from catoptra_server.render.trace.srgb_encoding import srgb_table
+from catoptra_server.render.trace.trace_engine import RayHits, TracedExposure, camera_states
+from catoptra_server.scene import shading
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import Light, World
+
+
+class KernelEngine:
+    """A scene on a kernel device."""
+
+    def __init__(
+        self,
+        scene: SceneMesh,
+        world: World,
+        *,
+        threads: int,
+        scene_lights: tuple[Light, ...],
+        instruction_set: str = "auto",
+        packet_width: int = 0,
+    ) -> None:
+        """Commit a scene.
+
+        Args:
+            scene: Triangles of the static scene.
+            world: Lights of dynamic objects, and background.
+            threads: Threads, the calling one included.
+            scene_lights: Lights of the static scene.
+            instruction_set: As Embree names it; "auto" for the processor's best.
+            packet_width: Rays of a packet, 1, 4, 8 or 16; 0 for the instruction set's.
+
+        Raises:
+            KernelUnavailableError: The kernel's or Embree's library is missing.
+        """
+        name = choose_instruction_set(instruction_set)
+        self._device = KernelDevice(name, threads, packet_width=packet_width)
+        width = self._device.packet_width
+        self.description = f"kernel (Embree {name}, packets of {width}), {threads} threads"
+        self._mesh = scene
+        self._world = world
+        self._scene_lights = scene_lights
+        self._centre = scene_centre(scene)
+        self._owners: list[object] = []
+        self._meshes: list[int] = []
+        self._objects = ObjectTable(self._device, self._centre)
+        self._scene = self._make_scene()
+
+    @property
+    def num_object_meshes(self) -> int:
+        """Number of object meshes committed so far."""
+        return len(self._objects)
+
+    def _make_scene(self) -> SceneStruct:
+        """Scene without what only shadows need."""
+        radiance = radiance_table(self._mesh, self._scene_lights, self._world.background)
+        encoded = encoded_table(radiance)
+        textures = self._keep(texture_array(self._mesh))
+        lights, num_lights = light_array(self._world.lights, self._scene_lights, self._centre)
+        table = srgb_table()
+        self._owners += [radiance, encoded, lights, table]
+        return SceneStruct(
+            mesh=self._commit(scene_arrays(self._mesh, self._centre)),
+            sharp_radiance=radiance.ctypes.data,
+            ambient_radiance=radiance.ctypes.data,
+            encoded=encoded.ctypes.data,
+            num_textures=len(self._mesh.textures),
+            textures=ctypes.addressof(textures),
+            num_lights=num_lights,
+            lights=ctypes.addressof(lights),
+            hemisphere=hemisphere_struct(self._world.lights),
+            srgb_table=table.ctypes.data,
+            surfaces=self._keep(surfaces_struct(self._mesh, self._centre)),
+        )
+
+    def _keep(self, owned: Owned) -> ctypes.Structure:
+        """Structure whose arrays live as long as the engine."""
+        self._owners += [owned.struct, *owned.owners]
+        return owned.struct
+
+    def _commit(self, owned: Owned) -> int:
+        """Mesh of the device, released with the engine."""
+        mesh = self._device.commit_mesh(self._keep(owned))
+        self._meshes.append(mesh)
+        return mesh
+
+    def _prepare_shadows(self) -> None:
+        """Add to the scene what only shadows need, at the first frame with shadows."""
+        if self._scene.ambient_radiance != self._scene.sharp_radiance:
+            return
+        ambient = shading.hemisphere_lights(self._scene_lights)
+        radiance = radiance_table(self._mesh, ambient, self._world.background)
+        self._owners.append(radiance)
+        self._scene.ambient_radiance = radiance.ctypes.data
+        if not self._mesh.casts_shadows.all():
+            self._scene.casters = self._commit(caster_arrays(self._mesh, self._centre))
+
+    def prepare(self, rays: RayTable) -> KernelRays:
+        """Prepare the rays of a camera."""
+        return KernelRays(rays, self._device, self)
+
+    def render(
+        self, view: int, exposure: TracedExposure, output: int, *arrays: npt.NDArray[np.generic]
+    ) -> FrameCounts:
+        """Render an exposure into arrays: an image, or ranges, triangles and objects."""
+        if camera_states(exposure)[0].has_shadows:
+            self._prepare_shadows()
+        frame = exposure_arrays(exposure, self._centre, self._objects)
+        frame.struct.output = output
+        if output == OUTPUT_HITS:
+            struct = frame.struct
+            struct.range_m, struct.triangle, struct.object = (a.ctypes.data for a in arrays)
+        else:
+            frame.struct.image = arrays[0].ctypes.data
+        return self._device.render(self._scene, view, frame.struct)
+
+    def trace_bare(self, view: int, exposure: TracedExposure) -> None:
+        """Trace a view's rays without any use of the hits."""
+        frame = exposure_arrays(exposure, self._centre, self._objects)
+        self._device.trace(self._scene, view, frame.struct)
+
+    def close(self) -> None:
+        """Free the scene and end the threads."""
+        self._objects.close()
+        while self._meshes:
+            self._device.release_mesh(self._meshes.pop())
+        self._device.close()
+
+
+class KernelRays:
+    """The rays of one camera on a kernel device."""
+
+    def __init__(self, table: RayTable, device: KernelDevice, engine: KernelEngine) -> None:
+        """Prepare the rays; the kernel reads the table's own arrays."""
+        self._table = table
+        self._device = device
+        self._engine = engine
+        self._view: int | None = device.prepare(_table_struct(table))
+        self.last_counts = FrameCounts()
+        """Tiles of the last frame: all, and those that one surface was proven to fill."""
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the rays and of the beams around them."""
+        own = 0 if self._view is None else self._device.view_bytes(self._view)
+        return self._table.memory_bytes + own
+
+    def render_srgb(self, exposure: TracedExposure) -> Image:
+        """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
+        image = np.zeros((self._table.height_px, self._table.width_px, 3), dtype=np.uint8)
+        self._render(exposure, OUTPUT_SRGB, image)
+        # Frames are handed to other threads, which encode them while the next one is rendered.
+        image.setflags(write=False)
+        return image
+
+    def render_linear(self, exposure: TracedExposure) -> LinearImage:
+        """(h, w, 3) linear light; zero off the mirror. Light beyond white is kept."""
+        image = np.zeros((self._table.height_px, self._table.width_px, 3), dtype=np.float32)
+        self._render(exposure, OUTPUT_LINEAR, image)
+        return image
+
+    def find_hits(self, exposure: TracedExposure) -> RayHits:
+        """First hit of each ray."""
+        shape = (*self._table.valid.shape, BLOCK_RAYS)
+        range_m = np.zeros(shape, dtype=np.float32)
+        triangle, hit_object = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
+        self._render(exposure, OUTPUT_HITS, range_m, triangle, hit_object)
+        return RayHits(range_m, triangle, hit_object)
+
+    def trace_bare(self, exposure: TracedExposure) -> None:
+        """Trace the rays without any use of the hits: the bare packet rate, for benchmarks."""
+        self._engine.trace_bare(self._require_view(), exposure)
+
+    def _render(
+        self, exposure: TracedExposure, output: int, *arrays: npt.NDArray[np.generic]
+    ) -> None:
+        self.last_counts = self._engine.render(self._require_view(), exposure, output, *arrays)
+
+    def _require_view(self) -> int:
+        assert self._view is not None, "the view is closed"
+        return self._view
+
+    def close(self) -> None:
+        """Free the view."""
+        if self._view is not None:
+            self._device.release_view(self._view)
+        self._view = None
+
+
+def _table_struct(table: RayTable) -> RayTableStruct:
+    return RayTableStruct(
+        width_px=table.width_px,
+        height_px=table.height_px,
+        samples=table.samples,
+        num_tiles=len(table.tiles),
+        tile_columns=table.num_tile_columns,
+        tiles=table.tiles.ctypes.data,
+        directions=table.directions.ctypes.data,
+        valid=table.valid.ctypes.data,
+        origins=None if table.origins is None else table.origins.ctypes.data,
+        times=None if table.times is None else table.times.ctypes.data,
+    )
+
+
+def scene_centre(scene: SceneMesh) -> Floats:
+    """(3,) centre of the box around a scene; the world's origin for an empty one."""
+    if len(scene) == 0:
+        return np.zeros(3)
+    low, high = scene.corners.min(axis=(0, 1)), scene.corners.max(axis=(0, 1))
+    return np.asarray(0.5 * (low + high))

@@ -1,0 +1,152 @@
+"""The kernel's library, loaded and checked; its functions with Python's errors.
+
+ctypes releases the GIL for the whole of a call: the other threads of the server run while a frame
+is rendered.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import c_char_p, c_int32, c_int64, c_void_p
+from functools import cache
+from pathlib import Path
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_server.render.trace.kernel.kernel_structs import (
+    STRUCTURES,
+    FrameCounts,
+    FrameStruct,
+    MeshArrays,
+    RayTableStruct,
+    SceneStruct,
+)
+from catoptra_server.render.trace.kernel.library_files import (
+    KernelUnavailableError,
+    embree_library_path,
+    kernel_library_path,
+)
+
+PACKET_WIDTHS = (1, 4, 8, 16)
+"""Rays of a packet; 1 for single rays."""
+
+_ERROR_BYTES = 256
+
+
+class KernelError(CatoptraError):
+    """The kernel failed, such as for lack of memory; the message has its reason."""
+
+
+class KernelDevice:
+    """Embree's device and the kernel's threads.
+
+    Meshes and views are addresses that belong to the device; all are released before it closes.
+    """
+
+    def __init__(self, instruction_set: str, threads: int, *, packet_width: int = 0) -> None:
+        """Open a device.
+
+        Args:
+            instruction_set: As Embree names it: sse4.2, avx2 or avx512.
+            threads: Threads, the calling one included.
+            packet_width: One of PACKET_WIDTHS; 0 for the widest that the instruction set has.
+
+        Raises:
+            KernelUnavailableError: The library or the instruction set is missing.
+        """
+        self._library = _load_library(kernel_library_path())
+        self._address: int | None = None
+        error = ctypes.create_string_buffer(_ERROR_BYTES)
+        path = str(embree_library_path()).encode()
+        self._address = self._library.catoptra_open(
+            path, instruction_set.encode(), threads, packet_width, error
+        )
+        if not self._address:
+            raise KernelUnavailableError(error.value.decode(errors="replace"))
+        self.packet_width: int = self._library.catoptra_packet_width(self._address)
+        """Rays of a packet."""
+
+    def commit_mesh(self, arrays: MeshArrays) -> int:
+        """Commit triangles for ray queries."""
+        error = ctypes.create_string_buffer(_ERROR_BYTES)
+        mesh = self._library.catoptra_commit_mesh(self._address, ctypes.byref(arrays), error)
+        return _require(mesh, error)
+
+    def release_mesh(self, mesh: int) -> None:
+        """Free a mesh."""
+        self._library.catoptra_release_mesh(mesh)
+
+    def prepare(self, rays: RayTableStruct) -> int:
+        """Prepare the rays of a view."""
+        error = ctypes.create_string_buffer(_ERROR_BYTES)
+        return _require(
+            self._library.catoptra_prepare(self._address, ctypes.byref(rays), error), error
+        )
+
+    def view_bytes(self, view: int) -> int:
+        """Size of a view, without the rays."""
+        return int(self._library.catoptra_view_bytes(view))
+
+    def release_view(self, view: int) -> None:
+        """Free a view."""
+        self._library.catoptra_release_view(view)
+
+    def render(self, scene: SceneStruct, view: int, frame: FrameStruct) -> FrameCounts:
+        """Render a frame into its outputs."""
+        error, counts = ctypes.create_string_buffer(_ERROR_BYTES), FrameCounts()
+        arguments = (ctypes.byref(scene), view, ctypes.byref(frame), ctypes.byref(counts))
+        if self._library.catoptra_render(self._address, *arguments, error):
+            raise KernelError(f"no frame: {error.value.decode(errors='replace')}")
+        return counts
+
+    def trace(self, scene: SceneStruct, view: int, frame: FrameStruct) -> None:
+        """Trace a view's rays without any use of the hits: the bare packet rate."""
+        error = ctypes.create_string_buffer(_ERROR_BYTES)
+        arguments = (ctypes.byref(scene), view, ctypes.byref(frame))
+        self._library.catoptra_trace(self._address, *arguments, error)
+
+    def close(self) -> None:
+        """End the threads and free the device."""
+        if self._address:
+            self._library.catoptra_close(self._address)
+        self._address = None
+
+
+def _require(address: int | None, error: ctypes.Array[ctypes.c_char]) -> int:
+    """Address of what the kernel made, or its reason as an error."""
+    if not address:
+        raise KernelError(error.value.decode(errors="replace"))
+    return address
+
+
+@cache
+def _load_library(path: Path) -> ctypes.CDLL:
+    """Library with its functions' types, checked against the structures of this release."""
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise KernelUnavailableError(f"{path} cannot be loaded: {error}") from None
+    signatures = {
+        "catoptra_abi": (c_int32, (c_int32,)),
+        "catoptra_open": (c_void_p, (c_char_p, c_char_p, c_int32, c_int32, c_void_p)),
+        "catoptra_close": (None, (c_void_p,)),
+        "catoptra_packet_width": (c_int32, (c_void_p,)),
+        "catoptra_commit_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
+        "catoptra_release_mesh": (None, (c_void_p,)),
+        "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),
+        "catoptra_view_bytes": (c_int64, (c_void_p,)),
+        "catoptra_release_view": (None, (c_void_p,)),
+        "catoptra_render": (c_int32, (c_void_p,) * 6),
+        "catoptra_trace": (c_int32, (c_void_p,) * 5),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(library, name, None)
+        if function is None:
+            raise KernelUnavailableError(f"{path} has no function {name}; install the server again")
+        function.restype, function.argtypes = result, arguments
+    for number, structure in enumerate(STRUCTURES):
+        # A library of another release would read our structures wrongly.
+        if library.catoptra_abi(number) != ctypes.sizeof(structure):
+            raise KernelUnavailableError(
+                f"{path} belongs to another release ({structure.__name__}); install the server again"
+            )
+    return library

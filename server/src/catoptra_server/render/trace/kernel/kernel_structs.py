@@ -1,0 +1,151 @@
+"""The kernel's structures in ctypes: twins of `src/kernel.h`, member by member.
+
+Pointers are plain addresses of NumPy arrays; whoever fills a structure keeps its arrays alive.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import c_float, c_int32, c_void_p
+from typing import ClassVar
+
+OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS = 0, 1, 2
+FACET_UNLIT, FACET_TEXTURED = 1, 2
+LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
+
+# ctypes' own annotation of `_fields_` is a list of pairs.
+Fields = list[tuple[str, type]]
+
+
+class MeshArrays(ctypes.Structure):
+    """Triangles and their materials."""
+
+    _fields_: ClassVar[Fields] = [
+        ("num_triangles", c_int32),
+        ("corners", c_void_p),
+        ("normals", c_void_p),
+        ("albedo", c_void_p),
+        ("flags", c_void_p),
+        ("corner_albedo", c_void_p),
+        ("uv", c_void_p),
+        ("texture", c_void_p),
+    ]
+
+
+class TextureStruct(ctypes.Structure):
+    """Linear texels with a border."""
+
+    _fields_: ClassVar[Fields] = [("width", c_int32), ("height", c_int32), ("texels", c_void_p)]
+
+
+class LightStruct(ctypes.Structure):
+    """Directional or point light."""
+
+    _fields_: ClassVar[Fields] = [
+        ("kind", c_int32),
+        ("lights_scene", c_int32),
+        ("vector", c_float * 3),
+        ("intensity", c_float * 3),
+    ]
+
+
+class HemisphereStruct(ctypes.Structure):
+    """Irradiance from above and below."""
+
+    _fields_: ClassVar[Fields] = [("up", c_float * 3), ("down", c_float * 3)]
+
+
+class SurfacesStruct(ctypes.Structure):
+    """Flat surfaces, and spheres around all other triangles."""
+
+    _fields_: ClassVar[Fields] = [
+        ("num_triangles", c_int32),
+        ("triangles", c_void_p),
+        ("surface", c_void_p),
+        ("outer_edges", c_void_p),
+        ("num_surfaces", c_int32),
+        ("representative", c_void_p),
+        ("num_clusters", c_int32),
+        ("clusters", c_void_p),
+    ]
+
+
+class SceneStruct(ctypes.Structure):
+    """Static scene, its lights and tables."""
+
+    _fields_: ClassVar[Fields] = [
+        ("mesh", c_void_p),
+        ("casters", c_void_p),
+        ("sharp_radiance", c_void_p),
+        ("ambient_radiance", c_void_p),
+        ("encoded", c_void_p),
+        ("num_textures", c_int32),
+        ("textures", c_void_p),
+        ("num_lights", c_int32),
+        ("lights", c_void_p),
+        ("hemisphere", HemisphereStruct),
+        ("srgb_table", c_void_p),
+        ("surfaces", SurfacesStruct),
+    ]
+
+
+class RayTableStruct(ctypes.Structure):
+    """Rays of a camera."""
+
+    _fields_: ClassVar[Fields] = [
+        ("width_px", c_int32),
+        ("height_px", c_int32),
+        ("samples", c_int32),
+        ("num_tiles", c_int32),
+        ("tile_columns", c_int32),
+        ("tiles", c_void_p),
+        ("directions", c_void_p),
+        ("valid", c_void_p),
+        ("origins", c_void_p),
+        ("times", c_void_p),
+    ]
+
+
+class PoseStruct(ctypes.Structure):
+    """Rotation, row by row, and translation."""
+
+    _fields_: ClassVar[Fields] = [("rotation", c_float * 9), ("translation", c_float * 3)]
+
+
+class FrameStruct(ctypes.Structure):
+    """One exposure and its outputs."""
+
+    _fields_: ClassVar[Fields] = [
+        ("num_poses", c_int32),
+        ("camera", c_void_p),
+        ("num_objects", c_int32),
+        ("objects", c_void_p),
+        ("object_poses", c_void_p),
+        ("object_boxes", c_void_p),
+        ("has_shadows", c_int32),
+        ("output", c_int32),
+        ("image", c_void_p),
+        ("range_m", c_void_p),
+        ("triangle", c_void_p),
+        ("object", c_void_p),
+    ]
+
+
+class FrameCounts(ctypes.Structure):
+    """Counts of a frame."""
+
+    _fields_: ClassVar[Fields] = [("num_filled_tiles", c_int32), ("num_tiles", c_int32)]
+
+
+# In the order of `catoptra_abi`.
+STRUCTURES: tuple[type[ctypes.Structure], ...] = (
+    MeshArrays,
+    TextureStruct,
+    LightStruct,
+    SurfacesStruct,
+    SceneStruct,
+    RayTableStruct,
+    PoseStruct,
+    FrameStruct,
+    FrameCounts,
+)

@@ -1,0 +1,176 @@
+"""Scenes and objects as the kernel's structures, with the arrays that these point into."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.trace.kernel.flat_surfaces import find_flat_surfaces
+from catoptra_server.render.trace.kernel.kernel_structs import (
+    FACET_TEXTURED,
+    FACET_UNLIT,
+    LIGHT_DIRECTIONAL,
+    LIGHT_POINT,
+    HemisphereStruct,
+    LightStruct,
+    MeshArrays,
+    SurfacesStruct,
+    TextureStruct,
+)
+from catoptra_server.render.trace.kernel.padded_texels import pad_texels
+from catoptra_server.render.trace.srgb_encoding import encode_srgb
+from catoptra_server.scene import shading
+from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import DirectionalLight, Light, PointLight
+
+# Embree loads corners by vectors of four floats: the last ones reach beyond the array.
+_CORNER_PADDING = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Owned:
+    """A structure of addresses, and the objects that must outlive it."""
+
+    struct: Any
+    """A ctypes structure, or an array of them."""
+    owners: tuple[object, ...]
+    """Arrays that the structure points into."""
+
+
+def scene_arrays(scene: SceneMesh, centre: Floats) -> Owned:
+    """Triangles of a static scene, relative to its centre."""
+    flags = scene.unlit * FACET_UNLIT + (scene.texture_index >= 0) * FACET_TEXTURED
+    uv = _uv_frames(scene.uv) if scene.textures else None
+    texture = scene.texture_index.astype(np.int32) if scene.textures else None
+    return _mesh_arrays(scene.corners - centre, scene.normals, scene.albedo, flags, uv, texture)
+
+
+def object_arrays(mesh: ObjectMesh) -> Owned:
+    """Triangles of a dynamic object, in its own frame."""
+    flags = mesh.unlit * FACET_UNLIT
+    return _mesh_arrays(mesh.corners, mesh.normals, mesh.albedo, flags, None, None)
+
+
+def caster_arrays(scene: SceneMesh, centre: Floats) -> Owned:
+    """Triangles that occlude lights; nothing of them is ever seen."""
+    casters = scene.casts_shadows
+    corners, normals = scene.corners[casters] - centre, scene.normals[casters]
+    flags = np.zeros(len(corners))
+    return _mesh_arrays(corners, normals, np.zeros_like(normals), flags, None, None)
+
+
+def _mesh_arrays(
+    corners: Floats,
+    normals: Floats,
+    albedo: Floats,
+    flags: npt.NDArray[Any],
+    uv: npt.NDArray[np.float32] | None,
+    texture: npt.NDArray[np.int32] | None,
+) -> Owned:
+    padded = np.zeros(corners.size + _CORNER_PADDING, dtype=np.float32)
+    padded[: corners.size] = corners.reshape(-1)
+    arrays = {
+        "corners": padded,
+        "normals": np.ascontiguousarray(normals, dtype=np.float32),
+        "albedo": np.ascontiguousarray(albedo, dtype=np.float32),
+        "flags": flags.astype(np.uint8),
+        "uv": uv,
+        "texture": texture,
+    }
+    addresses = {name: _address(array) for name, array in arrays.items()}
+    return Owned(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
+
+
+def _address(array: npt.NDArray[Any] | None) -> int | None:
+    assert array is None or array.flags.c_contiguous, "the kernel reads arrays without strides"
+    return None if array is None else array.ctypes.data
+
+
+def _uv_frames(uv: Floats) -> npt.NDArray[np.float32]:
+    """(n, 6) texture coordinates of each triangle's first corner and of its two edges."""
+    first, second, third = np.moveaxis(uv, 1, 0)
+    # Edges instead of corners: coordinates at a point are then two products and two sums.
+    frames = np.concatenate((first, second - first, third - first), axis=-1)
+    return np.ascontiguousarray(frames, dtype=np.float32)
+
+
+def texture_array(scene: SceneMesh) -> Owned:
+    """Textures of a scene."""
+    texels = tuple(pad_texels(image) for image in scene.textures)
+    structs = (TextureStruct * max(1, len(texels)))()
+    for struct, image, padded in zip(structs, scene.textures, texels, strict=False):
+        struct.height, struct.width = image.shape[:2]
+        struct.texels = padded.ctypes.data
+    return Owned(structs, texels)
+
+
+def light_array(
+    lights: Sequence[Light], scene_lights: Sequence[Light], centre: Floats
+) -> tuple[ctypes.Array[LightStruct], int]:
+    """Lights that surfaces can occlude, and their number; some do not light the static scene."""
+    structs = [
+        _light_struct(light, centre, lights_scene=light in scene_lights)
+        for light in shading.shadow_casting_lights(lights)
+    ]
+    return (LightStruct * max(1, len(structs)))(*structs), len(structs)
+
+
+def _light_struct(
+    light: DirectionalLight | PointLight, centre: Floats, *, lights_scene: bool
+) -> LightStruct:
+    if isinstance(light, DirectionalLight):
+        towards = -np.asarray(light.direction)
+        return LightStruct(LIGHT_DIRECTIONAL, lights_scene, tuple(towards), tuple(light.irradiance))
+    position = np.asarray(light.position_m) - centre
+    return LightStruct(LIGHT_POINT, lights_scene, tuple(position), tuple(light.intensity))
+
+
+def hemisphere_struct(lights: Sequence[Light]) -> HemisphereStruct:
+    """Sum of all hemisphere lights."""
+    hemispheres = shading.hemisphere_lights(lights)
+    up = sum((np.asarray(light.up_irradiance) for light in hemispheres), np.zeros(3))
+    down = sum((np.asarray(light.down_irradiance) for light in hemispheres), np.zeros(3))
+    return HemisphereStruct(tuple(up), tuple(down))
+
+
+def surfaces_struct(scene: SceneMesh, centre: Floats) -> Owned:
+    """Flat surfaces of a scene."""
+    found = find_flat_surfaces(scene)
+    clusters = found.clusters - np.append(centre, 0.0)
+    # Float32 rounds centres: spheres grow by as much.
+    clusters[:, 3] += 1e-6 * np.abs(clusters).max(axis=1, initial=0.0)
+    spheres = clusters.astype(np.float32)
+    struct = SurfacesStruct(
+        num_triangles=len(found.triangles),
+        triangles=found.triangles.ctypes.data,
+        surface=found.surface.ctypes.data,
+        outer_edges=found.outer_edges.ctypes.data,
+        num_surfaces=len(found.representative),
+        representative=found.representative.ctypes.data,
+        num_clusters=len(spheres),
+        clusters=spheres.ctypes.data,
+    )
+    return Owned(struct, (found, spheres))
+
+
+def radiance_table(
+    scene: SceneMesh, lights: Sequence[Light], background: Sequence[float]
+) -> npt.NDArray[np.float32]:
+    """(n + 1, 3) radiance of the facets without point lights and textures; background last."""
+    radiance = shading.facet_radiance(scene, lights)
+    table = np.concatenate([radiance, [background]])
+    return np.ascontiguousarray(table, dtype=np.float32)
+
+
+def encoded_table(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
+    """(n + 1,) sRGB of a radiance table, R in the lowest byte."""
+    packed = np.zeros((len(radiance), 4), dtype=np.uint8)
+    packed[:, :3] = encode_srgb(radiance)
+    return packed.view("<u4").reshape(-1)

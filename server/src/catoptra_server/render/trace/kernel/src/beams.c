@@ -1,0 +1,190 @@
+/* Construction of a view's beams: tiles from their rays, larger parts from four smaller ones. */
+#include "beams.h"
+
+#include "device.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+/* Beams are widened by this, in tangents: rays are float32, and are rotated in float32. */
+#define MARGIN 4e-6f
+/* Least cosine between a beam's axis and its rays: wider beams are too coarse to bound anything. */
+#define MIN_COSINE 0.3f
+
+static Vec3 normalize(Vec3 a) {
+    float length = sqrtf(dot(a, a));
+    return length > 0.0f ? scale(1.0f / length, a) : a;
+}
+
+static Vec3 reject(Vec3 a, Vec3 axis) { return subtract(a, scale(dot(a, axis), axis)); }
+
+/* Any direction perpendicular to a unit vector. */
+static Vec3 perpendicular(Vec3 axis) {
+    Vec3 other = axis.x * axis.x < 0.5f ? (Vec3){1, 0, 0} : (Vec3){0, 1, 0};
+    return normalize(cross(axis, other));
+}
+
+/* Sides of the pyramid: parallel to the part's own sides, where these have directions. */
+static void set_sides(Beam *beam) {
+    Vec3 across = normalize(reject(beam->across, beam->axis));
+    Vec3 down = normalize(reject(beam->down, beam->axis));
+    beam->a = cross(beam->axis, across);
+    beam->b = cross(beam->axis, down);
+    Vec3 skew = cross(beam->a, beam->b);
+    if (dot(skew, skew) < 0.05f) {
+        beam->a = perpendicular(beam->axis);
+        beam->b = cross(beam->axis, beam->a);
+    }
+}
+
+/* Pyramid with the sides of `beam` around directions; wide if some are far from the axis. */
+static void enclose(Beam *beam, const Vec3 *directions, int count) {
+    Vec3 sum = {0, 0, 0};
+    for (int i = 0; i < count; i++)
+        sum = add(sum, directions[i]);
+    beam->kind = count ? BEAM_WIDE : BEAM_EMPTY;
+    if (dot(sum, sum) == 0.0f)
+        return;
+    beam->axis = normalize(sum);
+    set_sides(beam);
+    beam->a_min = beam->b_min = INFINITY;
+    beam->a_max = beam->b_max = -INFINITY;
+    for (int i = 0; i < count; i++) {
+        float along = dot(beam->axis, directions[i]);
+        if (along < MIN_COSINE)
+            return;
+        float a = dot(beam->a, directions[i]) / along, b = dot(beam->b, directions[i]) / along;
+        beam->a_min = fminf(beam->a_min, a - MARGIN);
+        beam->a_max = fmaxf(beam->a_max, a + MARGIN);
+        beam->b_min = fminf(beam->b_min, b - MARGIN);
+        beam->b_max = fmaxf(beam->b_max, b + MARGIN);
+    }
+    beam->kind = BEAM_NARROW;
+}
+
+/* Unit direction of a pyramid's edge: the solution of a.x = a_value, b.x = b_value, axis.x = 1. */
+static Vec3 edge_direction(const Beam *beam, float a_value, float b_value) {
+    float mixed = dot(beam->a, beam->b), aa = dot(beam->a, beam->a), bb = dot(beam->b, beam->b);
+    float determinant = aa * bb - mixed * mixed;
+    float s = (a_value * bb - b_value * mixed) / determinant;
+    float t = (b_value * aa - a_value * mixed) / determinant;
+    return normalize(add(beam->axis, add(scale(s, beam->a), scale(t, beam->b))));
+}
+
+static int list_edges(const Beam *beam, Vec3 *edges) {
+    if (beam->kind != BEAM_NARROW)
+        return 0;
+    edges[0] = edge_direction(beam, beam->a_min, beam->b_min);
+    edges[1] = edge_direction(beam, beam->a_min, beam->b_max);
+    edges[2] = edge_direction(beam, beam->a_max, beam->b_min);
+    edges[3] = edge_direction(beam, beam->a_max, beam->b_max);
+    return 4;
+}
+
+/* All valid rays of a tile, and the mean differences between its rays along rows and columns. */
+static void enclose_tile(const RayTable *rays, int tile, Beam *beam, Vec3 *directions) {
+    int samples = rays->samples, count = 0, blocks = samples * samples;
+    Vec3 across = {0, 0, 0}, down = {0, 0, 0};
+    float middle = 0.5f * (float)(TILE_PX * samples - 1);
+    for (int block = 0; block < blocks; block++) {
+        const float *base = rays->directions + ((size_t)tile * blocks + block) * 3 * BLOCK_RAYS;
+        uint32_t valid = rays->valid[(size_t)tile * blocks + block];
+        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+            if (!(valid >> lane & 1))
+                continue;
+            Vec3 direction = {base[lane], base[BLOCK_RAYS + lane], base[2 * BLOCK_RAYS + lane]};
+            int column = block % samples * TILE_PX + lane % TILE_PX;
+            int row = block / samples * TILE_PX + lane / TILE_PX;
+            across = add(across, scale((float)column - middle, direction));
+            down = add(down, scale((float)row - middle, direction));
+            directions[count++] = direction;
+        }
+    }
+    beam->across = across;
+    beam->down = down;
+    enclose(beam, directions, count);
+}
+
+static void enclose_children(const BeamLevel *children, int row, int column, Beam *beam) {
+    Vec3 edges[16];
+    int count = 0, is_wide = 0;
+    beam->across = beam->down = (Vec3){0, 0, 0};
+    for (int child = 0; child < 4; child++) {
+        int child_row = 2 * row + child / 2, child_column = 2 * column + child % 2;
+        if (child_row >= children->rows || child_column >= children->columns)
+            continue;
+        const Beam *part = &children->beams[child_row * children->columns + child_column];
+        is_wide |= part->kind == BEAM_WIDE;
+        if (part->kind != BEAM_NARROW)
+            continue;
+        beam->across = add(beam->across, part->across);
+        beam->down = add(beam->down, part->down);
+        count += list_edges(part, edges + count);
+    }
+    enclose(beam, edges, count);
+    if (is_wide)
+        beam->kind = BEAM_WIDE;
+}
+
+static int build_levels(View *view) {
+    Vec3 *directions = malloc(sizeof(Vec3) * BLOCK_RAYS * MAX_SAMPLES * MAX_SAMPLES);
+    if (!directions)
+        return 0;
+    int rows = view->tile_rows, columns = view->rays.tile_columns;
+    for (int level = 0; level < BEAM_LEVELS; level++) {
+        BeamLevel *parts = &view->levels[level];
+        *parts = (BeamLevel){rows, columns, calloc((size_t)rows * columns, sizeof(Beam))};
+        if (!parts->beams)
+            break;
+        for (int part = 0; part < rows * columns; part++) {
+            Beam *beam = &parts->beams[part];
+            if (level)
+                enclose_children(parts - 1, part / columns, part % columns, beam);
+            else if (view->tile_at[part] >= 0)
+                enclose_tile(&view->rays, view->tile_at[part], beam, directions);
+        }
+        rows = (rows + 1) / 2;
+        columns = (columns + 1) / 2;
+    }
+    free(directions);
+    return view->levels[BEAM_LEVELS - 1].beams != NULL;
+}
+
+View *catoptra_prepare(Device *device, const RayTable *rays, char *error) {
+    (void)device;
+    View *view = calloc(1, sizeof *view);
+    if (view) {
+        view->rays = *rays;
+        view->tile_rows = (rays->height_px + TILE_PX - 1) / TILE_PX;
+        size_t tiles = (size_t)view->tile_rows * (size_t)rays->tile_columns;
+        view->tile_at = malloc(sizeof(int32_t) * tiles);
+        for (size_t tile = 0; view->tile_at && tile < tiles; tile++)
+            view->tile_at[tile] = -1;
+        for (int32_t i = 0; view->tile_at && i < rays->num_tiles; i++)
+            view->tile_at[rays->tiles[i]] = i;
+    }
+    int is_central = !rays->origins && !rays->times;
+    if (!view || !view->tile_at || (is_central && !build_levels(view))) {
+        if (view)
+            catoptra_release_view(view);
+        snprintf(error, ERROR_SIZE, "out of memory");
+        return NULL;
+    }
+    return view;
+}
+
+int64_t catoptra_view_bytes(const View *view) {
+    int64_t bytes = (int64_t)sizeof(int32_t) * view->tile_rows * view->rays.tile_columns;
+    for (int level = 0; level < BEAM_LEVELS; level++)
+        if (view->levels[level].beams)
+            bytes += (int64_t)sizeof(Beam) * view->levels[level].rows * view->levels[level].columns;
+    return bytes;
+}
+
+void catoptra_release_view(View *view) {
+    for (int level = 0; level < BEAM_LEVELS; level++)
+        free(view->levels[level].beams);
+    free(view->tile_at);
+    free(view);
+}

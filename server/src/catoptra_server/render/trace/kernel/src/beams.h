@@ -1,0 +1,36 @@
+/* Beams: pyramids around the rays of square parts of the image, from one tile to 16 x 16 tiles.
+ *
+ * A beam is the cone {x : a_min <= a.x / axis.x <= a_max, b_min <= b.x / axis.x <= b_max} of the
+ * viewpoint. It holds every ray of its part of the image; it knows no camera model, only the rays.
+ */
+#ifndef CATOPTRA_BEAMS_H
+#define CATOPTRA_BEAMS_H
+
+#include "kernel.h"
+#include "vectors.h"
+
+enum { BEAM_LEVELS = 5 }; /* sides of 1, 2, 4, 8 and 16 tiles */
+
+/* No ray; rays in more than a narrow cone, which bound nothing; rays within the pyramid. */
+enum { BEAM_EMPTY, BEAM_WIDE, BEAM_NARROW };
+
+typedef struct {
+    int32_t kind;
+    Vec3 axis, a, b; /* unit; a and b perpendicular to the axis */
+    float a_min, a_max, b_min, b_max;
+    Vec3 across, down; /* from left to right and from top to bottom of the part, for its parent */
+} Beam;
+
+typedef struct {
+    int32_t rows, columns;
+    Beam *beams; /* (rows, columns) */
+} BeamLevel;
+
+struct View {
+    RayTable rays;
+    int32_t tile_rows;
+    int32_t *tile_at; /* (tile_rows, tile_columns) index in the table, -1 for tiles without rays */
+    BeamLevel levels[BEAM_LEVELS]; /* no beams where rays have origins or times of their own */
+};
+
+#endif

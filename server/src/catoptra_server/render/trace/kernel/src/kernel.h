@@ -1,0 +1,149 @@
+/* The kernel's interface to Python: plain structures of pointers to NumPy's arrays.
+ *
+ * Python twin: kernel_structs.py, with the same members in the same order; `catoptra_abi` returns
+ * the sizes that the library was compiled with. Whoever passes an array keeps it alive as long as
+ * the object that it was passed for. All lengths are metres, coordinates are those of the world
+ * less the centre of the static scene ("Embree's coordinates"), so that float32 keeps its precision
+ * far from the world's origin.
+ */
+#ifndef CATOPTRA_KERNEL_H
+#define CATOPTRA_KERNEL_H
+
+#include <stdint.h>
+
+#define CATOPTRA_EXPORT __attribute__((visibility("default")))
+
+enum { TILE_PX = 4, BLOCK_RAYS = 16, MAX_SAMPLES = 16 };
+
+enum { FACET_UNLIT = 1, FACET_TEXTURED = 2 };
+
+enum { LIGHT_DIRECTIONAL = 0, LIGHT_POINT = 1 };
+
+enum { OUTPUT_SRGB = 0, OUTPUT_LINEAR = 1, OUTPUT_HITS = 2 };
+
+/* Object numbers of hits: nothing, the static scene, 1 + index of a dynamic object. */
+enum { OBJECT_NONE = -1, OBJECT_STATIC = 0 };
+
+typedef struct Device Device;
+typedef struct Mesh Mesh;
+typedef struct View View;
+
+/* Triangles and their materials. Arrays of n + 1 rows end with the background. */
+typedef struct {
+    int32_t num_triangles;
+    const float *corners;        /* (n, 3, 3), padded by 4 floats for Embree's loads */
+    const float *normals;        /* (n, 3) unit */
+    const float *albedo;         /* (n, 3) linear */
+    const uint8_t *flags;        /* (n,) FACET_... */
+    const float *corner_albedo;  /* (n, 3, 3) linear, interpolated over each facet; or NULL */
+    const float *uv;             /* (n, 6) coordinates of corner 0 and of the two edges; or NULL */
+    const int32_t *texture;      /* (n,) index into textures, -1 for none; or NULL */
+} MeshArrays;
+
+/* Linear texels with a border of one texel repeated from the other side. */
+typedef struct {
+    int32_t width, height; /* without border */
+    const float *texels;   /* (height + 2, width + 2, 4) */
+} Texture;
+
+typedef struct {
+    int32_t kind;
+    int32_t lights_scene; /* 0: culled for the static scene, lights dynamic objects alone */
+    float vector[3];      /* unit direction towards a directional light; position of a point light */
+    float intensity[3];   /* irradiance at normal incidence; radiant intensity of a point light */
+} Light;
+
+/* Light that no surface occludes: irradiance from above and from below. */
+typedef struct {
+    float up[3], down[3];
+} Hemisphere;
+
+/* Flat surfaces of the static scene, for the proof that one of them fills a tile. */
+typedef struct {
+    int32_t num_triangles;
+    const int32_t *triangles;     /* (m,) triangles that belong to a surface */
+    const int32_t *surface;       /* (m,) surface of each */
+    const uint8_t *outer_edges;   /* (m,) bit k: edge k to k + 1 bounds its surface */
+    int32_t num_surfaces;
+    const int32_t *representative; /* (s,) a large triangle of each surface */
+    int32_t num_clusters;
+    const float *clusters; /* (c, 4) centre and radius of spheres around all other triangles */
+} Surfaces;
+
+typedef struct {
+    Mesh *mesh;
+    Mesh *casters;               /* triangles that occlude lights; NULL: all of `mesh` */
+    const float *sharp_radiance; /* (n + 1, 3) by all lights but point lights, none occluded */
+    const float *ambient_radiance; /* (n + 1, 3) by light that nothing occludes */
+    const uint32_t *encoded;     /* (n + 1,) sRGB of sharp_radiance, R in the lowest byte */
+    int32_t num_textures;
+    const Texture *textures;
+    int32_t num_lights;
+    const Light *lights;
+    Hemisphere hemisphere;
+    const uint8_t *srgb_table;   /* (65536,) sRGB of linear light */
+    Surfaces surfaces;
+} Scene;
+
+/* Rays of a camera; twin: ray_table.RayTable. */
+typedef struct {
+    int32_t width_px, height_px, samples, num_tiles, tile_columns;
+    const int32_t *tiles;     /* (t,) */
+    const float *directions;  /* (t, samples^2, 3, 16) */
+    const uint16_t *valid;    /* (t, samples^2) */
+    const float *origins;     /* (t, samples^2, 3, 16) or NULL */
+    const float *times;       /* (t, samples^2, 16) or NULL */
+} RayTable;
+
+/* A rotation, row by row, and a translation. */
+typedef struct {
+    float rotation[9];
+    float translation[3];
+} Pose;
+
+typedef struct {
+    int32_t num_poses;   /* K >= 1 poses of the camera and of each object, evenly spaced in time */
+    const Pose *camera;  /* (K,) Embree's coordinates from the mirror frame */
+    int32_t num_objects;
+    Mesh *const *objects;     /* (o,) */
+    const Pose *object_poses; /* (K, o) Embree's coordinates from each object's frame */
+    const float *object_boxes; /* (o, 6) centre and half size in each object's frame */
+    int32_t has_shadows;
+    int32_t output;
+    void *image;       /* (h, w, 3) uint8 or float32, zero; unused for OUTPUT_HITS */
+    float *range_m;    /* (t, samples^2, 16), for OUTPUT_HITS */
+    int32_t *triangle; /* likewise */
+    int32_t *object;   /* likewise */
+} Frame;
+
+/* What a frame took, beside its pixels. */
+typedef struct {
+    int32_t num_filled_tiles; /* tiles that one surface was proven to fill */
+    int32_t num_tiles;
+} FrameCounts;
+
+CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);
+
+/* Device with a pool of threads. `packet_width` 1, 4, 8 or 16 rays, 0 for the widest that the
+ * instruction set runs fast. NULL on failure, with the reason in `error` (256 bytes). */
+CATOPTRA_EXPORT Device *catoptra_open(const char *embree_path, const char *instruction_set,
+                                      int32_t threads, int32_t packet_width, char *error);
+CATOPTRA_EXPORT void catoptra_close(Device *device);
+CATOPTRA_EXPORT int32_t catoptra_packet_width(const Device *device);
+
+CATOPTRA_EXPORT Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error);
+CATOPTRA_EXPORT void catoptra_release_mesh(Mesh *mesh);
+
+CATOPTRA_EXPORT View *catoptra_prepare(Device *device, const RayTable *rays, char *error);
+CATOPTRA_EXPORT int64_t catoptra_view_bytes(const View *view);
+CATOPTRA_EXPORT void catoptra_release_view(View *view);
+
+/* 0, or the reason of the failure in `error`. */
+CATOPTRA_EXPORT int32_t catoptra_render(Device *device, const Scene *scene, const View *view,
+                                        const Frame *frame, FrameCounts *counts, char *error);
+
+/* Trace all rays of a view against the static scene, and nothing else: the bare packet rate. */
+CATOPTRA_EXPORT int32_t catoptra_trace(Device *device, const Scene *scene, const View *view,
+                                       const Frame *frame, char *error);
+
+#endif

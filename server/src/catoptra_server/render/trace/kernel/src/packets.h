@@ -1,0 +1,32 @@
+/* Queries of a block of 16 rays, in packets of the device's width.
+ *
+ * The width changes the speed, never the result: what follows a query uses only which triangle was
+ * met, and computes positions anew (hit_points.h).
+ */
+#ifndef CATOPTRA_PACKETS_H
+#define CATOPTRA_PACKETS_H
+
+#include "device.h"
+
+typedef struct {
+    _Alignas(64) float origin[3][BLOCK_RAYS];
+    float direction[3][BLOCK_RAYS];
+    float time[BLOCK_RAYS];
+    float limit[BLOCK_RAYS]; /* hits beyond are ignored */
+    uint32_t active;         /* bit mask of the rays that are traced */
+} RayBlock;
+
+typedef struct {
+    _Alignas(64) int32_t triangle[BLOCK_RAYS];
+    int32_t object[BLOCK_RAYS];
+} HitBlock;
+
+/* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit. Object
+ * numbers are `object` plus the number of the instance, if the scene has instances. */
+void intersect_block(const Device *device, RTCScene scene, int has_instances, RayBlock *rays,
+                     HitBlock *hits);
+
+/* Bit mask of the active rays that meet something nearer than their limits. */
+uint32_t occlude_block(const Device *device, RTCScene scene, const RayBlock *rays, int is_coherent);
+
+#endif

@@ -1,0 +1,206 @@
+#include "shading.h"
+
+#include "hit_points.h"
+#include "textures.h"
+
+#include <math.h>
+
+/* Distance of a shadow ray's origin in front of its facet, relative to the largest coordinate:
+ * positions and corners are rounded to 2^-24 each, and a hit on a plane loses a few times that.
+ * 40 um at 10 m. */
+#define SHADOW_BIAS 0x1p-18f
+/* A lamp and a point of a surface may coincide: the irradiance there is that of a millimetre. */
+#define MIN_SQUARED_DISTANCE 1e-6f
+#define UNLIMITED INFINITY
+
+/* The hits of a block whose radiance is not in a table. */
+typedef struct {
+    HitPoint point[BLOCK_RAYS];
+    Vec3 albedo[BLOCK_RAYS];
+    uint32_t lit; /* rays whose hit reflects light that is computed here */
+} SurfaceBlock;
+
+static const MeshArrays *mesh_of(const FrameState *state, int object) {
+    return object == OBJECT_STATIC ? &state->scene->mesh->arrays
+                                   : &state->frame->objects[object - 1]->arrays;
+}
+
+static Vec3 albedo_at(const MeshArrays *mesh, int triangle, const HitPoint *point) {
+    if (!mesh->corner_albedo)
+        return vec3(mesh->albedo + 3 * (size_t)triangle);
+    const float *corners = mesh->corner_albedo + 9 * (size_t)triangle;
+    Vec3 first = vec3(corners);
+    return add(first, add(scale(point->u, subtract(vec3(corners + 3), first)),
+                          scale(point->v, subtract(vec3(corners + 6), first))));
+}
+
+/* Irradiance from the hemisphere; z points down, so an upward facet has normal z = -1. */
+static Vec3 ambient_irradiance(const Hemisphere *hemisphere, Vec3 normal) {
+    float upward = 0.5f * (1.0f - normal.z);
+    return add(scale(upward, vec3(hemisphere->up)), scale(1.0f - upward, vec3(hemisphere->down)));
+}
+
+/* Whether a facet's radiance is that of the tables, whatever its point. */
+static int is_tabulated(const FrameState *state, int object, int triangle) {
+    if (object != OBJECT_STATIC)
+        return object == OBJECT_NONE;
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    if (mesh->corner_albedo || mesh->flags[triangle] & FACET_TEXTURED)
+        return 0;
+    return mesh->flags[triangle] & FACET_UNLIT ||
+           !(state->has_point_lights || state->frame->has_shadows);
+}
+
+static Vec3 table_entry(const FrameState *state, int object, int triangle) {
+    /* The last row of the table is the background. */
+    size_t row = object == OBJECT_NONE ? (size_t)state->scene->mesh->arrays.num_triangles
+                                       : (size_t)triangle;
+    const float *table = state->frame->has_shadows ? state->scene->ambient_radiance
+                                                   : state->scene->sharp_radiance;
+    return vec3(table + 3 * row);
+}
+
+/* Radiance without the lights that are added one by one. */
+static Vec3 base_radiance(const FrameState *state, int object, int triangle, Vec3 albedo,
+                          const HitPoint *point) {
+    const MeshArrays *mesh = mesh_of(state, object);
+    if (mesh->flags[triangle] & FACET_UNLIT)
+        return albedo;
+    if (object == OBJECT_STATIC && !mesh->corner_albedo)
+        return table_entry(state, object, triangle);
+    return multiply(albedo, ambient_irradiance(&state->scene->hemisphere, point->normal));
+}
+
+/* Whether a light is added one by one to an object's facets, instead of from the tables. */
+static int is_added(const FrameState *state, const Light *light, int object) {
+    if (object != OBJECT_STATIC)
+        return 1;
+    int is_in_table = light->kind == LIGHT_DIRECTIONAL && !state->frame->has_shadows &&
+                      !state->scene->mesh->arrays.corner_albedo;
+    return light->lights_scene && !is_in_table;
+}
+
+/* Irradiance of an unoccluded light, as one factor of its intensity; direction and distance. */
+static float light_cosine(const Light *light, const HitPoint *point, Vec3 *direction,
+                          float *distance) {
+    if (light->kind == LIGHT_DIRECTIONAL) {
+        *direction = vec3(light->vector);
+        *distance = UNLIMITED;
+        return dot(*direction, point->normal);
+    }
+    Vec3 towards = subtract(vec3(light->vector), point->position);
+    float squared = dot(towards, towards);
+    squared = squared > MIN_SQUARED_DISTANCE ? squared : MIN_SQUARED_DISTANCE;
+    float length = sqrtf(squared);
+    *direction = scale(1.0f / length, towards);
+    *distance = length;
+    return dot(*direction, point->normal) / squared;
+}
+
+static void set_shadow_ray(RayBlock *shadow, int lane, const RayBlock *rays, const HitPoint *point,
+                           Vec3 direction, float distance) {
+    Vec3 from = {rays->origin[0][lane], rays->origin[1][lane], rays->origin[2][lane]};
+    float near = max_abs(point->position), far = max_abs(from);
+    float bias = SHADOW_BIAS * (near > far ? near : far);
+    Vec3 origin = add(point->position, scale(bias, point->normal));
+    shadow->origin[0][lane] = origin.x;
+    shadow->origin[1][lane] = origin.y;
+    shadow->origin[2][lane] = origin.z;
+    shadow->direction[0][lane] = direction.x;
+    shadow->direction[1][lane] = direction.y;
+    shadow->direction[2][lane] = direction.z;
+    shadow->limit[lane] = distance;
+    shadow->time[lane] = rays->time[lane];
+    shadow->active |= 1u << lane;
+}
+
+static uint32_t find_occluded(const FrameState *state, RayBlock *shadow, int is_coherent) {
+    const Scene *scene = state->scene;
+    const Mesh *casters = scene->casters ? scene->casters : scene->mesh;
+    uint32_t occluded = 0;
+    if (casters->scene)
+        occluded = occlude_block(state->device, casters->scene, shadow, is_coherent);
+    shadow->active &= ~occluded;
+    if (state->objects && shadow->active)
+        occluded |= occlude_block(state->device, state->objects, shadow, is_coherent);
+    return occluded;
+}
+
+static void add_light(const FrameState *state, const Light *light, const RayBlock *rays,
+                      const HitBlock *hits, const SurfaceBlock *surface, Vec3 *radiance) {
+    float factor[BLOCK_RAYS];
+    RayBlock shadow;
+    shadow.active = 0;
+    uint32_t facing = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(surface->lit >> lane & 1) || !is_added(state, light, hits->object[lane]))
+            continue;
+        Vec3 direction;
+        float distance;
+        factor[lane] = light_cosine(light, &surface->point[lane], &direction, &distance);
+        /* Facets turned away from a light are dark without a ray. */
+        if (!(factor[lane] > 0.0f))
+            continue;
+        facing |= 1u << lane;
+        if (state->frame->has_shadows)
+            set_shadow_ray(&shadow, lane, rays, &surface->point[lane], direction, distance);
+    }
+    if (shadow.active)
+        facing &= ~find_occluded(state, &shadow, light->kind == LIGHT_DIRECTIONAL);
+    Vec3 intensity = vec3(light->intensity);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        if (facing >> lane & 1)
+            radiance[lane] = add(radiance[lane], scale(factor[lane], multiply(surface->albedo[lane],
+                                                                               intensity)));
+}
+
+static void apply_texture(const FrameState *state, int triangle, const HitPoint *point,
+                          Vec3 *radiance) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    const float *uv = mesh->uv + 6 * (size_t)triangle;
+    const Texture *texture = state->scene->textures + mesh->texture[triangle];
+    float u = uv[0] + point->u * uv[2] + point->v * uv[4];
+    float v = uv[1] + point->u * uv[3] + point->v * uv[5];
+    *radiance = multiply(*radiance, sample_texture(texture, u, v));
+}
+
+/* Radiance from the tables; the others' hit points and base radiance. */
+static uint32_t find_surfaces(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                              SurfaceBlock *surface, Vec3 *radiance) {
+    uint32_t computed = 0;
+    surface->lit = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(rays->active >> lane & 1))
+            continue;
+        int object = hits->object[lane], triangle = hits->triangle[lane];
+        if (is_tabulated(state, object, triangle)) {
+            radiance[lane] = table_entry(state, object, triangle);
+            continue;
+        }
+        const MeshArrays *mesh = mesh_of(state, object);
+        HitPoint *point = &surface->point[lane];
+        find_hit_point(state, rays, hits, lane, point);
+        surface->albedo[lane] = albedo_at(mesh, triangle, point);
+        radiance[lane] = base_radiance(state, object, triangle, surface->albedo[lane], point);
+        surface->lit |= (uint32_t)!(mesh->flags[triangle] & FACET_UNLIT) << lane;
+        computed |= 1u << lane;
+    }
+    return computed;
+}
+
+void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                 Vec3 radiance[BLOCK_RAYS]) {
+    SurfaceBlock surface;
+    uint32_t computed = find_surfaces(state, rays, hits, &surface, radiance);
+    if (!computed)
+        return;
+    if (surface.lit)
+        for (int light = 0; light < state->scene->num_lights; light++)
+            add_light(state, &state->scene->lights[light], rays, hits, &surface, radiance);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(computed >> lane & 1) || hits->object[lane] != OBJECT_STATIC)
+            continue;
+        if (state->scene->mesh->arrays.flags[hits->triangle[lane]] & FACET_TEXTURED)
+            apply_texture(state, hits->triangle[lane], &surface.point[lane], &radiance[lane]);
+    }
+}

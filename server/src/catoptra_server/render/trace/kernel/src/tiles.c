@@ -1,0 +1,265 @@
+#include "tiles.h"
+
+#include "hit_points.h"
+#include "shading.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Radiance of all samples of a tile, as a grid of (4 samples)^2. */
+typedef struct {
+    Vec3 radiance[TILE_PX * MAX_SAMPLES][TILE_PX * MAX_SAMPLES];
+} SampleGrid;
+
+/* World directions and origins of a block whose rays share one pose. */
+static void place_rays(const FrameState *state, size_t block, RayBlock *rays) {
+    const Pose *pose = state->frame->camera;
+    const float *from = state->rays->directions + block * 3 * BLOCK_RAYS;
+    const float *r = pose->rotation;
+    for (int axis = 0; axis < 3; axis++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            rays->direction[axis][lane] = r[3 * axis] * from[lane] +
+                                          r[3 * axis + 1] * from[BLOCK_RAYS + lane] +
+                                          r[3 * axis + 2] * from[2 * BLOCK_RAYS + lane];
+    for (int axis = 0; axis < 3; axis++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            rays->origin[axis][lane] = pose->translation[axis];
+    memset(rays->time, 0, sizeof rays->time);
+}
+
+/* The same for rays with origins or times of their own. */
+static void place_rays_singly(const FrameState *state, size_t block, RayBlock *rays) {
+    const RayTable *table = state->rays;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        size_t at = block * 3 * BLOCK_RAYS + (size_t)lane;
+        Pose pose;
+        rays->time[lane] = table->times ? table->times[block * BLOCK_RAYS + (size_t)lane] : 0.0f;
+        pose_at(state->frame->camera, state->frame->num_poses, 1, rays->time[lane], &pose);
+        Vec3 direction = {table->directions[at], table->directions[at + BLOCK_RAYS],
+                          table->directions[at + 2 * BLOCK_RAYS]};
+        Vec3 origin = {0, 0, 0};
+        if (table->origins)
+            origin = (Vec3){table->origins[at], table->origins[at + BLOCK_RAYS],
+                            table->origins[at + 2 * BLOCK_RAYS]};
+        direction = rotate(pose.rotation, direction);
+        /* Between two poses a rotation's entries shorten: distances are metres of unit rays. */
+        direction = scale(1.0f / sqrtf(dot(direction, direction)), direction);
+        origin = add(rotate(pose.rotation, origin), vec3(pose.translation));
+        rays->direction[0][lane] = direction.x;
+        rays->direction[1][lane] = direction.y;
+        rays->direction[2][lane] = direction.z;
+        rays->origin[0][lane] = origin.x;
+        rays->origin[1][lane] = origin.y;
+        rays->origin[2][lane] = origin.z;
+    }
+}
+
+static void load_block(const FrameState *state, size_t block, RayBlock *rays) {
+    if (state->rays->origins || state->rays->times)
+        place_rays_singly(state, block, rays);
+    else
+        place_rays(state, block, rays);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        rays->limit[lane] = INFINITY;
+    rays->active = state->rays->valid[block];
+}
+
+static void clear_hits(HitBlock *hits) {
+    memset(hits->triangle, 0xff, sizeof hits->triangle);
+    memset(hits->object, 0xff, sizeof hits->object);
+}
+
+static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits, int32_t triangle) {
+    clear_hits(hits);
+    if (triangle == SURFACE_BACKGROUND)
+        return;
+    if (triangle >= 0) {
+        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+            hits->triangle[lane] = triangle;
+            hits->object[lane] = OBJECT_STATIC;
+        }
+        return;
+    }
+    if (state->scene->mesh->scene)
+        intersect_block(state->device, state->scene->mesh->scene, 0, rays, hits);
+    /* The scene's hits limit the rays: only nearer objects overwrite them. */
+    if (state->objects)
+        intersect_block(state->device, state->objects, 1, rays, hits);
+}
+
+void trace_tile(const FrameState *state, int tile) {
+    int blocks = state->rays->samples * state->rays->samples;
+    for (int block = 0; block < blocks; block++) {
+        RayBlock rays;
+        HitBlock hits;
+        load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
+        find_hits(state, &rays, &hits, SURFACE_UNKNOWN);
+    }
+}
+
+static void store_hits(const FrameState *state, size_t block, const RayBlock *rays,
+                       const HitBlock *hits) {
+    const Frame *frame = state->frame;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        size_t at = block * BLOCK_RAYS + (size_t)lane;
+        int is_hit = hits->object[lane] != OBJECT_NONE && (rays->active >> lane & 1);
+        HitPoint point = {.distance = INFINITY};
+        if (is_hit)
+            find_hit_point(state, rays, hits, lane, &point);
+        frame->range_m[at] = point.distance;
+        frame->triangle[at] = is_hit ? hits->triangle[lane] : -1;
+        frame->object[at] = is_hit ? hits->object[lane] : OBJECT_NONE;
+    }
+}
+
+/* Values between 0 and 1; what is not a number is black. */
+static inline float clip(float value) { return value > 0.0f ? value < 1.0f ? value : 1.0f : 0.0f; }
+
+static inline Vec3 clip3(Vec3 a) { return (Vec3){clip(a.x), clip(a.y), clip(a.z)}; }
+
+static inline uint8_t encode(const FrameState *state, float linear) {
+    return state->scene->srgb_table[(int32_t)(clip(linear) * 65535.0f + 0.5f)];
+}
+
+/* First byte or float of a pixel of the image, or NULL for a pixel beyond its edge. */
+static void *pixel_at(const FrameState *state, int tile, int pixel, size_t channel_size) {
+    const RayTable *table = state->rays;
+    int32_t number = table->tiles[tile];
+    int row = number / table->tile_columns * TILE_PX + pixel / TILE_PX;
+    int column = number % table->tile_columns * TILE_PX + pixel % TILE_PX;
+    if (row >= table->height_px || column >= table->width_px)
+        return NULL;
+    size_t index = ((size_t)row * (size_t)table->width_px + (size_t)column) * 3;
+    return (char *)state->frame->image + index * channel_size;
+}
+
+static void write_mean(const FrameState *state, int tile, int pixel, Vec3 mean) {
+    if (state->frame->output == OUTPUT_LINEAR) {
+        float *channels = pixel_at(state, tile, pixel, sizeof(float));
+        if (channels)
+            memcpy(channels, &mean, 3 * sizeof(float));
+        return;
+    }
+    uint8_t *channels = pixel_at(state, tile, pixel, 1);
+    if (!channels)
+        return;
+    channels[0] = encode(state, mean.x);
+    channels[1] = encode(state, mean.y);
+    channels[2] = encode(state, mean.z);
+}
+
+static void write_encoded(const FrameState *state, int tile, int pixel, uint32_t rgb) {
+    uint8_t *channels = pixel_at(state, tile, pixel, 1);
+    if (!channels)
+        return;
+    channels[0] = (uint8_t)rgb;
+    channels[1] = (uint8_t)(rgb >> 8);
+    channels[2] = (uint8_t)(rgb >> 16);
+}
+
+/* Means of the pixels, each summed in the order of its samples. */
+static void write_pixels(const FrameState *state, int tile, const SampleGrid *grid) {
+    int samples = state->rays->samples;
+    float weight = 1.0f / (float)(samples * samples);
+    for (int pixel = 0; pixel < BLOCK_RAYS; pixel++) {
+        int top = pixel / TILE_PX * samples, left = pixel % TILE_PX * samples;
+        Vec3 sum = {0, 0, 0};
+        for (int row = 0; row < samples; row++)
+            for (int column = 0; column < samples; column++)
+                sum = add(sum, grid->radiance[top + row][left + column]);
+        write_mean(state, tile, pixel, scale(weight, sum));
+    }
+}
+
+static void store_radiance(const FrameState *state, int block, uint32_t active,
+                           const Vec3 *radiance, SampleGrid *grid) {
+    int samples = state->rays->samples;
+    int top = block / samples * TILE_PX, left = block % samples * TILE_PX;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        Vec3 *sample = &grid->radiance[top + lane / TILE_PX][left + lane % TILE_PX];
+        /* Samples beside the mirror are black; a sensor clips, linear light does not. */
+        if (!(active >> lane & 1))
+            *sample = (Vec3){0, 0, 0};
+        else
+            *sample = state->frame->output == OUTPUT_SRGB ? clip3(radiance[lane]) : radiance[lane];
+    }
+}
+
+/* Pixels of one sample each, of a static scene whose facets have one colour: from the table. */
+static void write_table_colours(const FrameState *state, int tile, uint32_t active,
+                                const HitBlock *hits) {
+    uint32_t background = state->scene->encoded[state->scene->mesh->arrays.num_triangles];
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        int32_t triangle = hits->triangle[lane];
+        if (active >> lane & 1)
+            write_encoded(state, tile, lane,
+                          triangle < 0 ? background : state->scene->encoded[triangle]);
+    }
+}
+
+static int has_table_colours(const FrameState *state, const HitBlock *hits) {
+    int meets_object = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        meets_object |= hits->object[lane] > OBJECT_STATIC;
+    return state->is_constant && state->frame->output == OUTPUT_SRGB && !meets_object;
+}
+
+static int is_wholly_valid(const FrameState *state, int tile) {
+    int blocks = state->rays->samples * state->rays->samples;
+    for (int block = 0; block < blocks; block++)
+        if (state->rays->valid[(size_t)tile * (size_t)blocks + (size_t)block] != 0xffff)
+            return 0;
+    return 1;
+}
+
+static int has_one_radiance(const FrameState *state, int32_t triangle) {
+    if (triangle < 0)
+        return triangle == SURFACE_BACKGROUND;
+    uint8_t flags = state->scene->mesh->arrays.flags[triangle];
+    if (flags & FACET_TEXTURED || state->scene->mesh->arrays.corner_albedo)
+        return 0;
+    return flags & FACET_UNLIT || !(state->has_point_lights || state->frame->has_shadows);
+}
+
+/* A tile of one radiance: no ray, no sum. */
+static void fill_tile(const FrameState *state, int tile, int32_t triangle) {
+    const Scene *scene = state->scene;
+    size_t row = triangle < 0 ? (size_t)scene->mesh->arrays.num_triangles : (size_t)triangle;
+    const float *table = state->frame->has_shadows ? scene->ambient_radiance
+                                                   : scene->sharp_radiance;
+    for (int pixel = 0; pixel < BLOCK_RAYS; pixel++)
+        if (state->frame->output == OUTPUT_LINEAR)
+            write_mean(state, tile, pixel, vec3(table + 3 * row));
+        else
+            write_encoded(state, tile, pixel, scene->encoded[row]);
+}
+
+void render_tile(const FrameState *state, int tile, int32_t triangle) {
+    int blocks = state->rays->samples * state->rays->samples;
+    if (state->frame->output != OUTPUT_HITS && has_one_radiance(state, triangle) &&
+        is_wholly_valid(state, tile)) {
+        fill_tile(state, tile, triangle);
+        return;
+    }
+    SampleGrid grid;
+    for (int block = 0; block < blocks; block++) {
+        size_t index = (size_t)tile * (size_t)blocks + (size_t)block;
+        RayBlock rays;
+        HitBlock hits;
+        Vec3 radiance[BLOCK_RAYS];
+        load_block(state, index, &rays);
+        find_hits(state, &rays, &hits, triangle);
+        if (state->frame->output == OUTPUT_HITS) {
+            store_hits(state, index, &rays, &hits);
+            continue;
+        }
+        if (blocks == 1 && has_table_colours(state, &hits)) {
+            write_table_colours(state, tile, rays.active, &hits);
+            return;
+        }
+        shade_block(state, &rays, &hits, radiance);
+        store_radiance(state, block, rays.active, radiance, &grid);
+    }
+    if (state->frame->output != OUTPUT_HITS)
+        write_pixels(state, tile, &grid);
+}
