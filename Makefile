@@ -85,7 +85,7 @@ wheels: $(READY) ## Build the four distributions into out/wheels, and test them 
 	rm -rf out/wheels protocol/build server/build client/build studies/build
 	CATOPTRA_REQUIRE_KERNEL=$${CATOPTRA_REQUIRE_KERNEL-1} \
 	  $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client ./studies
-	CATOPTRA_WHEELS=out/wheels $(BIN)/python -m pytest tests/packaging/test_wheels.py
+	CATOPTRA_WHEELS=out/wheels $(BIN)/python -m pytest tests/packaging/test_wheels.py tests/packaging/test_source_build.py
 
 # Another engine than Docker's: COMPOSE=podman-compose.
 COMPOSE ?= docker compose

@@ -1,24 +1,37 @@
 # The server with software OpenGL: raster renders without a GPU.
 # The context is the repository: docker build -f docker/server.Dockerfile .
-FROM debian:bookworm-slim AS build
+FROM debian:bookworm-slim AS base
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends ca-certificates python3 python3-venv \
  && rm -rf /var/lib/apt/lists/*
 RUN python3 -m venv /opt/catoptra
 WORKDIR /src
-# Requirements first: they change less often than what is below, and are most of the image.
 COPY constraints.txt ./
+
+# The server's wheel with the native kernel: the compiler (411 MB) stays in this stage.
+FROM base AS kernel
+RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt --upgrade \
+      setuptools ziglang
+# 0 on a platform without kernel: the image then traces with the reference.
+ARG CATOPTRA_REQUIRE_KERNEL=1
+COPY configs configs
+COPY server server
+RUN /opt/catoptra/bin/pip wheel --no-cache-dir --no-build-isolation --no-deps \
+      --wheel-dir /wheels ./server
+
+FROM base AS build
+# Requirements first: they change less often than what is below, and are most of the image.
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
       embreex matplotlib moderngl msgpack numpy opencv-contrib-python-headless \
       pillow pycollada pyzmq rich trimesh
 COPY configs configs
 COPY protocol protocol
-COPY server server
 # For `catoptra-studies figures`, which renders with the server's own code.
 COPY client client
 COPY studies studies
+COPY --from=kernel /wheels /wheels
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
-      ./protocol ./server ./client './studies[server]' \
+      ./protocol /wheels/*.whl ./client './studies[server]' \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
 # Files that are never loaded here: tests of libraries, and the font subsetting of PDF output.
 RUN cd /opt/catoptra/lib/python3*/site-packages \

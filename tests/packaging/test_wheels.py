@@ -5,76 +5,24 @@ Needs the package index and a minute or two: `make wheels` builds the wheels and
 
 from __future__ import annotations
 
-import os
 import subprocess
-import venv
 import zipfile
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 
 from helpers.configs import REPOSITORY
 from helpers.server_process import DEADLINE_S, LISTENING_PATTERN
-
-WHEELS = os.environ.get("CATOPTRA_WHEELS", "")
-
-pytestmark = pytest.mark.skipif(
-    not WHEELS, reason="needs wheels and the package index: make wheels builds them and runs this"
+from helpers.virtual_environments import (
+    KERNEL,
+    VirtualEnvironment,
+    clean_environment,
+    create_environment,
+    find_wheel,
+    list_wheel_files,
+    needs_wheels,
 )
 
-
-@dataclass(frozen=True, slots=True)
-class VirtualEnvironment:
-    """A virtual environment, and an empty folder to work in."""
-
-    folder: Path
-    work: Path
-
-    def run(self, *command: str) -> subprocess.CompletedProcess[str]:
-        """Run a command of the environment to its end."""
-        return subprocess.run(
-            self.program_path(*command),
-            cwd=self.work,
-            env=clean_environment(),
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=10 * DEADLINE_S,
-        )
-
-    def program_path(self, program: str, *words: str) -> list[str]:
-        """Command line of a program of the environment."""
-        return [str(self.folder / "bin" / program), *words]
-
-    def list_packages(self) -> set[str]:
-        """Names of the installed distributions."""
-        listed = self.run("python", "-m", "pip", "list", "--format=freeze").stdout
-        return {line.partition("==")[0].lower() for line in listed.splitlines()}
-
-
-def clean_environment() -> dict[str, str]:
-    """Environment variables without any path into the repository."""
-    return {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
-
-
-def create_environment(folder: Path, wheels: Sequence[str]) -> VirtualEnvironment:
-    """Create an environment with some of the wheels and their requirements."""
-    venv.create(folder / "environment", with_pip=True)
-    (folder / "work").mkdir()
-    environment = VirtualEnvironment(folder / "environment", folder / "work")
-    installed = environment.run(
-        *("python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"),
-        *("--constraint", str(REPOSITORY / "constraints.txt"), "--find-links", find_wheels()),
-        *(f"{name}==0.1.0" for name in wheels),
-    )
-    assert installed.returncode == 0, installed.stderr
-    return environment
-
-
-def find_wheels() -> str:
-    return str(REPOSITORY / WHEELS)
+pytestmark = needs_wheels
 
 
 @pytest.fixture(scope="module")
@@ -90,12 +38,6 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> VirtualEnvironment:
 @pytest.fixture(scope="module")
 def studies(tmp_path_factory: pytest.TempPathFactory) -> VirtualEnvironment:
     return create_environment(tmp_path_factory.mktemp("studies"), ["catoptra-studies"])
-
-
-def list_wheel_files(distribution: str) -> set[str]:
-    """Paths of the files in a wheel."""
-    (wheel,) = Path(find_wheels()).glob(f"{distribution}-*.whl")
-    return set(zipfile.ZipFile(wheel).namelist())
 
 
 @pytest.mark.parametrize(
@@ -188,3 +130,24 @@ def test_raster_when_installed_finds_its_shaders(server: VirtualEnvironment) -> 
     )
     imported = server.run("python", "-c", code)
     assert imported.returncode == 0, imported.stderr
+
+
+def test_wheel_when_built_with_the_kernel_is_for_its_platform_and_every_python() -> None:
+    wheel = find_wheel("catoptra_server")
+    assert wheel.name == "catoptra_server-0.1.0-py3-none-manylinux2014_x86_64.whl"
+    described = zipfile.ZipFile(wheel).read("catoptra_server-0.1.0.dist-info/WHEEL").decode()
+    assert "Root-Is-Purelib: false" in described
+    files = list_wheel_files("catoptra_server")
+    assert f"{KERNEL}/libcatoptra_trace.so" in files
+    assert [name for name in files if name.endswith((".c", ".h", "not_built.txt"))] == []
+
+
+def test_kernel_when_installed_loads(server: VirtualEnvironment) -> None:
+    code = (
+        "import ctypes\n"
+        "from catoptra_server.render.trace.kernel.library_files import kernel_library_path\n"
+        "assert 'site-packages' in str(kernel_library_path())\n"
+        "assert ctypes.CDLL(str(kernel_library_path())).catoptra_abi(0) > 0"
+    )
+    loaded = server.run("python", "-c", code)
+    assert loaded.returncode == 0, loaded.stderr
