@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,16 @@ def test_light_without_visible_effect_is_culled_and_logged(
 @pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
 def test_light_that_lights_a_surface_stays(light: Light) -> None:
     assert remaining_lights(DIM_HEMISPHERE_LIGHT, light) == (DIM_HEMISPHERE_LIGHT, light)
+
+
+def test_light_that_only_one_corner_reflects_stays() -> None:
+    scene = build_scene(make_world(floor_item()))
+    corners = np.zeros((len(scene), 3, 3))
+    corners[0, 0] = 0.9
+    lights = (DIM_HEMISPHERE_LIGHT, POINT_LIGHT)
+    black = replace(scene, albedo=np.zeros((len(scene), 3)))
+    assert cull_lights(black, lights) == (DIM_HEMISPHERE_LIGHT,)
+    assert cull_lights(replace(black, corner_albedo=corners), lights) == lights
 
 
 def test_lights_that_are_invisible_alone_but_visible_together_stay() -> None:

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
@@ -31,6 +34,16 @@ def test_floor_under_a_box_loses_the_directional_light_and_keeps_the_sky() -> No
     shade = bound(make_world(floor_item(), BOX, lights=(SKY, NOON)))
     assert shade.lost_radiance == pytest.approx(0.5 * 0.5)
     assert shade.remaining_radiance == pytest.approx(0.5 * 0.3)
+
+
+def test_brightest_corner_of_a_triangle_counts() -> None:
+    world = make_world(floor_item(), BOX, lights=(SKY, NOON))
+    scene = build_scene(world)
+    corners = np.repeat(scene.albedo[:, None], 3, axis=1)
+    corners[:, 1] = 0.8
+    shade = ShadowBounds(replace(scene, corner_albedo=corners), world).darkest_shadow(())
+    assert shade.lost_radiance == pytest.approx(0.8 * 0.5)
+    assert shade.remaining_radiance == pytest.approx(0.8 * 0.3)
 
 
 def test_floor_keeps_a_directional_light_that_nothing_occludes() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,17 @@ def test_image_is_never_brighter_than_the_bound(
     view = renderer.prepare(camera, make_plan(camera))
     assert view.render_linear(CAMERA_STATE).max() <= bound_of(world) * (1.0 + 1e-6)
     renderer.close()
+
+
+@pytest.mark.parametrize("unlit", [True, False])
+def test_brightest_corner_of_a_triangle_counts(unlit: bool) -> None:
+    grey = Item("it", Rectangle((1, 1)), Pose.identity(), Material((0.5, 0.5, 0.5), unlit=unlit))
+    world = World("w", (grey,), lights=(HemisphereLight((0.9, 0.9, 0.9), (0.0, 0.0, 0.0)),))
+    scene = build_scene(world)
+    corners = np.repeat(scene.albedo[:, None], 3, axis=1)
+    corners[0, 2] = (0.0, 2.0, 0.0)
+    brightest = max_radiance(replace(scene, corner_albedo=corners), world)
+    assert brightest == pytest.approx(2.0 if unlit else 0.9 * 2.0)
 
 
 def test_unlit_world_is_as_bright_as_its_background() -> None:

@@ -65,14 +65,13 @@ def _max_grey_level_change(
 def _max_change_of_part(
     scene: SceneMesh, lights: tuple[Light, ...], light: ShadowCastingLight, part: slice
 ) -> float:
-    albedo = scene.albedo[part] * ~scene.unlit[part, None]
+    albedo = scene.max_albedo(part) * ~scene.unlit[part, None]
     remaining = albedo * shading.facet_irradiance(
         shading.hemisphere_lights(lights), scene.normals[part]
     )
     lost = albedo * _max_irradiance(scene, light, part)
-    # A texture multiplies the albedo by any factor below one; the change is then bounded for the
-    # worst.
-    can_be_darker = scene.texture_index[part] >= 0
+    # The albedo of a point may be any fraction of the largest; the change is bounded for the worst.
+    can_be_darker = scene.has_varying_albedo(part)
     return grey_level_change(max_visible_loss(lost, remaining, can_be_darker=can_be_darker))
 
 

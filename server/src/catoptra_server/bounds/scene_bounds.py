@@ -14,9 +14,7 @@ class SceneBounds:
     """Axis-aligned box around one scene."""
 
     def __init__(self, scene: SceneMesh) -> None:
-        points = scene.corners.reshape(-1, 3)
-        self._low = points.min(axis=0, initial=np.inf)
-        self._high = points.max(axis=0, initial=-np.inf)
+        self._low, self._high = scene.box_min, scene.box_max
 
     def max_distance_m(self, viewpoint: Floats, objects: tuple[DynamicObject, ...]) -> float:
         """Distance from a (3,) viewpoint beyond which there is no surface, rounded up."""

@@ -79,11 +79,11 @@ class ShadowBounds:
 
     def _max_loss(self, lost_irradiance: Floats, remaining_irradiance: Floats) -> ShadowLoss:
         """Most visible loss of any triangle, of (n, 3) irradiance."""
-        lit = self._scene.albedo * ~self._scene.unlit[:, None]
+        lit = self._scene.max_albedo(slice(None)) * ~self._scene.unlit[:, None]
         return max_visible_loss(
             lost_irradiance * lit,
             remaining_irradiance * lit,
-            can_be_darker=self._scene.texture_index >= 0,
+            can_be_darker=self._scene.has_varying_albedo(slice(None)),
         )
 
     def _object_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:

@@ -6,16 +6,21 @@
 #ifdef NUM_POINT_LIGHTS
 #include "include/point_irradiance.glsl"
 #endif
+#ifdef COLOURED_CORNERS
+#define COLOUR centroid
+#else
+#define COLOUR flat
+#endif
 #if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
 in vec3 offset;                      // from the viewpoint, world axes, metres
 flat in vec3 facet_normal;
-flat in vec3 facet_albedo;
+COLOUR in vec3 facet_albedo;
 #endif
 #ifdef TEXTURED
 uniform sampler2D albedo_texture;    // stored as sRGB, so that OpenGL filters linear light
 in vec2 texture_coordinates;
 #endif
-flat in vec3 facet_radiance;
+COLOUR in vec3 facet_radiance;
 out vec4 colour;
 
 void main()

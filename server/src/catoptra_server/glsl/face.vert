@@ -4,9 +4,15 @@ uniform vec3 viewpoint;              // in the scene's frame: world axes, metres
 uniform mat3 clip_from_scene;        // rows give x, y and w of the clip position
 uniform vec2 depth_from_forward;     // z = first * w + second
 
+#ifdef COLOURED_CORNERS              // interpolated; centroid: never beyond the corners' colours
+#define COLOUR centroid
+#else
+#define COLOUR flat
+#endif
+
 in vec3 position;                    // in the scene's frame
 in vec3 radiance;
-flat out vec3 facet_radiance;
+COLOUR out vec3 facet_radiance;
 #ifdef TEXTURED
 in vec2 uv;
 out vec2 texture_coordinates;
@@ -16,7 +22,7 @@ in vec3 normal;
 in vec3 lit_albedo;                  // zero for unlit materials
 out vec3 offset;
 flat out vec3 facet_normal;
-flat out vec3 facet_albedo;
+COLOUR out vec3 facet_albedo;
 #endif
 
 void main()

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import facet_radiance, point_lights
+from catoptra_server.scene.shading import facet_irradiance, point_lights
 from catoptra_server.scene.world_description import (
     DirectionalLight,
     HemisphereLight,
@@ -24,19 +25,19 @@ _MIN_DISTANCE_SQUARED_M2 = 1e-6
 
 
 def max_radiance(scene: SceneMesh, world: World) -> float:
-    """Largest radiance in any colour channel: a tenth of a second for a million triangles."""
-    radiance = facet_radiance(scene, world.lights) + _max_point_light_radiance(scene, world)
-    return max(
-        *world.background, float(radiance.max(initial=0.0)), _max_white_facet_radiance(world)
+    """Largest radiance in any colour channel: 50 ms for a million triangles."""
+    of_facets = (
+        float(_max_facet_radiance(scene, world, block).max()) for block in row_blocks(len(scene))
     )
+    return max(*world.background, _max_white_facet_radiance(world), *of_facets)
 
 
-def _max_point_light_radiance(scene: SceneMesh, world: World) -> Floats:
-    """(n, 3) largest radiance by point lights of each triangle."""
-    total = np.zeros_like(scene.albedo)
+def _max_facet_radiance(scene: SceneMesh, world: World, block: slice) -> Floats:
+    """(m, 3) largest radiance of each of some triangles."""
+    irradiance = facet_irradiance(world.lights, scene.normals[block])
     for light in point_lights(world.lights):
-        total += max_point_irradiance(scene.corners, light)[0]
-    return scene.albedo * np.where(scene.unlit[:, None], 0.0, total)
+        irradiance += max_point_irradiance(scene.corners[block], light)[0]
+    return scene.max_albedo(block) * np.where(scene.unlit[block, None], 1.0, irradiance)
 
 
 def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floats]:

@@ -67,6 +67,18 @@ class SceneMesh:
         """Number of triangles."""
         return len(self.corners)
 
+    def max_albedo(self, triangles: slice) -> Floats:
+        """(m, 3) largest albedo of each of some triangles, in each colour channel."""
+        if self.corner_albedo is None:
+            return self.albedo[triangles]
+        first, second, third = np.moveaxis(self.corner_albedo[triangles], 1, 0)
+        return np.maximum(np.maximum(first, second), third)
+
+    def has_varying_albedo(self, triangles: slice) -> Bools:
+        """(m,) triangles of which some points may be darker than `max_albedo`, by any factor."""
+        index = self.texture_index[triangles]
+        return index >= 0 if self.corner_albedo is None else np.ones(len(index), dtype=bool)
+
 
 def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
     """Build the triangles of a world, landmarks included.

@@ -18,6 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.world_description import (
     DirectionalLight,
     HemisphereLight,
@@ -114,8 +115,33 @@ def direction_to_light(light: ShadowCastingLight, points: Floats) -> tuple[Float
 
 def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:
     """(n, 3) linear radiance of each triangle without texture and point lights."""
+    lights, radiance = tuple(lights), np.zeros(facets.normals.shape)
+    for block in row_blocks(len(radiance)):
+        irradiance = facet_irradiance(lights, facets.normals[block])
+        np.copyto(irradiance, 1.0, where=facets.unlit[block, None])
+        np.multiply(facets.albedo[block], irradiance, out=radiance[block])
+    return radiance
+
+
+def corner_radiance(facets: LitFacets, corner_albedo: Floats, lights: Iterable[Light]) -> Floats:
+    """(n, 3, 3) linear radiance at the corners of triangles without texture and point lights.
+
+    Radiance is proportional to the albedo, so interpolation of either gives the same.
+    """
     irradiance = facet_irradiance(lights, facets.normals)
-    return facets.albedo * np.where(facets.unlit[:, None], 1.0, irradiance)
+    return corner_albedo * np.where(facets.unlit[:, None], 1.0, irradiance)[:, None]
+
+
+def interpolate_albedo(corner_albedo: Floats, u: Floats, v: Floats) -> Floats:
+    """(n, 3) albedos at points of triangles with (n, 3, 3) albedos at the corners.
+
+    Args:
+        u: (n,) barycentric weight of corner 1.
+        v: (n,) barycentric weight of corner 2.
+    """
+    weights = np.stack((1.0 - u - v, u, v), axis=-1)
+    albedo: Floats = np.einsum("ni,nik->nk", weights, corner_albedo)
+    return albedo
 
 
 def sample_texture(linear_texture: Floats, uv: Floats) -> Floats:

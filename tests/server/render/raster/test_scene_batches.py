@@ -1,18 +1,32 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
+import trimesh
 
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import direction_from_pixel
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, make_attribute
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
+from catoptra_server.scene.shading import facet_irradiance, interpolate_albedo, point_irradiance
 from catoptra_server.scene.triangle_clusters import make_clusters
+from catoptra_server.scene.world_description import Item, Light, MeshFile, World
+from helpers.mesh_file_samples import export_mesh
 from helpers.worlds import (
+    CAMERA_STATE,
     DIRECTIONAL_LIGHT,
     HEMISPHERE_LIGHT,
     POINT_LIGHT,
+    make_omni_camera,
+    make_plan,
     make_test_world,
     write_smooth_texture,
 )
@@ -43,3 +57,53 @@ def test_batches_when_light_varies_by_position_have_the_programs_that_need_norma
         ("face NUM_POINT_LIGHTS=1", "face TEXTURED=1 NUM_POINT_LIGHTS=1"),
     ]
     position[0].release()
+
+
+CORNERS = np.array([[-3.0, -3, 0], [5, -2, 0], [-1, 5, 0]])  # of one triangle on the floor
+COLOURS = np.array([[255, 0, 40], [0, 255, 40], [60, 60, 255]])
+CAMERA = make_omni_camera(width_px=160, rim_deg=80.0)
+
+
+def make_colourful_floor(folder: Path, *, unlit: bool, lights: tuple[Light, ...]) -> World:
+    """A world of one triangle that faces up, with a colour at each corner."""
+    mesh = trimesh.Trimesh(CORNERS * (1, -1, -1), [[0, 2, 1]], process=False)
+    mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=COLOURS)
+    floor = MeshFile(export_mesh(mesh, folder / "floor.ply"))
+    return World("w", (Item("floor", floor, Pose.identity(), None, unlit=unlit),), lights=lights)
+
+
+def expected_levels(scene: SceneMesh, lights: tuple[Light, ...]) -> tuple[Floats, Bools]:
+    """(h, w, 3) grey levels of the triangle in float64, and the (h, w) pixels well inside it."""
+    rows, columns = np.mgrid[:160, :160] + 0.5
+    direction, seen = direction_from_pixel(CAMERA, np.stack((columns, rows), axis=-1))
+    pose = CAMERA_STATE.world_from_mirror
+    ray = pose.rotate_directions(np.where(seen[..., None], direction, 1.0)).reshape(-1, 3)
+    points = pose.translation - ray * (pose.translation[2] / ray[:, 2:])
+    a, b, c = scene.corners[0, :, :2]
+    u, v = np.linalg.solve(np.stack((b - a, c - a), axis=-1), (points[:, :2] - a).T)
+    inside = (np.minimum(np.minimum(u, v), 1.0 - u - v) > 0.02) & seen.ravel() & (ray[:, 2] > 0)
+    assert scene.corner_albedo is not None
+    albedo = interpolate_albedo(np.broadcast_to(scene.corner_albedo[0], (len(u), 3, 3)), u, v)
+    normals = np.broadcast_to(scene.normals[0], points.shape)
+    light = facet_irradiance(lights, normals) + point_irradiance(lights, points, normals)
+    radiance = np.where(inside[:, None], albedo * (1.0 if scene.unlit[0] else light), 0.0)
+    levels: Floats = 255.0 * srgb_from_linear(radiance).reshape(160, 160, 3)
+    return levels, inside.reshape(160, 160)
+
+
+@pytest.mark.parametrize("unlit", [True, False])
+@pytest.mark.parametrize("has_shadows", [False, True])
+@pytest.mark.parametrize("has_point_light", [False, True])
+def test_colours_are_interpolated_between_corners(
+    device: GlDevice, tmp_path: Path, unlit: bool, has_shadows: bool, has_point_light: bool
+) -> None:
+    lights = (HEMISPHERE_LIGHT, *((POINT_LIGHT,) if has_point_light else ()))
+    world = make_colourful_floor(tmp_path, unlit=unlit, lights=lights)
+    scene = build_scene(world)
+    view = RasterRenderer(scene, world, device=device).prepare(CAMERA, make_plan(CAMERA))
+    image = view.render(replace(CAMERA_STATE, has_shadows=has_shadows)).rgb
+    view.close()
+    levels, inside = expected_levels(scene, lights)
+    assert inside.mean() > 0.1
+    # One level for the rounding to bytes, one for light stored in 11 bits.
+    assert np.abs(image - levels)[inside].max() < 2.0

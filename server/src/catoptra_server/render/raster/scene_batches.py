@@ -24,6 +24,8 @@ from catoptra_server.scene.texture_files import Texture
 from catoptra_server.scene.triangle_clusters import TriangleClusters, visible_runs
 from catoptra_server.scene.world_description import Light
 
+# Definition of programs that interpolate colours between the corners of a triangle.
+_COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
 # GL_SRGB8: the sampler turns texels into linear light before it filters them.
 _SRGB8 = 0x8C41
 
@@ -93,13 +95,12 @@ class SceneBatches:
 
     def _upload(self, scene: SceneMesh) -> dict[str, VertexAttribute]:
         """Buffer and format of each attribute that some batch needs."""
-        radiance = shading.facet_radiance(scene, self._lighting.constant_lights)
-        attributes = {"radiance": _repeat_at_corners(radiance)}
+        attributes = {"radiance": _corner_radiance(scene, self._lighting.constant_lights)}
         if scene.textures:
             attributes["uv"] = scene.uv
         if self._lighting.definitions:
             attributes["normal"] = _repeat_at_corners(scene.normals)
-            attributes["lit_albedo"] = _repeat_at_corners(scene.albedo * ~scene.unlit[:, None])
+            attributes["lit_albedo"] = _corner_albedo(scene) * ~scene.unlit[:, None, None]
         # In cluster order, so that a cluster is a range of vertices.
         return {
             name: make_attribute(self._context, values[self._clusters.order])
@@ -109,7 +110,7 @@ class SceneBatches:
     def _make_batch(self, programs: ShaderPrograms, scene: SceneMesh, index: int) -> _Batch:
         """Batch at an index: 0 for triangles without a texture, then one for each texture."""
         names = ["position", "radiance"]
-        definitions: Definitions = ()
+        definitions = _COLOURED_CORNERS if scene.corner_albedo is not None else ()
         if index > 0:
             names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
         if self._lighting.definitions:
@@ -171,6 +172,18 @@ def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Textur
     texture = context.texture((width, height), 3, image.tobytes(), internal_format=_SRGB8)
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
     return texture
+
+
+def _corner_radiance(scene: SceneMesh, lights: tuple[Light, ...]) -> Floats:
+    """(n, 3, 3) radiance at the corners of each triangle by lights that are constant over it."""
+    if scene.corner_albedo is None:
+        return _repeat_at_corners(shading.facet_radiance(scene, lights))
+    return shading.corner_radiance(scene, scene.corner_albedo, lights)
+
+
+def _corner_albedo(scene: SceneMesh) -> Floats:
+    """(n, 3, 3) albedos at the corners of each triangle."""
+    return _repeat_at_corners(scene.albedo) if scene.corner_albedo is None else scene.corner_albedo
 
 
 def _repeat_at_corners(values: Floats) -> Floats:
