@@ -22,10 +22,11 @@ from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.mounted_camera import mounted_camera_state
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.explicit_plan import requested_samples
+from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.planning.renderer_rule import ImageLoad
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
@@ -146,10 +147,12 @@ def _explain_camera(
     renderer: str,
     camera_state: CameraState,
 ) -> CameraEffectReport:
-    samples = requested_samples(omni.render_settings)
-    choice = choose_renderer(renderer, startup.scene, startup.world, samples=samples)
+    image = ImageLoad.from_camera(omni.camera, omni.render_settings)
+    choice = choose_renderer(renderer, startup.scene, startup.world, image=image)
+    # With the frame times that servers on this machine have kept, as a server's own choice.
+    cache = CostCache(default_cache_folder(), startup.scene)
     views = ViewCache(
-        RenderPlanner(RendererPool(choice)), SceneSummarizer(startup.scene, startup.world)
+        RenderPlanner(RendererPool(choice), cache), SceneSummarizer(startup.scene, startup.world)
     )
     spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
     rendered = [views.render(ViewRequest(spec, camera_state)) for _ in range(_NUM_FRAMES)]

@@ -21,10 +21,10 @@ from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
 from catoptra_server.options import Options
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
-from catoptra_server.planning.explicit_plan import requested_samples
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.planning.renderer_rule import largest_image
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
 from catoptra_server.startup import StartupConfig, create_ray_caster
@@ -114,19 +114,20 @@ class ServerThreads:
             log.info("no robot has a camera: no renderer is started")
             return None
         omnis = {r.class_name: r.omni_camera for r in startup.robots if r.omni_camera is not None}
+        is_realtime = options.clock is ClockMode.REALTIME
         choice = choose_renderer(
             options.renderer,
             startup.scene,
             startup.world,
             threads=options.threads,
-            samples=max(
-                (requested_samples(omni.render_settings) for omni in omnis.values()), default=0
-            ),
+            image=largest_image((omni.camera, omni.render_settings) for omni in omnis.values()),
+            instruction_set=options.instruction_set,
+            is_reproducible=not is_realtime,
         )
         log.info("%s", choice.renderer.describe())
         views = ViewCache(
             RenderPlanner(
-                RendererPool(choice, may_replace=options.clock is ClockMode.REALTIME),
+                RendererPool(choice, may_replace=is_realtime),
                 CostCache(default_cache_folder(), startup.scene),
             ),
             SceneSummarizer(startup.scene, startup.world),

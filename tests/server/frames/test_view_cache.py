@@ -66,6 +66,9 @@ class CountingRenderer:
         self.log.append(f"prepare omni {camera.width_px}")
         return CountingView(self.log, camera)
 
+    def describe(self) -> str:
+        return "counting renderer"
+
     def close(self) -> None:
         self.log.append("close renderer")
 

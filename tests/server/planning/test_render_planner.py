@@ -83,7 +83,11 @@ def camera_spec(target: AccuracyTarget = AccuracyTarget(), **numbers: Any) -> Om
 def test_plan_without_a_target_follows_the_settings_and_measures_nothing() -> None:
     measurement = FakeCostMeasurement()
     choice = measurement.create_planner().choose_plan(camera_spec(samples=3), CAMERA_STATES)
-    assert (choice.plan.samples, choice.plan.renderer, choice.plan.reason) == (3, TRACE, "test")
+    assert (choice.plan.samples, choice.plan.renderer, choice.plan.reason) == (
+        3,
+        TRACE,
+        "test; trace",
+    )
     assert choice.bound is not None
     assert (
         choice.predicted_ms,
@@ -251,4 +255,4 @@ def test_plan_names_the_renderer_that_was_replaced() -> None:
     planner.renderers.replace(RASTER, TRACE)
     choice = planner.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
     assert choice.plan.renderer is TRACE
-    assert choice.plan.reason.endswith("; trace in place of raster, which failed")
+    assert choice.plan.reason.endswith("; trace in place of raster, which failed; trace")

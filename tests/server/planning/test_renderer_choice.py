@@ -5,16 +5,19 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import catoptra_server
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
+from catoptra_server.planning import renderer_choice
 from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
+from catoptra_server.planning.renderer_rule import ImageLoad, RenderEngine, RendererRule
 from catoptra_server.render import raster
 from catoptra_server.render.raster import OpenGLMissingError
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
+from catoptra_server.scene.scene_mesh import build_scene
 from helpers.opengl import device_or_skip
 from helpers.worlds import make_test_world
 
@@ -22,8 +25,14 @@ WORLD = make_test_world()
 SCENE = build_scene(WORLD)
 
 
-def choose(requested: str, *, samples: int = 1) -> RendererChoice:
-    choice = choose_renderer(requested, SCENE, WORLD, threads=1, samples=samples)
+LLVMPIPE, GPU = "llvmpipe (LLVM 15)", "NVIDIA H200"
+TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
+
+
+def choose(requested: str, *, is_reproducible: bool = False) -> RendererChoice:
+    choice = choose_renderer(
+        requested, SCENE, WORLD, threads=1, image=ImageLoad(), is_reproducible=is_reproducible
+    )
     choice.renderer.close()
     return choice
 
@@ -33,16 +42,31 @@ def _no_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(raster.gl_device, "EGL_LIBRARY", "libabsent.so.1")
 
 
+@pytest.fixture
+def _with_gpu_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(renderer_choice, "_GPU_FILES", ("/dev/null",))
+
+
+@pytest.fixture
+def _without_gpu_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(renderer_choice, "_GPU_FILES", ("/dev/absent*",))
+
+
+def prefer(monkeypatch: pytest.MonkeyPatch, kind: RendererKind) -> None:
+    """Have the rule find a renderer faster than the other."""
+    monkeypatch.setattr(RendererRule, "find_fastest", lambda rule, image: kind)
+
+
 def test_trace_when_requested_is_chosen() -> None:
     choice = choose("trace")
-    assert choice.kind is RendererKind.TRACE
-    assert choice.reason == "requested"
+    assert choice.kind is TRACE
+    assert (choice.reason, choice.rule) == ("requested", None)
 
 
 def test_raster_when_requested_is_chosen() -> None:
     device_or_skip().close()
     choice = choose("raster")
-    assert choice.kind is RendererKind.RASTER
+    assert (choice.kind, choice.rule) == (RASTER, None)
 
 
 @pytest.mark.usefixtures("_no_opengl")
@@ -51,52 +75,105 @@ def test_raster_without_opengl_names_library_and_packages() -> None:
         choose("raster")
 
 
-@pytest.mark.usefixtures("_no_opengl")
-def test_auto_without_opengl_traces_and_gives_the_reason() -> None:
-    choice = choose("auto")
-    assert choice.kind is RendererKind.TRACE
-    assert choice.reason.startswith("no OpenGL: libabsent.so.1 cannot be loaded")
+@pytest.mark.usefixtures("_no_opengl", "_without_gpu_files")
+@pytest.mark.parametrize("is_reproducible", [False, True])
+def test_auto_without_opengl_traces_and_gives_the_reason(
+    is_reproducible: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prefer(monkeypatch, RASTER)
+    choice = choose("auto", is_reproducible=is_reproducible)
+    assert choice.kind is TRACE
+    assert "libabsent.so.1 cannot be loaded" in choice.reason
 
 
-LLVMPIPE, GPU = "llvmpipe (LLVM 15)", "NVIDIA H200"
-
-
-@pytest.mark.parametrize(
-    ("name", "samples", "triangles", "kind"),
-    [
-        (GPU, 1, 100, RendererKind.RASTER),
-        (GPU, 1, 10**6, RendererKind.RASTER),
-        (LLVMPIPE, 1, 100, RendererKind.TRACE),
-        (LLVMPIPE, 2, 100, RendererKind.TRACE),
-        (LLVMPIPE, 3, 100, RendererKind.RASTER),
-        (LLVMPIPE, 3, 60_000, RendererKind.TRACE),
-    ],
-)
-def test_auto_weighs_device_samples_and_triangles(
-    name: str,
-    samples: int,
-    triangles: int,
-    kind: RendererKind,
+@pytest.mark.usefixtures("_with_gpu_files", "_no_opengl")
+def test_auto_with_a_graphics_processor_but_no_opengl_follows_the_rule(
     monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    prefer(monkeypatch, TRACE)
+    assert choose("auto").kind is TRACE
+
+
+@pytest.mark.usefixtures("_with_gpu_files")
+@pytest.mark.parametrize(("name", "kind"), [(GPU, RASTER), (LLVMPIPE, TRACE)])
+def test_auto_takes_raster_on_a_graphics_processor(
+    name: str, kind: RendererKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device = replace(device_or_skip(), renderer=name)
     monkeypatch.setattr(raster, "open_device", lambda: device)
-    monkeypatch.setattr(SceneMesh, "__len__", lambda self: triangles)
-    choice = choose("auto", samples=samples)
+    prefer(monkeypatch, TRACE)
+    choice = choose("auto")
+    device.close()
     assert choice.kind is kind
-    assert name in choice.reason
+    assert (name in choice.reason) == (kind is RASTER)
+    assert choice.rule is not None
+    assert TRACE in choice.rule.engines
 
 
-@pytest.mark.parametrize("samples", [1, 3])
-def test_auto_offers_the_other_renderer_as_alternative(
-    samples: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.usefixtures("_without_gpu_files")
+@pytest.mark.parametrize("kind", RendererKind)
+@pytest.mark.parametrize("is_reproducible", [False, True])
+def test_auto_without_a_graphics_processor_follows_the_rule(
+    kind: RendererKind, is_reproducible: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    device = replace(device_or_skip(), renderer=LLVMPIPE)
-    monkeypatch.setattr(raster, "open_device", lambda: device)
-    choice = choose("auto", samples=samples)
     device_or_skip().close()
+    prefer(monkeypatch, kind)
+    choice = choose("auto", is_reproducible=is_reproducible)
+    assert choice.kind is kind
+    assert f"{len(SCENE)} triangles" in choice.reason
+    assert (choice.rule is None) == is_reproducible
+
+
+@pytest.mark.usefixtures("_without_gpu_files")
+def test_rule_knows_the_engine_that_traces(monkeypatch: pytest.MonkeyPatch) -> None:
+    create_trace = renderer_choice._create_trace
+
+    def create_reference(inputs: Any) -> Any:
+        renderer = create_trace(inputs)
+        renderer.engine_name = "reference"
+        return renderer
+
+    prefer(monkeypatch, TRACE)
+    monkeypatch.setattr(renderer_choice, "_create_trace", create_reference)
+    rule = choose("auto").rule
+    assert rule is not None
+    assert rule.engines[TRACE] is RenderEngine.REFERENCE
+
+
+def test_reproducible_choice_looks_at_no_property_of_the_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reasons = []
+    for gpu_files in (("/dev/null",), ("/dev/absent*",)):
+        monkeypatch.setattr(renderer_choice, "_GPU_FILES", gpu_files)
+        reasons.append(choose("auto", is_reproducible=True).reason)
+    assert reasons[0] == reasons[1]
+
+
+@pytest.mark.usefixtures("_without_gpu_files")
+@pytest.mark.parametrize("kind", RendererKind)
+def test_auto_offers_the_other_renderer_as_alternative(
+    kind: RendererKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device_or_skip().close()
+    prefer(monkeypatch, kind)
+    choice = choose("auto")
     (other,) = choice.alternatives
     assert {choice.kind, other} == set(RendererKind)
+
+
+@pytest.mark.usefixtures("_without_gpu_files")
+def test_auto_that_traces_does_not_load_opengl() -> None:
+    program = (
+        "import sys; from catoptra_server.planning import renderer_choice as module;"
+        "module._GPU_FILES = ();"
+        "from catoptra_server.scene.world_description import World;"
+        "from catoptra_server.scene.scene_mesh import build_scene;"
+        "world = World('empty', ());"
+        "module.choose_renderer('auto', build_scene(world), world, is_reproducible=True);"
+        "sys.exit('moderngl' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 def test_renderer_when_requested_by_name_has_no_alternative() -> None:
@@ -112,7 +189,7 @@ def test_trace_does_not_load_opengl() -> None:
     program = (
         "import sys; from catoptra_server.planning.renderer_choice import choose_renderer;"
         "from catoptra_server.scene.world_description import World;"
-        "from catoptra_server.scene.scene_mesh import SceneMesh, build_scene;"
+        "from catoptra_server.scene.scene_mesh import build_scene;"
         "world = World('empty', ()); choose_renderer('trace', build_scene(world), world);"
         "sys.exit('moderngl' in sys.modules)"
     )

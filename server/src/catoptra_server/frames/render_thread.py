@@ -37,6 +37,9 @@ _LONG_FRAME_S = 0.05
 _MAX_WEIGHT = 4.0
 # Interval at which a long frame is tried again that waits for such a viewer.
 _RETRY_S = 0.01
+# Time without a request after which work beside the frames goes on: more than between two frames of
+# a viewer at 10 Hz.
+_PAUSE_S = 0.2
 
 _RenderFuture = Future[None]
 _PendingFrame = tuple[FrameRequest, _RenderFuture]
@@ -170,17 +173,19 @@ class RenderThread:
                 views.close()
 
     def _serve_queue(self, views: ViewProvider | None) -> None:
-        """Answer requests until stopped."""
+        """Answer requests until stopped; in pauses do work beside the frames."""
+        has_work = False
         while True:
             with self._changed:
-                self._changed.wait_for(
-                    lambda: self._is_stopping or len(self._frames) or self._plans
+                is_busy = self._changed.wait_for(
+                    lambda: self._is_stopping or len(self._frames) or self._plans,
+                    timeout=_PAUSE_S if has_work else None,
                 )
                 if self._is_stopping:
                     return
                 pending = self._frames.take()
                 query = self._plans.pop(next(iter(self._plans))) if self._plans else None
-                if pending is None and query is None:
+                if pending is None and query is None and is_busy:
                     self._changed.wait(_RETRY_S)
                     continue
             # At most one plan a frame: neither a flood of one kind keeps the other waiting.
@@ -188,6 +193,8 @@ class RenderThread:
                 self._answer_frame(*pending[1], views)
             if query is not None:
                 query.reply(_find_plan(query.camera, views))
+            if views is not None:
+                has_work = views.work_beside_frames(is_idle=not is_busy)
 
     def _answer_frame(
         self, request: FrameRequest, future: _RenderFuture, views: ViewProvider | None

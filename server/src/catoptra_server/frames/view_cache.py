@@ -29,6 +29,7 @@ from catoptra_server.effects.effect_plan import (
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.planned_camera import PlannedCamera
+from catoptra_server.frames.renderer_trial import RendererTrials
 from catoptra_server.frames.view_store import MAX_VIEW_BYTES, MAX_VIEWS, ViewStore
 from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
@@ -133,6 +134,13 @@ class ViewCache:
         self._planned: LruDict[CameraSpec, PlannedCamera] = LruDict(
             _MAX_PLANNED_CAMERAS, on_remove=self._error_bounds.remove
         )
+        self._trials = RendererTrials(
+            planner,
+            draw=self._draw,
+            plan_anew=self._plan_anew,
+            close_views=self._views.close_views_of,
+            clock=clock,
+        )
 
     def __len__(self) -> int:
         """Number of prepared views."""
@@ -212,6 +220,7 @@ class ViewCache:
 
     def _discard_plans(self) -> None:
         """Plan all cameras anew, with other renderers."""
+        self._trials.cancel()
         self._planned.clear()
         self._planner.discard_tables()
 
@@ -229,9 +238,33 @@ class ViewCache:
         view = cast(OmniView, self._views.get(planned))
         begin_s = self._clock()
         rendered = self._render_omni(planned.spec, camera_state, planned, view)
-        self._record_frame_time(planned.spec, planned, 1e3 * (self._clock() - begin_s))
+        frame_ms = 1e3 * (self._clock() - begin_s)
+        self._record_frame_time(planned.spec, planned, frame_ms)
+        self._trials.record_frame(planned, camera_state, frame_ms)
         self._views.trim()
         return rendered
+
+    def work_beside_frames(self, *, is_idle: bool) -> bool:
+        """Draw a frame of a trial of the other renderer, where one is due and there is time.
+
+        Args:
+            is_idle: Whether no client has requested a frame for a while.
+
+        Returns:
+            Whether more is left to do.
+        """
+        return self._trials.work(is_idle=is_idle)
+
+    def _draw(self, planned: PlannedCamera, camera_state: CameraState) -> None:
+        """Draw a frame for nobody."""
+        spec = cast(OmniCameraSpec, planned.spec)
+        view = cast(OmniView, self._views.get(planned))
+        self._render_omni(spec, camera_state, planned, view)
+        self._views.trim()
+
+    def _plan_anew(self, camera: CameraSpec) -> None:
+        if self._planned.get(camera) is not None:
+            self._planned.remove(camera)
 
     def _render_omni(
         self,
@@ -282,7 +315,8 @@ class ViewCache:
             monitor = BudgetMonitor(camera.render_settings.accuracy_target.budget_ms)
             return PlannedCamera(camera, choice.plan, monitor, choice)
         pool = self._planner.renderers
-        plan = plan_perspective_view(0, kind=pool.default_kind, reason=pool.reason)
+        reason = f"{pool.reason}; {pool.describe(pool.default_kind)}"
+        plan = plan_perspective_view(0, kind=pool.default_kind, reason=reason)
         return PlannedCamera(camera, plan, BudgetMonitor(0.0))
 
     def _choose_plan(self, spec: OmniCameraSpec) -> PlanChoice:

@@ -1,6 +1,7 @@
 """Plans for the cameras of one scene.
 
-Without an accuracy target a plan follows explicit numbers and no cost is measured. With a target,
+Without an accuracy target a plan follows explicit numbers, and the renderer the rule or measured
+frames (`renderer_preferences`). With a target,
 all renderers are measured once for the camera, and the rates are stored on disk; times of real
 frames then correct the predictions by one factor a renderer. Belongs to the thread of the
 renderers.
@@ -31,6 +32,7 @@ from catoptra_server.planning.plan_choice import (
     pareto_front,
 )
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.planning.renderer_preferences import RendererPreferences
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
@@ -75,6 +77,8 @@ class RenderPlanner:
             measure: Measures the calibration plans of a renderer.
         """
         self.renderers = renderers
+        device = renderers.describe(renderers.default_kind) if renderers.rule else ""
+        self.preferences = RendererPreferences(renderers.rule, cache, device)
         self._cache = cache
         self._measure = measure
         self._tables: LruDict[_CostKey, _CandidateTable] = LruDict(_MAX_CAMERAS)
@@ -83,11 +87,18 @@ class RenderPlanner:
     def choose_plan(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
     ) -> PlanChoice:
-        """Choose the plan of a camera.
+        """Choose the plan of a camera; the reason names the renderer, with engine and device.
 
         Args:
             camera_states: States to measure costs from, for a camera with an accuracy target.
         """
+        choice = self._choose_plan(camera, camera_states)
+        device = self.renderers.describe(choice.plan.renderer)
+        return replace(choice, plan=replace(choice.plan, reason=f"{choice.plan.reason}; {device}"))
+
+    def _choose_plan(
+        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
+    ) -> PlanChoice:
         target = camera.render_settings.accuracy_target
         if not target.is_set:
             return self._follow_settings(camera)
@@ -109,11 +120,24 @@ class RenderPlanner:
 
     def _follow_settings(self, camera: OmniCameraSpec) -> PlanChoice:
         """Plan by explicit numbers, with its bound where the error has one."""
-        pool = self.renderers
-        plan = plan_from_settings(
-            camera.render_settings, camera.camera, kind=pool.default_kind, reason=pool.reason
-        )
+        kind, reason = self.choose_renderer(camera)
+        plan = replace(self.plan_by(camera, kind), reason=reason)
         return PlanChoice(plan, _find_error_bound(camera.camera, plan))
+
+    def choose_renderer(self, camera: OmniCameraSpec) -> tuple[RendererKind, str]:
+        """Renderer of a camera without an accuracy target, and the reason."""
+        pool = self.renderers
+        kind, reason = self.preferences.choose(camera, pool.default_kind, pool.reason)
+        return (kind, reason) if pool.is_usable(kind) else (pool.default_kind, pool.reason)
+
+    def plan_by(self, camera: OmniCameraSpec, kind: RendererKind) -> RenderPlan:
+        """Plan by explicit numbers, for one renderer."""
+        return plan_from_settings(camera.render_settings, camera.camera, kind=kind, reason="")
+
+    def find_rival(self, camera: OmniCameraSpec, kind: RendererKind) -> RendererKind | None:
+        """Usable renderer that could be clearly faster than a camera's own; None for none."""
+        rival = self.preferences.find_rival(camera, kind)
+        return rival if rival is not None and self.renderers.is_usable(rival) else None
 
     def _correct(self, options: Iterable[PlanOption]) -> Iterator[PlanOption]:
         """Yield options with times that are corrected by real frames."""

@@ -1,33 +1,44 @@
 """Choice of a renderer, with its reason: the one module that creates renderers.
 
-`auto` takes raster where a graphics processor answers and trace where there is no OpenGL. With
-OpenGL emulated in software the scene decides: the cost of trace grows with the samples a pixel, the
-cost of raster with the triangles. A renderer's library is imported only when that renderer is
-chosen or probed, so a machine without OpenGL runs trace.
+`auto` takes raster where a graphics processor answers; else the rule of `renderer_rule` decides
+between trace and software OpenGL, by scene, camera and samples. Where bytes must not depend on the
+machine the rule decides alone. A renderer's library is imported only when that renderer is chosen
+or probed, so a machine without OpenGL runs trace.
 
 To add a renderer: a member of `RendererKind`, a function here, its settings in `candidate_plans`.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from glob import iglob
+from typing import TYPE_CHECKING
 
-from catoptra_protocol.errors import DomainError
+from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_server.bounds.light_culling import cull_lights
+from catoptra_server.planning.renderer_rule import (
+    ImageLoad,
+    RenderEngine,
+    RendererRule,
+    SceneLoad,
+)
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES, RendererKind
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import Light, World
 
-# Used without an accuracy target; with one, both renderers are measured. 640 x 640 px, ms of both
-# cores together (tests/measurements/renderer_comparison.py) for the field, the corridor and 60 000
-# triangles of balls: at one sample a pixel trace 11, 15, 9 and raster 21, 30, 26; at 2 x 2 trace
-# 27, 40, 14 and raster 32, 41, 37; at 3 x 3 trace 53, 78, 23 and raster 46, 56, 51. So raster is
-# faster with many samples and few triangles.
-MIN_SOFTWARE_RASTER_SAMPLES = 3
-MAX_SOFTWARE_RASTER_TRIANGLES = 20_000
+if TYPE_CHECKING:  # loaded with the renderer that is chosen or probed
+    from catoptra_server.render.raster.gl_device import GlDevice
+    from catoptra_server.render.trace import TraceRenderer
+
+log = logging.getLogger(__name__)
+
+# Without any of these files EGL finds no graphics processor: Linux drivers, NVIDIA's own, WSL 2,
+# Mali, Adreno. Loading OpenGL to find that out takes 0.1 s of every start.
+_GPU_FILES = ("/dev/dri/renderD*", "/dev/nvidia[0-9]*", "/dev/dxg", "/dev/mali*", "/dev/kgsl*")
 
 _Factory = Callable[[], Renderer]
 
@@ -44,6 +55,8 @@ class RendererChoice:
     renderer requested by name."""
     factory: _Factory | None = None
     """Factory of the renderer itself, for one that failed; None: it cannot be made anew."""
+    rule: RendererRule | None = None
+    """Rule that frames measured on this machine may overrule; None where the choice is final."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,16 +68,32 @@ class _Scene:
     lights: tuple[Light, ...]
     """Lights of the static scene that are not culled: one decision for all renderers."""
     threads: int
+    instruction_set: str = AUTO
+
+    @property
+    def load(self) -> SceneLoad:
+        """Properties that frame times grow with."""
+        return SceneLoad.from_scene(self.mesh, self.lights)
 
 
 def choose_renderer(
-    requested: str, scene: SceneMesh, world: World, *, threads: int = 0, samples: int = 1
+    requested: str,
+    scene: SceneMesh,
+    world: World,
+    *,
+    threads: int = 0,
+    image: ImageLoad = ImageLoad(),  # noqa: B008 - frozen
+    instruction_set: str = AUTO,
+    is_reproducible: bool = False,
 ) -> RendererChoice:
     """Create the renderer for `auto`, `trace` or `raster`.
 
     Args:
         threads: Threads of trace; 0: one for each processor.
-        samples: Samples along a pixel's side that frames will have; `auto` weighs them.
+        image: Largest image that will be rendered; `auto` weighs its pixels and samples.
+        instruction_set: Instruction set of trace's kernel.
+        is_reproducible: Let `auto` follow scene, camera and samples alone, for bytes that depend
+            on no machine: under lockstep, in data sets and in studies.
 
     Returns:
         The choice. Raster belongs to the calling thread.
@@ -76,9 +105,10 @@ def choose_renderer(
     if requested not in RENDERER_NAMES:
         *others, last = RENDERER_NAMES
         raise DomainError(f"a renderer is {', '.join(others)} or {last}, not {requested!r}")
-    inputs = _Scene(scene, world, cull_lights(scene, world.lights), threads)
+    inputs = _Scene(scene, world, cull_lights(scene, world.lights), threads, instruction_set)
     if requested == AUTO:
-        return _choose_automatically(inputs, samples)
+        choose = _choose_by_rule_alone if is_reproducible else _choose_for_machine
+        return choose(inputs, image)
     kind = RendererKind(requested)
     factory = partial(RENDERER_FACTORIES[kind], inputs)
     return RendererChoice(factory(), kind, "requested", factory=factory)
@@ -91,18 +121,22 @@ def create_renderer(
     return RENDERER_FACTORIES[kind](_Scene(scene, world, cull_lights(scene, world.lights), threads))
 
 
-def _create_trace(inputs: _Scene) -> Renderer:
+def _create_trace(inputs: _Scene) -> TraceRenderer:
     from catoptra_server.render.trace import TraceRenderer
 
     return TraceRenderer(
-        inputs.mesh, inputs.world, threads=inputs.threads, scene_lights=inputs.lights
+        inputs.mesh,
+        inputs.world,
+        threads=inputs.threads,
+        scene_lights=inputs.lights,
+        instruction_set=inputs.instruction_set,
     )
 
 
-def _create_raster(inputs: _Scene) -> Renderer:
+def _create_raster(inputs: _Scene, device: GlDevice | None = None) -> Renderer:
     from catoptra_server.render.raster import RasterRenderer
 
-    return RasterRenderer(inputs.mesh, inputs.world, scene_lights=inputs.lights)
+    return RasterRenderer(inputs.mesh, inputs.world, device=device, scene_lights=inputs.lights)
 
 
 RENDERER_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {
@@ -111,30 +145,91 @@ RENDERER_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {
 }
 
 
-def _choose_automatically(inputs: _Scene, samples: int) -> RendererChoice:
-    from catoptra_server.render.raster import OpenGLMissingError, RasterRenderer, open_device
+def _choose_by_rule_alone(inputs: _Scene, image: ImageLoad) -> RendererChoice:
+    """Choice by scene, camera and samples; trace where it would be an OpenGL that is missing."""
+    # Whatever this machine has: the rates of the kernel and of software OpenGL.
+    rule = _make_rule(inputs, RenderEngine.KERNEL)
+    reason = f"by scene, camera and samples alone: {rule.explain(image)}"
+    if rule.find_fastest(image) is RendererKind.TRACE:
+        return _trace_choice(inputs, reason)
+    try:
+        return _raster_choice(inputs, reason)
+    except RendererUnavailableError as error:
+        return _trace_choice(inputs, f"{reason}; {error}")
 
-    def trace(reason: str, alternatives: Mapping[RendererKind, _Factory]) -> RendererChoice:
-        factory = partial(_create_trace, inputs)
-        return RendererChoice(factory(), RendererKind.TRACE, reason, alternatives, factory)
+
+def _choose_for_machine(inputs: _Scene, image: ImageLoad) -> RendererChoice:
+    """Choice for the first frames on this machine, which measured frames may overrule."""
+    device = _open_graphics_processor()
+    if device is not None:
+        reason = f"OpenGL on a graphics processor ({device.renderer})"
+        # The rule has no rates of a graphics processor.
+        rule = RendererRule(inputs.load, {RendererKind.TRACE: RenderEngine.KERNEL})
+        return _raster_choice(inputs, reason, rule=rule, device=device)
+    trace = _create_trace(inputs)
+    rule = _make_rule(inputs, RenderEngine(trace.engine_name))
+    reason = f"no graphics processor, by rule {rule.explain(image)}"
+    if rule.find_fastest(image) is RendererKind.TRACE:
+        return _trace_choice(inputs, reason, rule=rule, renderer=trace)
+    try:
+        choice = _raster_choice(inputs, reason, rule=rule)
+    except RendererUnavailableError as error:
+        return _trace_choice(inputs, str(error), renderer=trace)
+    trace.close()
+    return choice
+
+
+def _make_rule(inputs: _Scene, trace: RenderEngine) -> RendererRule:
+    """Rule between an engine of trace and software OpenGL."""
+    engines = {RendererKind.TRACE: trace, RendererKind.RASTER: RenderEngine.SOFTWARE_OPENGL}
+    return RendererRule(inputs.load, engines)
+
+
+def _open_graphics_processor() -> GlDevice | None:
+    """OpenGL device on a graphics processor; None where there is none."""
+    if not any(next(iglob(pattern), None) for pattern in _GPU_FILES):
+        return None
+    from catoptra_server.render.raster import OpenGLMissingError, open_device
 
     try:
         device = open_device()
     except OpenGLMissingError as error:
-        return trace(f"no OpenGL: {error.reason}", {})
-    reason = f"OpenGL on a graphics processor ({device.renderer})"
-    if device.is_software:
-        triangles = len(inputs.mesh)
-        shape = f"{samples} x {samples} samples of {triangles} triangles"
-        reason = f"only software OpenGL ({device.renderer}), for {shape} "
-        if samples < MIN_SOFTWARE_RASTER_SAMPLES or triangles > MAX_SOFTWARE_RASTER_TRIANGLES:
-            # Closed now: few servers ever need the alternative, which opens a device of its own.
-            device.close()
-            raster = {RendererKind.RASTER: partial(_create_raster, inputs)}
-            return trace(f"{reason}slower than trace", raster)
-        reason = f"{reason}faster than trace"
-    renderer = RasterRenderer(inputs.mesh, inputs.world, device=device, scene_lights=inputs.lights)
+        log.info("no OpenGL although there are files of a graphics processor: %s", error.reason)
+        return None
+    if not device.is_software:
+        return device
+    log.info("only software OpenGL (%s)", device.renderer)
+    device.close()
+    return None
+
+
+def _trace_choice(
+    inputs: _Scene,
+    reason: str,
+    *,
+    rule: RendererRule | None = None,
+    renderer: Renderer | None = None,
+) -> RendererChoice:
+    factory = partial(_create_trace, inputs)
+    others = {RendererKind.RASTER: partial(_create_raster, inputs)}
+    return RendererChoice(
+        renderer or factory(), RendererKind.TRACE, reason, others, factory, rule=rule
+    )
+
+
+def _raster_choice(
+    inputs: _Scene,
+    reason: str,
+    *,
+    rule: RendererRule | None = None,
+    device: GlDevice | None = None,
+) -> RendererChoice:
     others = {RendererKind.TRACE: partial(_create_trace, inputs)}
     return RendererChoice(
-        renderer, RendererKind.RASTER, reason, others, factory=partial(_create_raster, inputs)
+        _create_raster(inputs, device),
+        RendererKind.RASTER,
+        reason,
+        others,
+        partial(_create_raster, inputs),
+        rule=rule,
     )

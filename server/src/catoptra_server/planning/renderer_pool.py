@@ -10,6 +10,7 @@ import logging
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_server.fault_log import log_fault
 from catoptra_server.planning.renderer_choice import RendererChoice
+from catoptra_server.planning.renderer_rule import RendererRule
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 
@@ -47,6 +48,19 @@ class RendererPool:
         return ": ".join(filter(None, (self.replacement_note, self._choice.reason)))
 
     @property
+    def rule(self) -> RendererRule | None:
+        """Rule that measured frames may overrule; None where the choice is final."""
+        return self._choice.rule
+
+    def is_created(self, kind: RendererKind) -> bool:
+        """Whether there is a renderer of a kind."""
+        return kind in self._renderers
+
+    def is_usable(self, kind: RendererKind) -> bool:
+        """Whether a renderer of a kind exists or can be created, and has not been replaced."""
+        return kind not in self._replaced and kind in {*self._renderers, *self._factories}
+
+    @property
     def replacement_note(self) -> str:
         """Replacements in words; empty for none."""
         return ", ".join(
@@ -65,6 +79,10 @@ class RendererPool:
             log.info("%s", self._renderers[kind].describe())
         return self._renderers[kind]
 
+    def describe(self, kind: RendererKind) -> str:
+        """Description of a renderer, with engine and device; creates it."""
+        return self.get(kind).describe()
+
     def create_all(self) -> list[RendererKind]:
         """Create all renderers; one that cannot be created is no longer an alternative.
 
@@ -73,7 +91,7 @@ class RendererPool:
         """
         usable = []
         for kind in RendererKind:
-            if kind in self._replaced or kind not in {*self._renderers, *self._factories}:
+            if not self.is_usable(kind):
                 continue
             try:
                 self.get(kind)
