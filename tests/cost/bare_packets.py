@@ -1,16 +1,57 @@
-"""Rays of a frame in coherent packets without any shading: the most that a renderer can reach."""
+"""Rays of a frame in coherent packets without any shading: the most that a renderer can reach.
+
+The native kernel's own packets, on a device of its own, so that only public names are used.
+"""
 
 from __future__ import annotations
 
+import os
+
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.render.renderer import OmniView
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
+from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.ray_table import omni_ray_table
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import World
 
 
-def measure_bare_packets(view: OmniView, state: CameraState) -> bool | None:
-    """Trace all rays of a view once, and write nothing; the caller takes the time.
+class BarePackets:
+    """The rays of one camera, traced and dropped."""
 
-    Returns:
-        True once traced; None where the renderer offers no such call.
-    """
-    # PLACE FOR THE KERNEL'S CALL: catoptra_server.render.trace.kernel, one call that only traces.
-    return None
+    def __init__(self, rays: KernelRays) -> None:
+        """Keep prepared rays."""
+        self._rays = rays
+
+    def trace(self, state: CameraState) -> None:
+        """Trace all rays once."""
+        self._rays.trace_bare(state)
+
+    def close(self) -> None:
+        """Free the rays."""
+        self._rays.close()
+
+
+class BarePacketScene:
+    """A scene on a kernel device of its own."""
+
+    def __init__(self, scene: SceneMesh, world: World) -> None:
+        """Commit a scene; without the kernel nothing is measured."""
+        self._engine: KernelEngine | None = None
+        threads = len(os.sched_getaffinity(0))
+        try:
+            self._engine = KernelEngine(scene, world, threads=threads, scene_lights=world.lights)
+        except KernelUnavailableError:
+            return
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> BarePackets | None:
+        """Prepare the rays of a camera; None without the kernel."""
+        if self._engine is None:
+            return None
+        return BarePackets(self._engine.prepare(omni_ray_table(camera, plan)))
+
+    def close(self) -> None:
+        """Free the scene."""
+        if self._engine is not None:
+            self._engine.close()

@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
+from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import Image, OmniView
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import World
-from cost.bare_packets import measure_bare_packets
+from cost.bare_packets import BarePacketScene
 from cost.embreex_numpy import EmbreexNumpy
 from cost.race import Quartiles, RaceTimes, RenderCall, race
 from measurements.scenes import make_camera
@@ -86,28 +87,34 @@ class CostRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Racers:
-    """The product's renderer and the yardstick, each with the scene."""
+    """The product's renderer, the yardstick and bare packets, each with the scene."""
 
     choice: RendererChoice
     embreex: EmbreexNumpy
+    bare: BarePacketScene
 
     @classmethod
     def open(cls, world: World) -> Racers:
-        """Build the scene for both."""
+        """Build the scene for all."""
         scene = build_scene(world)
-        return cls(choose_renderer("trace", scene, world), EmbreexNumpy(scene, world))
+        choice = choose_renderer("trace", scene, world)
+        return cls(choice, EmbreexNumpy(scene, world), BarePacketScene(scene, world))
+
+    def plan(self, camera: OmniCamera, samples: int) -> RenderPlan:
+        """Plan with a number of samples along a pixel's side, defaults for the rest."""
+        settings = RenderSettings(samples=samples)
+        return plan_from_settings(settings, camera, kind=self.choice.kind, reason="race")
 
     def prepare(self, size_px: int, samples: int) -> OmniView:
         """View of the product."""
         camera = make_camera(size_px)
-        settings = RenderSettings(samples=samples)
-        plan = plan_from_settings(settings, camera, kind=self.choice.kind, reason="race")
-        return self.choice.renderer.prepare(camera, plan)
+        return self.choice.renderer.prepare(camera, self.plan(camera, samples))
 
     def close(self) -> None:
         """End all threads."""
         self.choice.renderer.close()
         self.embreex.close()
+        self.bare.close()
 
 
 def make_states(
@@ -131,16 +138,19 @@ def make_states(
 
 def measure_cell(racers: Racers, cell: Cell) -> CellRow:
     """Race one scene at one size, then compare the pictures."""
-    states = make_states()
+    states, camera = make_states(), make_camera(cell.size_px)
     ours = racers.prepare(cell.size_px, cell.samples)
-    other = racers.embreex.prepare(make_camera(cell.size_px), cell.samples, states[0])
+    other = racers.embreex.prepare(camera, cell.samples, states[0])
+    bare = racers.bare.prepare(camera, racers.plan(camera, cell.samples))
     calls: dict[str, RenderCall] = {"ours": ours.render, "embreex": other.render}
-    if cell.required_bare_share and measure_bare_packets(ours, states[0]) is not None:
-        calls["bare"] = partial(measure_bare_packets, ours)
+    if bare is not None:
+        calls["bare"] = bare.trace
     times = race(calls, states, seconds=ROW_S)
     compared = states[:: STATES // COMPARED_STATES]
     pairs = [(ours.render(state).rgb, other.render(state)) for state in compared]
     ours.close()
+    if bare is not None:
+        bare.close()
     return _make_row(cell, times, compare_pictures(pairs), other.describe())
 
 
