@@ -72,7 +72,8 @@ class SceneMesh:
         if self.corner_albedo is None:
             return self.albedo[triangles]
         first, second, third = np.moveaxis(self.corner_albedo[triangles], 1, 0)
-        return np.maximum(np.maximum(first, second), third)
+        largest: Floats = np.maximum(np.maximum(first, second), third)
+        return largest
 
     def has_varying_albedo(self, triangles: slice) -> Bools:
         """(m,) triangles of which some points may be darker than `max_albedo`, by any factor."""
