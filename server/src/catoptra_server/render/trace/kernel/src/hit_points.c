@@ -3,27 +3,36 @@
 #include <math.h>
 #include <string.h>
 
-/* Weights and distance of a ray on a triangle's plane (Moeller and Trumbore 1997). */
-static void intersect_plane(const float *corners, Vec3 origin, Vec3 direction, HitPoint *point) {
-    Vec3 first = vec3(corners);
-    Vec3 edge_u = subtract(vec3(corners + 3), first), edge_v = subtract(vec3(corners + 6), first);
-    Vec3 p = cross(direction, edge_v);
-    float determinant = dot(edge_u, p);
-    /* A ray within the plane meets it nowhere: Embree reports none, and the first corner is as good
-     * an answer as any. */
-    float inverse = determinant != 0.0f ? 1.0f / determinant : 0.0f;
-    Vec3 from_first = subtract(origin, first);
-    Vec3 q = cross(from_first, edge_u);
-    point->u = dot(from_first, p) * inverse;
-    point->v = dot(direction, q) * inverse;
-    point->distance = dot(edge_v, q) * inverse;
+/* A ray and its triangle for each lane, in the frame of the triangle's mesh. */
+typedef struct {
+    _Alignas(64) float origin[3][BLOCK_RAYS];
+    float direction[3][BLOCK_RAYS];
+    float first[3][BLOCK_RAYS]; /* corner 0 */
+    float edge_u[3][BLOCK_RAYS];
+    float edge_v[3][BLOCK_RAYS];
+} PlaneQueries;
+
+static void set_lane(float components[3][BLOCK_RAYS], int lane, Vec3 value) {
+    components[0][lane] = value.x;
+    components[1][lane] = value.y;
+    components[2][lane] = value.z;
 }
 
-/* Point on a dynamic object, in the object's own frame: its mesh is committed once, not moved. */
-static void find_object_point(const FrameState *state, int object, int triangle, float time,
-                              Vec3 origin, Vec3 direction, HitPoint *point) {
+static Vec3 get_lane(const float components[3][BLOCK_RAYS], int lane) {
+    return (Vec3){components[0][lane], components[1][lane], components[2][lane]};
+}
+
+static void set_triangle(PlaneQueries *queries, int lane, const float *corners) {
+    Vec3 first = vec3(corners);
+    set_lane(queries->first, lane, first);
+    set_lane(queries->edge_u, lane, subtract(vec3(corners + 3), first));
+    set_lane(queries->edge_v, lane, subtract(vec3(corners + 6), first));
+}
+
+/* A dynamic object's mesh is committed in a frame of its own: the ray is moved, not the mesh. */
+static void move_to_object(const FrameState *state, int object, float time, int lane,
+                           PlaneQueries *queries, HitPoints *points, const float *normal) {
     const Frame *frame = state->frame;
-    const MeshArrays *mesh = &frame->objects[object]->arrays;
     Pose pose;
     float normals_matrix[9];
     pose_at(frame->object_poses + object, frame->num_poses, frame->num_objects, time, &pose);
@@ -32,25 +41,58 @@ static void find_object_point(const FrameState *state, int object, int triangle,
         invert_transposed(pose.rotation, normals_matrix);
     else
         memcpy(normals_matrix, pose.rotation, sizeof normals_matrix);
-    Vec3 from_object = subtract(origin, vec3(pose.translation));
-    intersect_plane(mesh->corners + 9 * (size_t)triangle, rotate_back(normals_matrix, from_object),
-                    rotate_back(normals_matrix, direction), point);
-    Vec3 normal = rotate(normals_matrix, vec3(mesh->normals + 3 * (size_t)triangle));
-    float length = sqrtf(dot(normal, normal));
-    point->normal = length > 0.0f ? scale(1.0f / length, normal) : normal;
+    Vec3 from_object = subtract(get_lane(queries->origin, lane), vec3(pose.translation));
+    set_lane(queries->origin, lane, rotate_back(normals_matrix, from_object));
+    set_lane(queries->direction, lane,
+             rotate_back(normals_matrix, get_lane(queries->direction, lane)));
+    Vec3 turned = rotate(normals_matrix, vec3(normal));
+    float length = sqrtf(dot(turned, turned));
+    set_lane(points->normal, lane, length > 0.0f ? scale(1.0f / length, turned) : turned);
 }
 
-void find_hit_point(const FrameState *state, const RayBlock *rays, const HitBlock *hits, int lane,
-                    HitPoint *point) {
-    int object = hits->object[lane], triangle = hits->triangle[lane];
-    Vec3 origin = {rays->origin[0][lane], rays->origin[1][lane], rays->origin[2][lane]};
-    Vec3 direction = {rays->direction[0][lane], rays->direction[1][lane], rays->direction[2][lane]};
-    if (object == OBJECT_STATIC) {
-        const MeshArrays *mesh = &state->scene->mesh->arrays;
-        intersect_plane(mesh->corners + 9 * (size_t)triangle, origin, direction, point);
-        point->normal = vec3(mesh->normals + 3 * (size_t)triangle);
-    } else {
-        find_object_point(state, object - 1, triangle, rays->time[lane], origin, direction, point);
+static void gather_lane(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                        int lane, PlaneQueries *queries, HitPoints *points) {
+    int object = hits->object[lane];
+    size_t triangle = (size_t)hits->triangle[lane];
+    const MeshArrays *mesh = object == OBJECT_STATIC ? &state->scene->mesh->arrays
+                                                     : &state->frame->objects[object - 1]->arrays;
+    set_triangle(queries, lane, mesh->corners + 9 * triangle);
+    if (object == OBJECT_STATIC)
+        set_lane(points->normal, lane, vec3(mesh->normals + 3 * triangle));
+    else
+        move_to_object(state, object - 1, rays->time[lane], lane, queries, points,
+                       mesh->normals + 3 * triangle);
+}
+
+/* Weights and distances of rays on their triangles' planes (Moeller and Trumbore 1997). */
+static void intersect_planes(const PlaneQueries *q, HitPoints *points) {
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        Vec3 direction = get_lane(q->direction, i), edge_v = get_lane(q->edge_v, i);
+        Vec3 edge_u = get_lane(q->edge_u, i);
+        Vec3 from_first = subtract(get_lane(q->origin, i), get_lane(q->first, i));
+        Vec3 p = cross(direction, edge_v), s = cross(from_first, edge_u);
+        float determinant = dot(edge_u, p);
+        /* A ray within the plane meets it nowhere: Embree reports none, and the first corner is as
+         * good an answer as any. */
+        float inverse = determinant != 0.0f ? 1.0f / determinant : 0.0f;
+        points->u[i] = dot(from_first, p) * inverse;
+        points->v[i] = dot(direction, s) * inverse;
+        points->distance[i] = dot(edge_v, s) * inverse;
     }
-    point->position = add(origin, scale(point->distance, direction));
+}
+
+void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                     uint32_t mask, HitPoints *points) {
+    PlaneQueries queries;
+    memset(&queries, 0, sizeof queries);
+    memcpy(queries.origin, rays->origin, sizeof queries.origin);
+    memcpy(queries.direction, rays->direction, sizeof queries.direction);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        if (mask >> lane & 1)
+            gather_lane(state, rays, hits, lane, &queries, points);
+    intersect_planes(&queries, points);
+    for (int axis = 0; axis < 3; axis++)
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            points->position[axis][i] =
+                rays->origin[axis][i] + points->distance[i] * rays->direction[axis][i];
 }

@@ -1,4 +1,4 @@
-/* Hit points computed anew from the triangle that a ray meets.
+/* Hit points computed anew from the triangles that rays meet.
  *
  * Embree's own distances and coordinates differ in their last bits between packet widths; these
  * depend on the ray and the triangle alone.
@@ -8,15 +8,16 @@
 
 #include "frame_state.h"
 
+/* By component, for vector code; entries of rays outside the mask mean nothing. */
 typedef struct {
-    float distance;
-    float u, v;    /* barycentric weights of corners 1 and 2 */
-    Vec3 position; /* Embree's coordinates */
-    Vec3 normal;   /* unit, by the winding; Embree's axes */
-} HitPoint;
+    _Alignas(64) float distance[BLOCK_RAYS];
+    float u[BLOCK_RAYS], v[BLOCK_RAYS]; /* barycentric weights of corners 1 and 2 */
+    float position[3][BLOCK_RAYS];      /* Embree's coordinates */
+    float normal[3][BLOCK_RAYS];        /* unit, by the winding; Embree's axes */
+} HitPoints;
 
-/* Point at which ray `lane` meets the plane of its triangle; also beside the triangle. */
-void find_hit_point(const FrameState *state, const RayBlock *rays, const HitBlock *hits, int lane,
-                    HitPoint *point);
+/* Points at which the rays of a mask meet the planes of their triangles; also beside these. */
+void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                     uint32_t mask, HitPoints *points);
 
 #endif

@@ -15,9 +15,11 @@
 
 /* The hits of a block whose radiance is not in a table. */
 typedef struct {
-    HitPoint point[BLOCK_RAYS];
+    HitPoints points;
     Vec3 albedo[BLOCK_RAYS];
-    uint32_t lit; /* rays whose hit reflects light that is computed here */
+    uint32_t computed; /* rays with a hit whose radiance is computed */
+    uint32_t lit;      /* those that reflect light */
+    uint32_t textured; /* those with a texture */
 } SurfaceBlock;
 
 static const MeshArrays *mesh_of(const FrameState *state, int object) {
@@ -25,13 +27,17 @@ static const MeshArrays *mesh_of(const FrameState *state, int object) {
                                    : &state->frame->objects[object - 1]->arrays;
 }
 
-static Vec3 albedo_at(const MeshArrays *mesh, int triangle, const HitPoint *point) {
+static Vec3 lane_of(const float components[3][BLOCK_RAYS], int lane) {
+    return (Vec3){components[0][lane], components[1][lane], components[2][lane]};
+}
+
+static Vec3 albedo_at(const MeshArrays *mesh, int triangle, float u, float v) {
     if (!mesh->corner_albedo)
         return vec3(mesh->albedo + 3 * (size_t)triangle);
     const float *corners = mesh->corner_albedo + 9 * (size_t)triangle;
     Vec3 first = vec3(corners);
-    return add(first, add(scale(point->u, subtract(vec3(corners + 3), first)),
-                          scale(point->v, subtract(vec3(corners + 6), first))));
+    return add(first, add(scale(u, subtract(vec3(corners + 3), first)),
+                          scale(v, subtract(vec3(corners + 6), first))));
 }
 
 /* Irradiance from the hemisphere; z points down, so an upward facet has normal z = -1. */
@@ -62,13 +68,13 @@ static Vec3 table_entry(const FrameState *state, int object, int triangle) {
 
 /* Radiance without the lights that are added one by one. */
 static Vec3 base_radiance(const FrameState *state, int object, int triangle, Vec3 albedo,
-                          const HitPoint *point) {
+                          Vec3 normal) {
     const MeshArrays *mesh = mesh_of(state, object);
     if (mesh->flags[triangle] & FACET_UNLIT)
         return albedo;
     if (object == OBJECT_STATIC && !mesh->corner_albedo)
         return table_entry(state, object, triangle);
-    return multiply(albedo, ambient_irradiance(&state->scene->hemisphere, point->normal));
+    return multiply(albedo, ambient_irradiance(&state->scene->hemisphere, normal));
 }
 
 /* Whether a light is added one by one to an object's facets, instead of from the tables. */
@@ -81,28 +87,28 @@ static int is_added(const FrameState *state, const Light *light, int object) {
 }
 
 /* Irradiance of an unoccluded light, as one factor of its intensity; direction and distance. */
-static float light_cosine(const Light *light, const HitPoint *point, Vec3 *direction,
+static float light_cosine(const Light *light, Vec3 position, Vec3 normal, Vec3 *direction,
                           float *distance) {
     if (light->kind == LIGHT_DIRECTIONAL) {
         *direction = vec3(light->vector);
         *distance = UNLIMITED;
-        return dot(*direction, point->normal);
+        return dot(*direction, normal);
     }
-    Vec3 towards = subtract(vec3(light->vector), point->position);
+    Vec3 towards = subtract(vec3(light->vector), position);
     float squared = dot(towards, towards);
     squared = squared > MIN_SQUARED_DISTANCE ? squared : MIN_SQUARED_DISTANCE;
     float length = sqrtf(squared);
     *direction = scale(1.0f / length, towards);
     *distance = length;
-    return dot(*direction, point->normal) / squared;
+    return dot(*direction, normal) / squared;
 }
 
-static void set_shadow_ray(RayBlock *shadow, int lane, const RayBlock *rays, const HitPoint *point,
-                           Vec3 direction, float distance) {
-    Vec3 from = {rays->origin[0][lane], rays->origin[1][lane], rays->origin[2][lane]};
-    float near = max_abs(point->position), far = max_abs(from);
-    float bias = SHADOW_BIAS * (near > far ? near : far);
-    Vec3 origin = add(point->position, scale(bias, point->normal));
+static void set_shadow_ray(RayBlock *shadow, int lane, const RayBlock *rays,
+                           const HitPoints *points, Vec3 direction, float distance) {
+    Vec3 position = lane_of(points->position, lane);
+    float here = max_abs(position), there = max_abs(lane_of(rays->origin, lane));
+    float bias = SHADOW_BIAS * (here > there ? here : there);
+    Vec3 origin = add(position, scale(bias, lane_of(points->normal, lane)));
     shadow->origin[0][lane] = origin.x;
     shadow->origin[1][lane] = origin.y;
     shadow->origin[2][lane] = origin.z;
@@ -130,20 +136,21 @@ static void add_light(const FrameState *state, const Light *light, const RayBloc
                       const HitBlock *hits, const SurfaceBlock *surface, Vec3 *radiance) {
     float factor[BLOCK_RAYS];
     RayBlock shadow;
-    shadow.active = 0;
     uint32_t facing = 0;
+    shadow.active = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         if (!(surface->lit >> lane & 1) || !is_added(state, light, hits->object[lane]))
             continue;
         Vec3 direction;
         float distance;
-        factor[lane] = light_cosine(light, &surface->point[lane], &direction, &distance);
+        factor[lane] = light_cosine(light, lane_of(surface->points.position, lane),
+                                    lane_of(surface->points.normal, lane), &direction, &distance);
         /* Facets turned away from a light are dark without a ray. */
         if (!(factor[lane] > 0.0f))
             continue;
         facing |= 1u << lane;
         if (state->frame->has_shadows)
-            set_shadow_ray(&shadow, lane, rays, &surface->point[lane], direction, distance);
+            set_shadow_ray(&shadow, lane, rays, &surface->points, direction, distance);
     }
     if (shadow.active)
         facing &= ~find_occluded(state, &shadow, light->kind == LIGHT_DIRECTIONAL);
@@ -154,21 +161,19 @@ static void add_light(const FrameState *state, const Light *light, const RayBloc
                                                                                intensity)));
 }
 
-static void apply_texture(const FrameState *state, int triangle, const HitPoint *point,
+static void apply_texture(const FrameState *state, int triangle, float u, float v,
                           Vec3 *radiance) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     const float *uv = mesh->uv + 6 * (size_t)triangle;
     const Texture *texture = state->scene->textures + mesh->texture[triangle];
-    float u = uv[0] + point->u * uv[2] + point->v * uv[4];
-    float v = uv[1] + point->u * uv[3] + point->v * uv[5];
-    *radiance = multiply(*radiance, sample_texture(texture, u, v));
+    *radiance = multiply(*radiance, sample_texture(texture, uv[0] + u * uv[2] + v * uv[4],
+                                                   uv[1] + u * uv[3] + v * uv[5]));
 }
 
-/* Radiance from the tables; the others' hit points and base radiance. */
-static uint32_t find_surfaces(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                              SurfaceBlock *surface, Vec3 *radiance) {
-    uint32_t computed = 0;
-    surface->lit = 0;
+/* Radiance from the tables; which other rays' radiance has to be computed, and how. */
+static void look_up(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                    SurfaceBlock *surface, Vec3 *radiance) {
+    surface->computed = surface->lit = surface->textured = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         if (!(rays->active >> lane & 1))
             continue;
@@ -177,30 +182,39 @@ static uint32_t find_surfaces(const FrameState *state, const RayBlock *rays, con
             radiance[lane] = table_entry(state, object, triangle);
             continue;
         }
-        const MeshArrays *mesh = mesh_of(state, object);
-        HitPoint *point = &surface->point[lane];
-        find_hit_point(state, rays, hits, lane, point);
-        surface->albedo[lane] = albedo_at(mesh, triangle, point);
-        radiance[lane] = base_radiance(state, object, triangle, surface->albedo[lane], point);
-        surface->lit |= (uint32_t)!(mesh->flags[triangle] & FACET_UNLIT) << lane;
-        computed |= 1u << lane;
+        uint8_t flags = mesh_of(state, object)->flags[triangle];
+        surface->computed |= 1u << lane;
+        surface->lit |= (uint32_t)!(flags & FACET_UNLIT) << lane;
+        surface->textured |= (uint32_t)!!(flags & FACET_TEXTURED) << lane;
     }
-    return computed;
+}
+
+static void begin_surfaces(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                           SurfaceBlock *surface, Vec3 *radiance) {
+    find_hit_points(state, rays, hits, surface->computed, &surface->points);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(surface->computed >> lane & 1))
+            continue;
+        int object = hits->object[lane], triangle = hits->triangle[lane];
+        surface->albedo[lane] = albedo_at(mesh_of(state, object), triangle,
+                                          surface->points.u[lane], surface->points.v[lane]);
+        radiance[lane] = base_radiance(state, object, triangle, surface->albedo[lane],
+                                       lane_of(surface->points.normal, lane));
+    }
 }
 
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                  Vec3 radiance[BLOCK_RAYS]) {
     SurfaceBlock surface;
-    uint32_t computed = find_surfaces(state, rays, hits, &surface, radiance);
-    if (!computed)
+    look_up(state, rays, hits, &surface, radiance);
+    if (!surface.computed)
         return;
+    begin_surfaces(state, rays, hits, &surface, radiance);
     if (surface.lit)
         for (int light = 0; light < state->scene->num_lights; light++)
             add_light(state, &state->scene->lights[light], rays, hits, &surface, radiance);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(computed >> lane & 1) || hits->object[lane] != OBJECT_STATIC)
-            continue;
-        if (state->scene->mesh->arrays.flags[hits->triangle[lane]] & FACET_TEXTURED)
-            apply_texture(state, hits->triangle[lane], &surface.point[lane], &radiance[lane]);
-    }
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        if (surface.textured >> lane & 1)
+            apply_texture(state, hits->triangle[lane], surface.points.u[lane],
+                          surface.points.v[lane], &radiance[lane]);
 }

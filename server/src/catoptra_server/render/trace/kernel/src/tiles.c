@@ -100,15 +100,18 @@ void trace_tile(const FrameState *state, int tile) {
 static void store_hits(const FrameState *state, size_t block, const RayBlock *rays,
                        const HitBlock *hits) {
     const Frame *frame = state->frame;
+    HitPoints points;
+    uint32_t met = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        met |= (uint32_t)(hits->object[lane] != OBJECT_NONE) << lane;
+    met &= rays->active;
+    find_hit_points(state, rays, hits, met, &points);
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         size_t at = block * BLOCK_RAYS + (size_t)lane;
-        int is_hit = hits->object[lane] != OBJECT_NONE && (rays->active >> lane & 1);
-        HitPoint point = {.distance = INFINITY};
-        if (is_hit)
-            find_hit_point(state, rays, hits, lane, &point);
-        frame->range_m[at] = point.distance;
-        frame->triangle[at] = is_hit ? hits->triangle[lane] : -1;
-        frame->object[at] = is_hit ? hits->object[lane] : OBJECT_NONE;
+        int is_met = met >> lane & 1;
+        frame->range_m[at] = is_met ? points.distance[lane] : INFINITY;
+        frame->triangle[at] = is_met ? hits->triangle[lane] : -1;
+        frame->object[at] = is_met ? hits->object[lane] : OBJECT_NONE;
     }
 }
 
@@ -121,54 +124,64 @@ static inline uint8_t encode(const FrameState *state, float linear) {
     return state->scene->srgb_table[(int32_t)(clip(linear) * 65535.0f + 0.5f)];
 }
 
-/* First byte or float of a pixel of the image, or NULL for a pixel beyond its edge. */
-static void *pixel_at(const FrameState *state, int tile, int pixel, size_t channel_size) {
+/* The pixels of a tile within the image: the last row and column of tiles may reach beyond. */
+typedef struct {
+    char *first; /* first channel of the tile's first pixel */
+    size_t row_bytes, pixel_bytes;
+    int rows, columns;
+} TilePixels;
+
+static TilePixels find_pixels(const FrameState *state, int tile) {
     const RayTable *table = state->rays;
     int32_t number = table->tiles[tile];
-    int row = number / table->tile_columns * TILE_PX + pixel / TILE_PX;
-    int column = number % table->tile_columns * TILE_PX + pixel % TILE_PX;
-    if (row >= table->height_px || column >= table->width_px)
-        return NULL;
-    size_t index = ((size_t)row * (size_t)table->width_px + (size_t)column) * 3;
-    return (char *)state->frame->image + index * channel_size;
+    int top = number / table->tile_columns * TILE_PX, left = number % table->tile_columns * TILE_PX;
+    size_t pixel_bytes = state->frame->output == OUTPUT_LINEAR ? 3 * sizeof(float) : 3;
+    size_t row_bytes = (size_t)table->width_px * pixel_bytes;
+    int rows = table->height_px - top, columns = table->width_px - left;
+    return (TilePixels){
+        .first = (char *)state->frame->image + (size_t)top * row_bytes + (size_t)left * pixel_bytes,
+        .row_bytes = row_bytes,
+        .pixel_bytes = pixel_bytes,
+        .rows = rows < TILE_PX ? rows : TILE_PX,
+        .columns = columns < TILE_PX ? columns : TILE_PX,
+    };
 }
 
-static void write_mean(const FrameState *state, int tile, int pixel, Vec3 mean) {
+static inline char *pixel_at(const TilePixels *pixels, int row, int column) {
+    return pixels->first + (size_t)row * pixels->row_bytes + (size_t)column * pixels->pixel_bytes;
+}
+
+static inline void write_mean(const FrameState *state, char *pixel, Vec3 mean) {
     if (state->frame->output == OUTPUT_LINEAR) {
-        float *channels = pixel_at(state, tile, pixel, sizeof(float));
-        if (channels)
-            memcpy(channels, &mean, 3 * sizeof(float));
+        memcpy(pixel, &mean, 3 * sizeof(float));
         return;
     }
-    uint8_t *channels = pixel_at(state, tile, pixel, 1);
-    if (!channels)
-        return;
-    channels[0] = encode(state, mean.x);
-    channels[1] = encode(state, mean.y);
-    channels[2] = encode(state, mean.z);
+    pixel[0] = (char)encode(state, mean.x);
+    pixel[1] = (char)encode(state, mean.y);
+    pixel[2] = (char)encode(state, mean.z);
 }
 
-static void write_encoded(const FrameState *state, int tile, int pixel, uint32_t rgb) {
-    uint8_t *channels = pixel_at(state, tile, pixel, 1);
-    if (!channels)
-        return;
-    channels[0] = (uint8_t)rgb;
-    channels[1] = (uint8_t)(rgb >> 8);
-    channels[2] = (uint8_t)(rgb >> 16);
+static inline void write_encoded(char *pixel, uint32_t rgb) {
+    pixel[0] = (char)rgb;
+    pixel[1] = (char)(rgb >> 8);
+    pixel[2] = (char)(rgb >> 16);
 }
 
-/* Means of the pixels, each summed in the order of its samples. */
+/* Mean of a pixel's samples, summed row by row. */
+static Vec3 mean_of_pixel(const SampleGrid *grid, int samples, int row, int column) {
+    Vec3 sum = {0, 0, 0};
+    for (int y = row * samples; y < (row + 1) * samples; y++)
+        for (int x = column * samples; x < (column + 1) * samples; x++)
+            sum = add(sum, grid->radiance[y][x]);
+    return scale(1.0f / (float)(samples * samples), sum);
+}
+
 static void write_pixels(const FrameState *state, int tile, const SampleGrid *grid) {
-    int samples = state->rays->samples;
-    float weight = 1.0f / (float)(samples * samples);
-    for (int pixel = 0; pixel < BLOCK_RAYS; pixel++) {
-        int top = pixel / TILE_PX * samples, left = pixel % TILE_PX * samples;
-        Vec3 sum = {0, 0, 0};
-        for (int row = 0; row < samples; row++)
-            for (int column = 0; column < samples; column++)
-                sum = add(sum, grid->radiance[top + row][left + column]);
-        write_mean(state, tile, pixel, scale(weight, sum));
-    }
+    TilePixels pixels = find_pixels(state, tile);
+    for (int row = 0; row < pixels.rows; row++)
+        for (int column = 0; column < pixels.columns; column++)
+            write_mean(state, pixel_at(&pixels, row, column),
+                       mean_of_pixel(grid, state->rays->samples, row, column));
 }
 
 static void store_radiance(const FrameState *state, int block, uint32_t active,
@@ -188,13 +201,18 @@ static void store_radiance(const FrameState *state, int block, uint32_t active,
 /* Pixels of one sample each, of a static scene whose facets have one colour: from the table. */
 static void write_table_colours(const FrameState *state, int tile, uint32_t active,
                                 const HitBlock *hits) {
-    uint32_t background = state->scene->encoded[state->scene->mesh->arrays.num_triangles];
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        int32_t triangle = hits->triangle[lane];
-        if (active >> lane & 1)
-            write_encoded(state, tile, lane,
-                          triangle < 0 ? background : state->scene->encoded[triangle]);
-    }
+    const uint32_t *encoded = state->scene->encoded;
+    uint32_t background = encoded[state->scene->mesh->arrays.num_triangles];
+    TilePixels pixels = find_pixels(state, tile);
+    for (int row = 0; row < pixels.rows; row++)
+        for (int column = 0; column < pixels.columns; column++) {
+            int lane = row * TILE_PX + column;
+            int32_t triangle = hits->triangle[lane];
+            /* Pixels beside the mirror stay black. */
+            if (active >> lane & 1)
+                write_encoded(pixel_at(&pixels, row, column),
+                              triangle < 0 ? background : encoded[triangle]);
+        }
 }
 
 static int has_table_colours(const FrameState *state, const HitBlock *hits) {
@@ -224,14 +242,21 @@ static int has_one_radiance(const FrameState *state, int32_t triangle) {
 /* A tile of one radiance: no ray, no sum. */
 static void fill_tile(const FrameState *state, int tile, int32_t triangle) {
     const Scene *scene = state->scene;
-    size_t row = triangle < 0 ? (size_t)scene->mesh->arrays.num_triangles : (size_t)triangle;
+    size_t entry = triangle < 0 ? (size_t)scene->mesh->arrays.num_triangles : (size_t)triangle;
     const float *table = state->frame->has_shadows ? scene->ambient_radiance
                                                    : scene->sharp_radiance;
-    for (int pixel = 0; pixel < BLOCK_RAYS; pixel++)
+    TilePixels pixels = find_pixels(state, tile);
+    char row_of_pixels[TILE_PX * 3 * sizeof(float)];
+    for (int column = 0; column < TILE_PX; column++) {
+        char *pixel = row_of_pixels + (size_t)column * pixels.pixel_bytes;
         if (state->frame->output == OUTPUT_LINEAR)
-            write_mean(state, tile, pixel, vec3(table + 3 * row));
+            write_mean(state, pixel, vec3(table + 3 * entry));
         else
-            write_encoded(state, tile, pixel, scene->encoded[row]);
+            write_encoded(pixel, scene->encoded[entry]);
+    }
+    for (int row = 0; row < pixels.rows; row++)
+        memcpy(pixel_at(&pixels, row, 0), row_of_pixels,
+               (size_t)pixels.columns * pixels.pixel_bytes);
 }
 
 void render_tile(const FrameState *state, int tile, int32_t triangle) {
