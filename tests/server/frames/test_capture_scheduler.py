@@ -37,10 +37,13 @@ def test_channel_when_requested_during_rendering_waits_for_the_frame() -> None:
     scheduler = CaptureScheduler()
     scheduler.request_frame(IMAGE_PORT, 0)
     start_due_frames(scheduler, 0.0)
+    assert not scheduler.has_blocked_channel
     scheduler.request_frame(IMAGE_PORT, 1)
     assert due_channels(scheduler, 1.0) == []
+    assert scheduler.has_blocked_channel
     scheduler.finish_frame(IMAGE_PORT)
     assert due_channels(scheduler, 1.0) == [IMAGE_PORT]
+    assert not scheduler.has_blocked_channel
 
 
 def test_channel_when_a_newer_frame_is_rendering_captures_no_other() -> None:

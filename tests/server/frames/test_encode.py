@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import struct
+import threading
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from catoptra_client.frame_sources.image_client import rgb_from_encoded_frame
-from catoptra_protocol.usarsim.image_port import EncodedFrame, ImageType
-from catoptra_server.frames.encode import crop, encode_payload
+from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_protocol.usarsim.image_port import EncodedFrame, ImageType, encode_frame_header
+from catoptra_server.frames import encode as encode_module
+from catoptra_server.frames.encode import (
+    crop,
+    encode_image,
+    encode_without_blocking,
+    payload_of_reply,
+)
+from helpers.loopback import run_scenario
 
 JPEGS = [t for t in ImageType if t is not ImageType.RAW]
 
@@ -22,10 +31,54 @@ def make_image(width: int, height: int) -> npt.NDArray[np.uint8]:
     return rgb.astype(np.uint8)
 
 
+def encode_payload(rgb: npt.NDArray[np.uint8], image_type: ImageType) -> bytes:
+    return bytes(payload_of_reply(encode_image(rgb, image_type)))
+
+
 def test_raw_when_encoded_is_b_g_r_from_the_top_row_with_padding() -> None:
     rgb = np.array([[[1, 2, 3]], [[4, 5, 6]]], dtype=np.uint8)
     payload = encode_payload(rgb, ImageType.RAW)
     assert payload == struct.pack(">HH", 1, 2) + bytes((3, 2, 1, 0, 6, 5, 4, 0))
+
+
+@pytest.mark.parametrize("image_type", ImageType, ids=lambda t: t.name)
+def test_reply_of_the_image_port_is_header_and_payload_in_one_piece(image_type: ImageType) -> None:
+    reply = encode_image(make_image(5, 3), image_type)
+    payload = payload_of_reply(reply)
+    assert bytes(reply) == encode_frame_header(image_type, len(payload)) + payload
+
+
+def test_raw_of_the_stream_is_the_image_itself_without_a_copy() -> None:
+    rgb = make_image(5, 3)
+    assert np.shares_memory(np.frombuffer(encode_image(rgb, ImageEncoding.RAW), np.uint8), rgb)
+
+
+@pytest.mark.parametrize(
+    ("side_px", "encoding", "is_here"),
+    [
+        (640, ImageType.RAW, True),
+        (640, ImageEncoding.RAW, True),
+        (2048, ImageType.RAW, False),
+        (8, ImageType.GOOD, False),
+        (8, ImageEncoding.PNG, False),
+    ],
+)
+def test_encoding_that_takes_long_runs_in_another_thread(
+    side_px: int,
+    encoding: ImageType | ImageEncoding,
+    is_here: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    threads: list[int] = []
+
+    def encode(rgb: npt.NDArray[np.uint8], encoding: ImageType | ImageEncoding) -> bytes:
+        threads.append(threading.get_ident())
+        return b""
+
+    monkeypatch.setattr(encode_module, "encode_image", encode)
+    rgb = np.zeros((side_px, side_px, 3), np.uint8)
+    run_scenario(encode_without_blocking(rgb, encoding))
+    assert (threads == [threading.get_ident()]) is is_here
 
 
 @pytest.mark.parametrize("width", [1, 2, 3, 4, 5, 360, 361])

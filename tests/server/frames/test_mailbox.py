@@ -135,9 +135,22 @@ def test_waiting_task_when_cancelled_leaves_the_others_waiting() -> None:
         await let_it_wait(stays)
         gone.cancel()
         await let_it_wait(stays)
+        assert mailbox.is_awaited
         mailbox.put(frame(1))
         assert (await stays).sequence == 1
         assert gone.cancelled()
+
+    run(scenario)
+
+
+def test_mailbox_whose_last_waiting_task_is_cancelled_is_awaited_by_nobody() -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
+        task = asyncio.create_task(mailbox.wait_for_newer(0))
+        await let_it_wait(task)
+        assert mailbox.is_awaited
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        assert not mailbox.is_awaited
 
     run(scenario)
 
@@ -169,6 +182,55 @@ def test_mailboxes_when_a_channel_existed_before_request_any_frame() -> None:
         assert posted[1:] == [FrameRendered(IMAGE_PORT)]
 
     run_scenario(scenario())
+
+
+@pytest.mark.parametrize("prefetch", [True, False])
+def test_frame_that_is_awaited_when_put_has_the_next_one_requested_at_once(prefetch: bool) -> None:
+    async def scenario() -> None:
+        posted: list[SimulationEvent] = []
+        boxes = Mailboxes(posted.append, prefetch=prefetch)
+        tasks = [asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0)) for _ in range(3)]
+        await let_it_wait(tasks[-1])
+        boxes.put(frame(1))
+        # Before any coroutine is resumed, and by none of them again.
+        expected = [FrameRendered(IMAGE_PORT), *[FrameRequested(1, IMAGE_PORT)][:prefetch]]
+        assert posted[1:] == expected
+        await asyncio.gather(*tasks)
+        assert posted[1:] == expected
+
+    run_scenario(scenario())
+
+
+def test_frame_that_nobody_awaits_when_put_has_no_other_requested() -> None:
+    async def scenario() -> None:
+        posted: list[SimulationEvent] = []
+        boxes = Mailboxes(posted.append, prefetch=True)
+        held = boxes.get(IMAGE_PORT)
+        boxes.put(frame(1))
+        await asyncio.sleep(0)
+        assert posted == [FrameRendered(IMAGE_PORT)]
+        # A client that begins to wait between frame and delivery has the next one requested.
+        waiting = asyncio.create_task(held.wait_for_newer(1))
+        await let_it_wait(waiting)
+        assert posted[1:] == [FrameRequested(1, IMAGE_PORT)]
+        boxes.put(frame(2))
+        assert (await waiting).sequence == 2
+
+    run_scenario(scenario())
+
+
+def test_channel_that_restarts_its_count_is_requested_again() -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
+        mailbox.put(frame(9), is_next_requested=True)
+        for number in (1, 2):  # frames of another robot under the old name
+            task = asyncio.create_task(mailbox.wait_for_newer(9))
+            await let_it_wait(task)
+            assert requests.count == number - 1
+            mailbox.put(frame(number))
+            assert (await task).sequence == number
+            assert requests.newer_than == number
+
+    run(scenario)
 
 
 def test_mailboxes_when_a_channel_fails_raise_for_that_channel_alone() -> None:

@@ -31,8 +31,10 @@ def test_text_and_bounds_follow_the_choice() -> None:
     spec = OmniCameraSpec(CAMERA, SETTINGS)
     planned = PlannedCamera(spec, first.plan, BudgetMonitor(0.0), first)
     assert planned.plan_text == str(first.plan)
+    assert planned.view_key == (CAMERA, replace(first.plan, reason=""))
     planned.set_choice(second)
     assert planned.plan is second.plan
+    assert planned.view_key == (CAMERA, replace(second.plan, reason=""))
     assert planned.plan_text == str(second.plan)
     assert second.bound is not None
     assert planned.bounds == second.bound.as_dict()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import threading
 from functools import partial
 
 import pytest
 
 from catoptra_protocol.usarsim.commands import Command, Drive, GetStartPoses
-from catoptra_server.frames.frame_events import FrameRequested
+from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
 from catoptra_server.simulation.inbox import MAX_ALL_WAITING_STEP_S, MAX_WAITING, Inbox
 from catoptra_server.simulation.simulation_events import (
@@ -19,6 +20,7 @@ from catoptra_server.simulation.simulation_events import (
     ResetRequested,
     StepRequested,
 )
+from helpers.loopback import DEADLINE_S
 from helpers.robots import FakeClient
 
 
@@ -146,6 +148,30 @@ def test_frame_requests_of_a_channel_are_one() -> None:
         inbox.post(FrameRequested(number, camera))
     inbox.post(FrameRequested(math.inf, IMAGE_PORT))
     assert inbox.take_urgent() == [FrameRequested(5.0, camera), FrameRequested(math.inf)]
+    assert inbox.take_urgent() == []
+
+
+@pytest.mark.parametrize("for_rendered", [True, False])
+def test_rendered_frame_ends_the_wait_only_if_a_channel_waits_for_it(for_rendered: bool) -> None:
+    inbox = make_inbox()
+    has_ended = threading.Event()
+
+    def wait() -> None:
+        inbox.wait(None, for_work=True, for_rendered=for_rendered)
+        has_ended.set()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    inbox.post(FrameRendered(IMAGE_PORT))
+    assert not inbox.has_urgent
+    # Without a channel that waits, nothing but the request ends the wait.
+    if not for_rendered:
+        assert not has_ended.is_set()
+        inbox.post(FrameRequested(1, IMAGE_PORT))
+    assert has_ended.wait(DEADLINE_S)
+    thread.join()
+    requests = [] if for_rendered else [FrameRequested(1, IMAGE_PORT)]
+    assert inbox.take_urgent() == [FrameRendered(IMAGE_PORT), *requests]
     assert inbox.take_urgent() == []
 
 

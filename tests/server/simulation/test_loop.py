@@ -435,6 +435,41 @@ def test_frames_when_requested_again_have_increasing_numbers() -> None:
     assert [frame.sequence for frame in frames] == [1, 2, 3]
 
 
+def test_frames_of_one_tick_are_composed_once_unless_a_command_comes_between(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    composed: list[Channel] = []
+    compose = Fleet.compose_frame
+
+    def count_compose(fleet: Fleet, channel: Channel) -> FrameComposition | None:
+        composed.append(channel)
+        return compose(fleet, channel)
+
+    monkeypatch.setattr(Fleet, "compose_frame", count_compose)
+    view, client = FakeView(), FakeClient()
+    frames = collect_frames(4, CommandReceived(client, INIT), FrameRequested(), view=view)
+    assert (len(frames), len(composed)) == (4, 1)
+    # Requests and work of one turn: frames show the effect of all work before them.
+    posted = [CommandReceived(client, INIT), StepRequested(client, 0.02, lambda result: None)]
+    frames = collect_frames(2, FrameRequested(), *posted, view=view)
+    assert [frame.metadata.robot for frame in frames] == ["R", "R"]
+    assert len(composed) == 2
+
+
+def test_frame_after_a_command_shows_its_effect_without_a_tick() -> None:
+    client, names = FakeClient(), []
+
+    def spawn_after_the_first(frame: Frame) -> None:
+        names.append(frame.metadata.robot)
+        simulation.post(CommandReceived(client, INIT))
+        simulation.post(FrameRequested() if len(names) == 1 else StopRequested())
+
+    simulation = make_simulation(put_frame=spawn_after_the_first, view=FakeView())
+    simulation.post(FrameRequested())
+    simulation.run()
+    assert names == ["", "R"]
+
+
 def test_camera_without_requests_is_not_rendered() -> None:
     view = FakeView()
     simulation, client = make_simulation(view=view), FakeClient()

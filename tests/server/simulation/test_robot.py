@@ -103,6 +103,16 @@ def test_chassis_when_standing_rides_at_its_height() -> None:
     np.testing.assert_array_equal(spawn().world_from_robot.translation, (0.0, 0.0, -0.1457))
 
 
+def test_pose_when_read_several_times_in_a_tick_is_computed_once() -> None:
+    robot = spawn()
+    robot.drive_wheels(Drive(2.0, 2.0), 0.0)
+    step(robot, 1)
+    first = robot.world_from_robot
+    assert robot.world_from_robot is first
+    step(robot, 1, since=1)
+    assert robot.world_from_robot.translation[0] > first.translation[0]
+
+
 def test_battery_when_it_runs_down_counts_whole_seconds_left() -> None:
     robot = spawn(make_p2at(battery_s=10.0), time_s=5.0)
     left = [report.battery_s for t in (5.0, 5.1, 14.9, 15.0, 20.0) for report in status(robot, t)]

@@ -67,13 +67,30 @@ def test_input_that_waits_is_known_before_it_is_read() -> None:
     run_scenario(scenario())
 
 
+def test_dialogue_never_pauses_the_socket(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scenario() -> None:
+        async with connected([]) as (connection, peer):
+            transport = connection._transport
+            assert transport is not None
+
+            def pause() -> None:
+                raise AssertionError("paused: two calls of the system a request")
+
+            monkeypatch.setattr(transport, "pause_reading", pause)
+            for number in range(5):
+                await asyncio.get_running_loop().sock_sendall(peer, bytes([number]))
+                assert await connection.read() == bytes([number])
+
+    run_scenario(scenario())
+
+
 def test_peer_that_is_not_read_is_held_back() -> None:
     async def scenario() -> None:
         async with connected([]) as (connection, peer):
             loop = asyncio.get_running_loop()
             sending = asyncio.create_task(loop.sock_sendall(peer, bytes(50_000_000)))
             await connection.read()
-            # No turn of the loop reads more than the chunk ahead: the kernels' buffers fill.
+            # No turn of the loop reads more than two chunks ahead: the kernels' buffers fill.
             for _ in range(1000):
                 await asyncio.sleep(0)
             assert not sending.done()

@@ -67,6 +67,11 @@ class CaptureScheduler:
         if channel in self._channels:
             self._channels[channel].is_rendering = False
 
+    @property
+    def has_blocked_channel(self) -> bool:
+        """Whether a requested channel waits for the end of its frame in rendering."""
+        return any(state.is_requested and state.is_rendering for state in self._channels.values())
+
     def remove(self, channel: Channel) -> None:
         """Remove a channel whose robot or camera does not exist any more."""
         self._channels.pop(channel, None)

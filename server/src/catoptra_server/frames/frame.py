@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import threading
+import asyncio
 from dataclasses import dataclass, field
 
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.frames.encode import encode_payload
+from catoptra_server.frames.encode import (
+    Payload,
+    encode_without_blocking,
+    is_quick,
+    payload_of_reply,
+)
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, FrameMetadata
 from catoptra_server.render.renderer import Image
+
+_Encoding = ImageType | ImageEncoding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,16 +47,26 @@ class Frame:
     """All error bounds and their parts by name; None where unknown."""
     effect_decisions: tuple[EffectDecision, ...] = ()
     """Decisions about the effects of the camera, in a frame of one camera."""
-    # A frozen frame with a cache: payloads follow from the image alone.
-    _payloads: dict[ImageType | ImageEncoding, bytes] = field(default_factory=dict)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
+    # A frozen frame with caches: encodings follow from the image alone.
+    _encoded: dict[_Encoding, Payload] = field(default_factory=dict)
+    _running: dict[_Encoding, asyncio.Task[Payload]] = field(default_factory=dict)
 
-    def encode(self, encoding: ImageType | ImageEncoding) -> bytes:
-        """Payload of the frame; encoded on first use, by one of several concurrent threads."""
+    async def encode(self, encoding: _Encoding) -> Payload:
+        """Image as by `encode.encode_image`, encoded once for all clients; on the event loop."""
         # The stream's JPEG has the quality of type GOOD: both transports share one payload.
-        encoding = ImageType.GOOD if encoding is ImageEncoding.JPEG else encoding
-        # Under the lock: a second thread waits for the payload instead of encoding it, too.
-        with self._lock:
-            if encoding not in self._payloads:
-                self._payloads[encoding] = encode_payload(self.rgb, encoding)
-            return self._payloads[encoding]
+        if encoding is ImageEncoding.JPEG:
+            return payload_of_reply(await self.encode(ImageType.GOOD))
+        encoded = self._encoded.get(encoding)
+        if encoded is None:
+            encoded = self._encoded[encoding] = await self._encode_once(encoding)
+        return encoded
+
+    async def _encode_once(self, encoding: _Encoding) -> Payload:
+        if is_quick(self.rgb, encoding):
+            # Ends without a pause: the next client finds the payload.
+            return await encode_without_blocking(self.rgb, encoding)
+        if encoding not in self._running:
+            encode = encode_without_blocking(self.rgb, encoding)
+            self._running[encoding] = asyncio.create_task(encode)
+        # Shielded: several connections wait for one thread, and any of them may disconnect.
+        return await asyncio.shield(self._running[encoding])

@@ -54,23 +54,38 @@ class Mailbox:
         self._prefetch = prefetch
         self._monotonic = monotonic
         self._newest: Frame | None = None
-        self._is_frame_requested = False
-        self._arrival: asyncio.Future[Frame] = self._loop.create_future()
+        # Sequence number of the request for the next frame; None if there is none so far.
+        self._requested_after: float | None = None
+        # One future a coroutine: a shared one would have to be shielded, at twice the cost.
+        self._waiting: list[asyncio.Future[Frame]] = []
 
-    def put(self, frame: Frame) -> None:
-        """Store a frame and resume all waiting coroutines."""
+    @property
+    def is_awaited(self) -> bool:
+        """Whether a coroutine waits for the next frame; may be read from any thread."""
+        return bool(self._waiting)
+
+    def put(self, frame: Frame, *, is_next_requested: bool = False) -> None:
+        """Store a frame and resume all waiting coroutines.
+
+        Args:
+            frame: The newest frame.
+            is_next_requested: Whether a frame newer than this one has been requested already.
+        """
         self._newest = frame
-        waiting, self._arrival = self._arrival, self._loop.create_future()
-        waiting.set_result(frame)
+        self._requested_after = frame.sequence if is_next_requested else None
+        for future in self._take_waiting():
+            future.set_result(frame)
 
     def fail(self, reason: str) -> None:
         """Raise ChannelUnavailableError with a reason in all waiting coroutines."""
-        self._newest = None
-        self._is_frame_requested = False
-        waiting, self._arrival = self._arrival, self._loop.create_future()
-        waiting.set_exception(ChannelUnavailableError(reason))
-        # Retrieved here, too: asyncio logs exceptions of futures without any waiting coroutine.
-        waiting.exception()
+        self._newest = self._requested_after = None
+        for future in self._take_waiting():
+            future.set_exception(ChannelUnavailableError(reason))
+
+    def _take_waiting(self) -> list[asyncio.Future[Frame]]:
+        """Futures of the coroutines that still wait; those of cancelled ones are dropped."""
+        waiting, self._waiting = self._waiting, []
+        return [future for future in waiting if not future.done()]
 
     async def wait_for_newer(self, sequence: int) -> Frame:
         """Wait for a fresh frame with a larger sequence number.
@@ -80,23 +95,34 @@ class Mailbox:
         """
         frame = self._fresh_frame(sequence)
         if frame is None:
-            self._request_next()
-            # Shielded: several connections wait for one future, and any of them may disconnect.
-            frame = await asyncio.shield(self._arrival)
+            # Sequence numbers from before this mailbox are unknown here; infinity requests a new
+            # frame whatever the channel's number is.
+            self._request_after(self._newest.sequence if self._newest else math.inf)
+            frame = await self._next_arrival()
         if self._prefetch:
             # The next frame is rendered while this one travels: a client that requests frame after
             # frame receives them without a pause.
-            self._request_frame(frame.sequence)
+            self._request_after(frame.sequence)
         return frame
 
-    def _request_next(self) -> None:
-        if self._newest is not None:
-            self._request_frame(self._newest.sequence)
-        elif not self._is_frame_requested:
-            # Sequence numbers from before this mailbox are unknown here; infinity requests a new
-            # frame whatever the channel's number is.
-            self._is_frame_requested = True
-            self._request_frame(math.inf)
+    async def _next_arrival(self) -> Frame:
+        """Wait for the next frame, whatever its number."""
+        future: asyncio.Future[Frame] = self._loop.create_future()
+        self._waiting.append(future)
+        try:
+            return await future
+        except asyncio.CancelledError:
+            # At once: with the next frame is too late for a client that changes its mind often.
+            if future in self._waiting:
+                self._waiting.remove(future)
+            raise
+
+    def _request_after(self, sequence: float) -> None:
+        """Request a frame with a larger sequence number, once for all coroutines."""
+        # Each request has an answer, a frame or a failure, and wakes the simulation's thread.
+        if self._requested_after != sequence:
+            self._requested_after = sequence
+            self._request_frame(sequence)
 
     def _fresh_frame(self, sequence: int) -> Frame | None:
         frame = self._newest
@@ -141,9 +167,14 @@ class Mailboxes:
 
     def put(self, frame: Frame) -> None:
         """Put a frame into the mailbox of its channel; called by the render thread."""
-        # Posted before the frame arrives: the next capture need not wait for the event loop.
+        # Posted before the frame arrives: the next capture need not wait for the event loop. Nor
+        # its request: a coroutine that waits takes this frame, and would request the next one.
         self._post(FrameRendered(frame.channel))
-        self._loop.call_soon_threadsafe(self._put_on_loop, frame)
+        mailbox = self._mailboxes.get(frame.channel) if self._prefetch else None
+        is_next_requested = mailbox is not None and mailbox.is_awaited
+        if is_next_requested:
+            self._request_frame(frame.channel, frame.sequence)
+        self._loop.call_soon_threadsafe(self._put_on_loop, frame, is_next_requested)
 
     def fail(self, channel: Channel, reason: str) -> None:
         """Reject all requests for a channel, from any thread.
@@ -159,10 +190,10 @@ class Mailboxes:
         self._post(FrameRendered(channel))
         self.fail(channel, reason)
 
-    def _put_on_loop(self, frame: Frame) -> None:
+    def _put_on_loop(self, frame: Frame, is_next_requested: bool) -> None:
         mailbox = self._mailboxes.get(frame.channel)
         if mailbox is not None:
-            mailbox.put(frame)
+            mailbox.put(frame, is_next_requested=is_next_requested)
 
     def _fail_on_loop(self, channel: Channel, reason: str) -> None:
         mailbox = self._mailboxes.get(channel)

@@ -38,6 +38,7 @@ def mounted_camera_state(
     world_from_camera = world_from_robot @ robot_from_camera
     # A turning chassis carries the camera around: v_camera = v_robot + omega x offset.
     offset_m = world_from_camera.translation - world_from_robot.translation
+    camera_twist = twist if twist is AT_REST else twist.at_offset(offset_m)
     # From inside, a body would hide everything else, at up to 60 times the cost of the frame:
     # every ray meets it, and however slow, it passes by at any angular rate.
     visible = tuple(one for one in objects if not one.encloses(world_from_camera.translation))
@@ -45,7 +46,7 @@ def mounted_camera_state(
         world_from_camera,
         visible,
         noise_seed=noise_seed,
-        twist=twist.at_offset(offset_m),
+        twist=camera_twist,
         ego_body=ego_body,
     )
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectPlan
 from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
-from catoptra_server.planning.camera_spec import CameraSpec
+from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.perspective_plan import PerspectivePlan
 from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.render.render_plan import RenderPlan
 
 Plan = RenderPlan | PerspectivePlan
+ViewKey = tuple[OmniCamera | PerspectiveCamera, Plan]
 
 
 @dataclass(slots=True, eq=False)
@@ -28,14 +31,19 @@ class PlannedCamera:
     budget_status: BudgetStatus = BudgetStatus.WITHIN_BUDGET
     budget_unreachable: bool = False
     """Whether planning found nothing faster although the budget is exceeded; logged once."""
+    view_key: ViewKey = field(init=False)
+    """Everything that a view depends on; cameras with equal keys share a view."""
     plan_text: str = field(init=False)
     bounds: dict[str, float] | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        self._format()
+        self._derive()
 
-    def _format(self) -> None:
-        # Once a plan: every frame carries the same text and numbers.
+    def _derive(self) -> None:
+        # Once a plan: every frame looks up the same view, and carries the same text and numbers.
+        camera = self.spec.camera if isinstance(self.spec, OmniCameraSpec) else self.spec
+        # The reason quotes targets and predicted times.
+        self.view_key = camera, replace(self.plan, reason="")
         self.plan_text = str(self.plan)
         if self.choice is not None and self.choice.bound is not None:
             self.bounds = self.choice.bound.as_dict()
@@ -43,4 +51,4 @@ class PlannedCamera:
     def set_choice(self, choice: PlanChoice) -> None:
         """Replace the plan by a new choice."""
         self.plan, self.choice = choice.plan, choice
-        self._format()
+        self._derive()

@@ -7,12 +7,11 @@ robots of one class. Belongs to the thread of the renderers.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.fault_log import log_fault
-from catoptra_server.frames.planned_camera import Plan, PlannedCamera
+from catoptra_server.frames.planned_camera import PlannedCamera, ViewKey
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.perspective_plan import PerspectivePlan
 from catoptra_server.planning.renderer_pool import RendererPool
@@ -26,8 +25,6 @@ log = logging.getLogger(__name__)
 MAX_VIEW_BYTES = 256 * 2**20
 # A view of few pixels still holds tables of the scene's edges, and framebuffers on the device.
 MAX_VIEWS = 64
-
-_ViewKey = tuple[OmniCamera | PerspectiveCamera, Plan]
 
 
 @dataclass(slots=True, eq=False)
@@ -57,7 +54,7 @@ class ViewStore:
         self._renderers = renderers
         self._max_bytes = max_bytes
         self._max_views = max_views
-        self._views: dict[_ViewKey, _StoredView] = {}  # the last used at the end
+        self._views: dict[ViewKey, _StoredView] = {}  # the last used at the end
 
     def __len__(self) -> int:
         """Number of prepared views."""
@@ -70,7 +67,7 @@ class ViewStore:
 
     def get(self, planned: PlannedCamera) -> View:
         """View of a camera by its plan, prepared at the first use."""
-        key = _view_key(planned)
+        key = planned.view_key
         # Removed and inserted again: dicts keep the order of insertion.
         stored = self._views.pop(key, None) or self._prepare(planned)
         self._views[key] = stored
@@ -109,15 +106,9 @@ class ViewStore:
         for key in list(self._views):
             self._close(key)
 
-    def _close(self, key: _ViewKey) -> None:
+    def _close(self, key: ViewKey) -> None:
         try:
             self._views.pop(key).view.close()
         except Exception:
             # Of a renderer that failed: it is closed as a whole.
             log_fault(log, "a view could not be closed")
-
-
-def _view_key(planned: PlannedCamera) -> _ViewKey:
-    """Everything that a view depends on; the reason quotes targets and predicted times."""
-    camera = planned.spec.camera if isinstance(planned.spec, OmniCameraSpec) else planned.spec
-    return camera, replace(planned.plan, reason="")

@@ -62,11 +62,13 @@ class Inbox:
             share=None if keep_order else _CLIENT_SHARE, monotonic=monotonic
         )
         self._urgent: list[UrgentEvent] = []
+        self._rendered: list[UrgentEvent] = []
         self._frames: dict[Channel, float] = {}
         self._full: set[Client] = set()
         self._waiting_step_s: defaultdict[Client, float] = defaultdict(float)
-        # Whether `wait` ends for work.
+        # Whether `wait` ends for work, and for a rendered frame.
         self._waits_for_work = True
+        self._waits_for_rendered = True
 
     def post(self, event: SimulationEvent) -> bool:
         """Add an event.
@@ -84,18 +86,25 @@ class Inbox:
                 case ClientDisconnected(client):
                     self._drop_work(client)
                     self._urgent.append(event)
-                case FrameRendered() | StopRequested():
+                case FrameRendered():
+                    self._rendered.append(event)
+                case StopRequested():
                     self._urgent.append(event)
                 case _:
                     superseded = self._put_work(event)
-            # Between the end of a tick's budget and the next tick work wakes nobody: each wake-up
-            # takes the interpreter from the renderer.
-            if self._waits_for_work or not isinstance(event, ClientWork):
+            if self._ends_wait(event):
                 self._changed.notify()
             has_room = not isinstance(event, ClientWork) or self._has_room(event.client)
         if superseded is not None:
             superseded.reply(Fault("superseded by a newer request"), superseded.camera)
         return has_room
+
+    def _ends_wait(self, event: SimulationEvent) -> bool:
+        # Each wake-up takes the interpreter from the renderer: between the end of a tick's budget
+        # and the next tick work wakes nobody, nor does a frame whose channel has no request.
+        if isinstance(event, FrameRendered):
+            return self._waits_for_rendered
+        return self._waits_for_work or not isinstance(event, ClientWork)
 
     def _has_room(self, client: Client) -> bool:
         if self._work.count(client) < MAX_WAITING:
@@ -147,29 +156,40 @@ class Inbox:
         self._full.discard(client)
         self._waiting_step_s.pop(client, None)
 
-    def wait(self, timeout_s: float | None, *, for_work: bool) -> None:
+    def wait(self, timeout_s: float | None, *, for_work: bool, for_rendered: bool = True) -> None:
         """Wait for an event.
 
         Args:
             timeout_s: Longest wait; None waits without limit.
-            for_work: Whether work ends the wait; urgent events always do.
+            for_work: Whether work ends the wait.
+            for_rendered: Whether FrameRendered ends the wait; other urgent events always do.
         """
         with self._changed:
-            self._waits_for_work = for_work
+            self._waits_for_work, self._waits_for_rendered = for_work, for_rendered
             self._changed.wait_for(
-                lambda: self._urgent or self._frames or (for_work and len(self._work)), timeout_s
+                lambda: (
+                    self._urgent
+                    or self._frames
+                    or (for_rendered and self._rendered)
+                    or (for_work and len(self._work))
+                ),
+                timeout_s,
             )
 
     @property
     def has_urgent(self) -> bool:
-        """Whether an urgent event other than a frame request is waiting."""
+        """Whether an urgent event is waiting that is neither a frame request nor a frame."""
         # A list is read atomically; called after every event and tick.
         return bool(self._urgent)
 
     def take_urgent(self) -> list[UrgentEvent]:
-        """Remove and return all urgent events, in the order of arrival; frame requests last."""
+        """Remove and return all urgent events, in the order of arrival but for those of frames.
+
+        Rendered frames come first, frame requests last.
+        """
         with self._changed:
-            urgent, self._urgent = self._urgent, []
+            urgent, self._urgent = [*self._rendered, *self._urgent], []
+            self._rendered.clear()
             frames, self._frames = self._frames, {}
         return [*urgent, *(FrameRequested(number, channel) for channel, number in frames.items())]
 

@@ -104,6 +104,9 @@ class Simulation:
         self._time_ns = 0
         self._started_s = 0.0
         self._scheduler = CaptureScheduler()
+        # Frames of the present tick, until a command or a departure changes something: renderers
+        # draw several frames in a tick of 20 ms, and composing one takes as long as 0.7 ms.
+        self._compositions: dict[Channel, FrameComposition | None] = {}
         self._is_stopped = False
         # Client of the step in progress.
         self._stepping: Client | None = None
@@ -127,7 +130,11 @@ class Simulation:
         on_ready()
         self._started_s = self._monotonic()
         while True:
-            self._inbox.wait(self._wait_timeout_s(), for_work=self._has_budget())
+            self._inbox.wait(
+                self._wait_timeout_s(),
+                for_work=self._has_budget(),
+                for_rendered=self._scheduler.has_blocked_channel,
+            )
             self._handle_urgent_events()
             self._serve_waiting_work()
             if self._is_stopped:
@@ -186,6 +193,7 @@ class Simulation:
 
     def _serve(self, event: ClientWork) -> None:
         """Execute the work of a client; a fault ends this work only."""
+        self._compositions.clear()
         try:
             self._execute(event)
         except Exception:
@@ -211,6 +219,7 @@ class Simulation:
                 assert_never(event)
 
     def _remove_robot(self, client: Client) -> None:
+        self._compositions.clear()
         name = self._fleet.remove(client)
         if name is not None:
             self._scheduler.remove_idle(name)
@@ -256,6 +265,7 @@ class Simulation:
         self._stepping = None
 
     def _tick(self, duration_ns: int) -> None:
+        self._compositions.clear()
         self._time_ns += duration_ns
         self._work_left_s = WORK_BUDGET_S
         self._fleet.step(duration_ns / NS_PER_S, self._time_s)
@@ -268,7 +278,7 @@ class Simulation:
     def _capture(self, channel: Channel, state: ChannelState) -> None:
         """Capture the frame of a due channel and hand it over to be rendered."""
         try:
-            composition = self._fleet.compose_frame(channel)
+            composition = self._compose(channel)
         except Exception:
             log_fault(log, "the frame of %s could not be composed", channel)
             self._scheduler.remove(channel)
@@ -281,6 +291,12 @@ class Simulation:
         interval_s = self._min_interval_s(channel, composition)
         sequence = state.start_frame(self._time_s, interval_s=interval_s)
         self._render(FrameRequest(channel, sequence, self._time_s, self._monotonic(), composition))
+
+    def _compose(self, channel: Channel) -> FrameComposition | None:
+        """Compose the frame of a channel, once as long as nothing moves."""
+        if channel not in self._compositions:
+            self._compositions[channel] = self._fleet.compose_frame(channel)
+        return self._compositions[channel]
 
     def _min_interval_s(self, channel: Channel, composition: FrameComposition) -> float:
         # A limit of the load in real time; under lockstep each request has its frame.

@@ -76,6 +76,7 @@ class Robot:
             lambda part: RandomSource.from_names(seed, name, _stream_name(part)),
         )
         self._body = RobotBody(description.drive, pose, WheelSpin())
+        self._world_from_robot = pose.at_height(description.drive.ride_height_m)
         self._slip = RandomSource.from_names(seed, name, _SLIP_STREAM)
         self._noise_sources = {
             camera.name: RandomSource.from_names(seed, name, f"noise of {camera.name}")
@@ -99,7 +100,7 @@ class Robot:
     @property
     def world_from_robot(self) -> Pose:
         """Pose of the chassis frame."""
-        return self._body.pose.at_height(self.description.drive.ride_height_m)
+        return self._world_from_robot
 
     @property
     def location_m(self) -> Vector3:
@@ -193,6 +194,10 @@ class Robot:
         self._body, travel = step_body(
             self._body, duration_s, obstacles=obstacles, random_source=self._slip
         )
+        # Once a tick: several reports and frames of a tick need the matrix.
+        if self._body.pose != before:
+            height_m = self.description.drive.ride_height_m
+            self._world_from_robot = self._body.pose.at_height(height_m)
         # From poses, not from wheel travel: slip and obstacles are part of the motion blur.
         self._twist = _mean_twist(before, self._body.pose, duration_s)
         motion = MotionStep(travel, self._body.tick, duration_s, self._body.pose)

@@ -8,11 +8,13 @@ import socket
 import struct
 import termios
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import cast
 
 # A chunk of input: a turn of the loop handles at most some 100 commands.
 READ_BYTES = 4 * 1024
+_MAX_CHUNKS_AHEAD = 2
 # States in the first byte of Linux's TCP_INFO: open, and after the peer's FIN.
 _ESTABLISHED = 1
 _CLOSE_WAIT = 8
@@ -21,8 +23,9 @@ _CLOSE_WAIT = 8
 class TcpConnection(asyncio.BufferedProtocol):
     """Both directions of a connection.
 
-    At most one chunk is read ahead: the peer's end is noticed while its last input is handled, and
-    TCP holds back a peer that sends faster than its input is handled.
+    At most two chunks are read ahead: the peer's end is noticed while its last input is handled,
+    and TCP holds back a peer that sends faster than its input is handled. The first one does not
+    pause the socket: a dialogue takes two calls of the system less for each request.
     """
 
     def __init__(self, address: str, *, on_lost: Callable[[TcpConnection], None]) -> None:
@@ -45,7 +48,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         # None until asyncio has connected the socket, a turn of the loop after it was accepted.
         self._transport: asyncio.Transport | None = None
         self._buffer = bytearray(READ_BYTES)
-        self._ahead = b""
+        self._ahead: deque[bytes] = deque()
         self._is_lost = False
         self._has_read_all = False
         self._arrival = asyncio.Event()
@@ -63,10 +66,16 @@ class TcpConnection(asyncio.BufferedProtocol):
         while not self._ahead and not self._has_read_all:
             self._arrival.clear()
             await self._arrival.wait()
-        data, self._ahead = self._ahead, b""
-        if data and self._transport is not None:
+        if not self._ahead:
+            return b""
+        if self._is_paused and self._transport is not None:
             self._transport.resume_reading()
-        return data
+        return self._ahead.popleft()
+
+    @property
+    def _is_paused(self) -> bool:
+        """Whether the socket is not read."""
+        return len(self._ahead) >= _MAX_CHUNKS_AHEAD
 
     @property
     def has_more_input(self) -> bool:
@@ -77,10 +86,11 @@ class TcpConnection(asyncio.BufferedProtocol):
         fcntl.ioctl(self._transport.get_extra_info("socket").fileno(), termios.FIONREAD, waiting)
         return any(waiting)
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes | memoryview) -> None:
         """Send bytes, or queue them."""
         if self._transport is not None and not self._is_lost:
-            self._transport.write(data)
+            # A view: asyncio cuts off the part that is sent at once.
+            self._transport.write(memoryview(data))
 
     async def drain(self) -> None:
         """Wait until most of the queued bytes are sent."""
@@ -108,8 +118,8 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     def check_peer(self) -> None:
         """Notice the end of a peer whose further input waits in the kernel."""
-        # While a chunk is read ahead the socket is not read, and its end is not seen otherwise.
-        if not self._ahead or self.is_closing:
+        # A socket that is not read does not report its end.
+        if not self._is_paused or self.is_closing:
             return
         state = self._tcp_state()
         if state == _CLOSE_WAIT:
@@ -135,8 +145,9 @@ class TcpConnection(asyncio.BufferedProtocol):
     def buffer_updated(self, nbytes: int) -> None:
         """Store input; called by asyncio."""
         assert self._transport is not None, "asyncio reads from it"
-        self._transport.pause_reading()
-        self._ahead = bytes(memoryview(self._buffer)[:nbytes])
+        self._ahead.append(bytes(memoryview(self._buffer)[:nbytes]))
+        if self._is_paused:
+            self._transport.pause_reading()
         self.received_at_s = time.monotonic()
         self._arrival.set()
 

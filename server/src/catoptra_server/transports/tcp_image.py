@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
@@ -12,9 +11,8 @@ from catoptra_protocol.usarsim.image_port import (
     ImageRequestReader,
     ImageType,
     RegionRequest,
-    encode_frame_header,
 )
-from catoptra_server.frames.encode import crop, encode_payload
+from catoptra_server.frames.encode import Payload, crop, encode_without_blocking
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, ImagePortChannel
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
@@ -127,10 +125,7 @@ class _ImagePeer:
     async def _answer(self, request: FullFrameRequest | RegionRequest) -> None:
         channel, region = _select_channel(request, self._options.multi_view)
         frame = await self._next_frame(channel)
-        # In a thread: encoding takes milliseconds, in which the loop serves other clients.
-        payload = await asyncio.to_thread(_encode_payload, frame, region, self._options.image_type)
-        self._connection.write(encode_frame_header(self._options.image_type, len(payload)))
-        self._connection.write(payload)
+        self._connection.write(await _encode_reply(frame, region, self._options.image_type))
         await self._connection.drain()
         self.num_sent += 1
 
@@ -161,10 +156,10 @@ def _select_channel(
     return ImagePortChannel(tiles[0]), in_tile
 
 
-def _encode_payload(
+async def _encode_reply(
     frame: Frame, request: FullFrameRequest | RegionRequest, image_type: ImageType
-) -> bytes:
+) -> Payload:
     if isinstance(request, FullFrameRequest):
-        return frame.encode(image_type)
+        return await frame.encode(image_type)
     region = crop(frame.rgb, request.x, request.y, request.width, request.height)
-    return encode_payload(region, image_type)
+    return await encode_without_blocking(region, image_type)

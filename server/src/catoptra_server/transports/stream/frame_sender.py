@@ -14,6 +14,7 @@ from catoptra_protocol.stream.messages import SCHEMA_VERSION, bytes_from_message
 from catoptra_protocol.stream.replies import Error, FrameHeader
 from catoptra_protocol.stream.requests import GetFrameRequest
 from catoptra_server.fault_log import log_fault
+from catoptra_server.frames.encode import Payload
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
@@ -116,8 +117,7 @@ class FrameSender:
             self._send_reply(_channel_error(self._take_waiting(), error.reason))
             return
         self._encoding = request = self._take_waiting()
-        # In a thread: encoding takes milliseconds, in which the loop serves other clients.
-        payload = await asyncio.to_thread(frame.encode, request.encoding)
+        payload = await frame.encode(request.encoding)
         self._send_frame(frame, request, payload, last=last)
         self._encoding = None
         self._remember(channel, mailbox, frame.sequence)
@@ -137,7 +137,7 @@ class FrameSender:
         self._subscriptions[channel] = (mailbox, sequence)
 
     def _send_frame(
-        self, frame: Frame, request: GetFrameRequest, payload: bytes, *, last: int
+        self, frame: Frame, request: GetFrameRequest, payload: Payload, *, last: int
     ) -> None:
         if last:
             # At least 0: a robot that respawned under its old name restarts its count.

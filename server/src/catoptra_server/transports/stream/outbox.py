@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
+from catoptra_server.frames.encode import Payload
 from catoptra_server.transports.stream.router_socket import SendResult
 
-SendMessage = Callable[[list[bytes]], SendResult]
+SendMessage = Callable[[list[Payload]], SendResult]
 
 # Twice the pending requests of a client: a program that reads at all stays far below.
 _MAX_MESSAGES = 128
@@ -36,8 +37,8 @@ class Outbox:
         self._send = send
         self._on_blocked = on_blocked
         self._on_overflow = on_overflow
-        self._waiting: deque[list[bytes]] = deque()
-        self._frame: list[bytes] | None = None
+        self._waiting: deque[list[Payload]] = deque()
+        self._frame: list[Payload] | None = None
         self._num_bytes = 0
         self._is_closed = False
 
@@ -50,10 +51,10 @@ class Outbox:
         """Send a reply of one part, after all that wait."""
         self._put([message])
 
-    def send_frame(self, header: bytes, image: bytes) -> None:
+    def send_frame(self, header: bytes, image: Payload) -> None:
         """Send a frame, after all that wait; none may wait before, see `withdraw_frame`."""
         assert self._frame is None, "a waiting frame is withdrawn before the next one"
-        parts = [header, image]
+        parts: list[Payload] = [header, image]
         if not self._put(parts):
             self._frame = parts
 
@@ -89,7 +90,7 @@ class Outbox:
         self._waiting.clear()
         self._frame = None
 
-    def _put(self, parts: list[bytes]) -> bool:
+    def _put(self, parts: list[Payload]) -> bool:
         """Send a message or let it wait; False if it waits."""
         if self._is_closed:
             return True

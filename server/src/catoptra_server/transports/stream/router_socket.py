@@ -94,7 +94,7 @@ class RouterSocket:
         self._loop.add_reader(self._monitor.FD, self._read_monitor)
         self._schedule_read()
 
-    def send(self, peer: bytes, parts: Sequence[bytes]) -> SendResult:
+    def send(self, peer: bytes, parts: Sequence[bytes | memoryview]) -> SendResult:
         """Send a message at once, or not at all; a closed socket has no connected peers."""
         if self._is_closed:
             return SendResult.DISCONNECTED
@@ -107,7 +107,7 @@ class RouterSocket:
         self._schedule_read()
         return result
 
-    def _try_send(self, peer: bytes, parts: Sequence[bytes]) -> SendResult:
+    def _try_send(self, peer: bytes, parts: Sequence[bytes | memoryview]) -> SendResult:
         try:
             self._socket.send_multipart([peer, *parts], flags=zmq.NOBLOCK)
         except zmq.Again:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 
@@ -34,6 +34,7 @@ from catoptra_protocol.stream.requests import (
     Request,
 )
 from catoptra_server.fault_log import log_fault
+from catoptra_server.frames.encode import Payload
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.transports.stream.landmark_replies import landmarks_reply
 from catoptra_server.transports.stream.outbox import Outbox
@@ -135,7 +136,7 @@ class StreamServer:
             elif peer.wants_heartbeat(MAX_IDLE_HEARTBEATS):
                 self._send(identity, [_HEARTBEAT])
 
-    def _send(self, identity: bytes, parts: list[bytes]) -> SendResult:
+    def _send(self, identity: bytes, parts: Sequence[Payload]) -> SendResult:
         result = self._socket.send(identity, parts)
         if result is SendResult.DISCONNECTED:
             self._remove_peer(identity)
