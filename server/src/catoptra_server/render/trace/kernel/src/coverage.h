@@ -4,26 +4,22 @@
  * (1) the ray along the beam's axis meets the surface first, (2) no outer edge of the surface
  * passes through the beam, and (3) everything else that reaches into the beam lies behind the
  * surface's plane. (1) and (2): the surface covers the beam's whole section. The tests are
- * conservative: a triangle counts as outside only if one side of the beam separates all of it.
+ * conservative: a triangle counts as outside only if a plane separates all of it from the beam.
  * Parts that are not proven are split in four; what lies outside a part, or behind a surface that
  * covers it, is not tested again in its quarters (Warnock 1969).
  */
 #ifndef CATOPTRA_COVERAGE_H
 #define CATOPTRA_COVERAGE_H
 
-#include "beams.h"
-#include "frame_state.h"
+#include "candidates.h"
 
-typedef struct Candidates Candidates;
+/* Whether a proof can save anything in a frame: surfaces, one viewpoint, and no triangle numbers,
+ * which rays alone find. */
+int can_prove_coverage(const FrameState *state);
 
-/* Candidates of a frame: all surfaces, clusters and objects, relative to the viewpoint. NULL where
- * a proof costs more than it saves or memory is short. */
-Candidates *collect_candidates(const FrameState *state);
-void release_candidates(Candidates *candidates);
-
-/* Space for the searches of one thread. */
+/* Space for the searches of one thread; `candidates` are the frame's. */
 typedef struct Search Search;
-Search *create_search(const FrameState *state, const Candidates *candidates);
+Search *create_search(const FrameState *state, const CandidateList *candidates);
 void release_search(Search *search);
 
 /* Render the tiles of a part of the coarsest level; returns how many are filled. */

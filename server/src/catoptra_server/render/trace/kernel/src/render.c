@@ -13,7 +13,7 @@ enum { TILES_AT_ONCE = 32 };
 typedef struct {
     const FrameState *state;
     const View *view;
-    const Candidates *candidates;
+    const CandidateList *candidates;
     atomic_int next;
     atomic_int num_filled;
     atomic_int failed;
@@ -82,25 +82,31 @@ static void end_frame(FrameState *state) {
         state->device->embree.release_scene(state->objects);
 }
 
+/* Render all tiles, those of proven parts without rays; 0 if memory is short. */
+static int render_all(Device *device, const FrameState *state, const View *view,
+                      FrameCounts *counts) {
+    CandidateList candidates;
+    Job job = {.state = state, .view = view, .candidates = &candidates};
+    int has_proof = can_prove_coverage(state);
+    if (has_proof && !candidates_collect(&candidates, state))
+        return 0;
+    workers_run(device->workers, has_proof ? render_parts : render_tiles, &job);
+    if (has_proof)
+        candidates_free(&candidates);
+    counts->num_tiles = view->rays.num_tiles;
+    counts->num_filled_tiles = atomic_load(&job.num_filled);
+    return !atomic_load(&job.failed);
+}
+
 int32_t catoptra_render(Device *device, const Scene *scene, const View *view, const Frame *frame,
                         FrameCounts *counts, char *error) {
     FrameState state;
-    if (!begin_frame(&state, device, scene, view, frame, error)) {
-        end_frame(&state);
-        return 1;
-    }
-    Candidates *candidates = collect_candidates(&state);
-    Job job = {.state = &state, .view = view, .candidates = candidates};
-    workers_run(device->workers, candidates ? render_parts : render_tiles, &job);
-    counts->num_tiles = view->rays.num_tiles;
-    counts->num_filled_tiles = atomic_load(&job.num_filled);
-    release_candidates(candidates);
-    end_frame(&state);
-    if (atomic_load(&job.failed)) {
+    int is_ready = begin_frame(&state, device, scene, view, frame, error);
+    int is_rendered = is_ready && render_all(device, &state, view, counts);
+    if (is_ready && !is_rendered)
         snprintf(error, ERROR_SIZE, "out of memory");
-        return 1;
-    }
-    return 0;
+    end_frame(&state);
+    return !is_rendered;
 }
 
 int32_t catoptra_trace(Device *device, const Scene *scene, const View *view, const Frame *frame,

@@ -1,0 +1,225 @@
+#include "candidates.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { BOX_TRIANGLES = 12 };
+
+/* Compiled for AVX2 as well, chosen when the library is loaded; without contraction both give the
+ * same bits. */
+#define WIDE_VECTORS __attribute__((target_clones("avx2", "default")))
+
+int candidates_allocate(CandidateList *list, int capacity) {
+    /* One block: nine coordinates, radius and identifier of each candidate. */
+    size_t length = (size_t)(capacity ? capacity : 1);
+    float *values = malloc(sizeof(float) * 11 * length);
+    if (!values)
+        return 0;
+    for (size_t i = 0; i < 9; i++)
+        list->corner[i] = values + i * length;
+    list->radius = values + 9 * length;
+    list->id = (int32_t *)(values + 10 * length);
+    list->capacity = capacity;
+    list->count = 0;
+    return 1;
+}
+
+void candidates_free(CandidateList *list) {
+    free(list->corner[0]);
+    list->corner[0] = NULL;
+}
+
+static void append(CandidateList *list, const Vec3 corners[3], float radius, int32_t id) {
+    int at = list->count++;
+    for (int corner = 0; corner < 3; corner++) {
+        list->corner[3 * corner][at] = corners[corner].x;
+        list->corner[3 * corner + 1][at] = corners[corner].y;
+        list->corner[3 * corner + 2][at] = corners[corner].z;
+    }
+    list->radius[at] = radius;
+    list->id[at] = id;
+}
+
+Vec3 candidate_corner(const CandidateList *list, int at, int corner) {
+    return (Vec3){list->corner[3 * corner][at], list->corner[3 * corner + 1][at],
+                  list->corner[3 * corner + 2][at]};
+}
+
+void candidate_copy(const CandidateList *from, int at, CandidateList *to) {
+    int next = to->count++;
+    for (int component = 0; component < 9; component++)
+        to->corner[component][next] = from->corner[component][at];
+    to->radius[next] = from->radius[at];
+    to->id[next] = from->id[at];
+}
+
+static void append_surfaces(CandidateList *list, const Scene *scene, Vec3 viewpoint) {
+    for (int i = 0; i < scene->surfaces.num_triangles; i++) {
+        const float *corners =
+            scene->mesh->arrays.corners + 9 * (size_t)scene->surfaces.triangles[i];
+        Vec3 relative[3];
+        for (int corner = 0; corner < 3; corner++)
+            relative[corner] = subtract(vec3(corners + 3 * corner), viewpoint);
+        append(list, relative, 0.0f, i);
+    }
+    for (int i = 0; i < scene->surfaces.num_clusters; i++) {
+        const float *cluster = scene->surfaces.clusters + 4 * i;
+        Vec3 centre = subtract(vec3(cluster), viewpoint);
+        append(list, (Vec3[3]){centre, centre, centre}, cluster[3], BLOCKER);
+    }
+}
+
+/* An object reaches into a beam only through its box's sides, wherever the viewpoint is. */
+static void append_box(CandidateList *list, const Pose *pose, const float *box, Vec3 viewpoint) {
+    static const uint8_t sides[BOX_TRIANGLES][3] = {
+        {0, 1, 3}, {0, 3, 2}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
+        {2, 3, 7}, {2, 7, 6}, {0, 2, 6}, {0, 6, 4}, {1, 3, 7}, {1, 7, 5},
+    };
+    Vec3 corners[8];
+    for (int i = 0; i < 8; i++) {
+        Vec3 sign = {i & 4 ? 1.0f : -1.0f, i & 2 ? 1.0f : -1.0f, i & 1 ? 1.0f : -1.0f};
+        Vec3 local = add(vec3(box), multiply(sign, vec3(box + 3)));
+        Vec3 placed = add(rotate(pose->rotation, local), vec3(pose->translation));
+        corners[i] = subtract(placed, viewpoint);
+    }
+    for (int i = 0; i < BOX_TRIANGLES; i++) {
+        Vec3 side[3] = {corners[sides[i][0]], corners[sides[i][1]], corners[sides[i][2]]};
+        append(list, side, 0.0f, BLOCKER);
+    }
+}
+
+int candidates_collect(CandidateList *list, const FrameState *state) {
+    const Frame *frame = state->frame;
+    const Surfaces *surfaces = &state->scene->surfaces;
+    int count = surfaces->num_triangles + surfaces->num_clusters;
+    if (!candidates_allocate(list, count + BOX_TRIANGLES * frame->num_objects))
+        return 0;
+    Vec3 viewpoint = vec3(frame->camera->translation);
+    append_surfaces(list, state->scene, viewpoint);
+    for (int object = 0; object < frame->num_objects; object++)
+        append_box(list, frame->object_poses + object, frame->object_boxes + 6 * object, viewpoint);
+    return 1;
+}
+
+float candidates_extent(const CandidateList *list) {
+    float extent = 0.0f;
+    for (int component = 0; component < 9; component++)
+        for (int i = 0; i < list->count; i++)
+            extent = fmaxf(extent, fabsf(list->corner[component][i]));
+    return extent;
+}
+
+static Vec3 inward(const float *rotation, Vec3 side, float tangent, float sign, Vec3 axis) {
+    Vec3 normal = scale(sign, subtract(side, scale(tangent, axis)));
+    return rotate(rotation, scale(1.0f / sqrtf(dot(normal, normal)), normal));
+}
+
+void find_sides(const FrameState *state, const Beam *beam, BeamSides *sides) {
+    const float *rotation = state->frame->camera->rotation;
+    sides->normal[0] = inward(rotation, beam->a, beam->a_min, 1.0f, beam->axis);
+    sides->normal[1] = inward(rotation, beam->a, beam->a_max, -1.0f, beam->axis);
+    sides->normal[2] = inward(rotation, beam->b, beam->b_min, 1.0f, beam->axis);
+    sides->normal[3] = inward(rotation, beam->b, beam->b_max, -1.0f, beam->axis);
+    sides->axis = rotate(rotation, beam->axis);
+    for (int i = 0; i < 4; i++) {
+        Vec3 edge = cross(sides->normal[i / 2], sides->normal[2 + i % 2]);
+        sides->edge[i] = dot(edge, sides->axis) < 0.0f ? scale(-1.0f, edge) : edge;
+    }
+}
+
+int is_beam_below(const BeamSides *sides, Vec3 normal) {
+    for (int i = 0; i < 4; i++)
+        if (dot(normal, sides->edge[i]) >= 0.0f)
+            return 0;
+    return 1;
+}
+
+/* Mark the candidates that lie on the outer side of one of the beam's sides. */
+WIDE_VECTORS static void mark_outside(const CandidateList *list, Vec3 normal,
+                                      uint8_t *restrict marks) {
+    const float *restrict x0 = list->corner[0], *restrict y0 = list->corner[1];
+    const float *restrict z0 = list->corner[2], *restrict x1 = list->corner[3];
+    const float *restrict y1 = list->corner[4], *restrict z1 = list->corner[5];
+    const float *restrict x2 = list->corner[6], *restrict y2 = list->corner[7];
+    const float *restrict z2 = list->corner[8], *restrict radius = list->radius;
+    for (int i = 0; i < list->count; i++) {
+        float first = normal.x * x0[i] + normal.y * y0[i] + normal.z * z0[i];
+        float second = normal.x * x1[i] + normal.y * y1[i] + normal.z * z1[i];
+        float third = normal.x * x2[i] + normal.y * y2[i] + normal.z * z2[i];
+        float nearer = first > second ? first : second;
+        float nearest = nearer > third ? nearer : third;
+        marks[i] |= nearest < -radius[i];
+    }
+}
+
+/* Mark the triangles that a plane through the viewpoint and one of their sides separates from the
+ * beam: with the beam's own sides, all planes that can separate two pyramids of one apex. */
+WIDE_VECTORS static void mark_beside(const CandidateList *list, const BeamSides *sides, int side,
+                                     uint8_t *restrict marks) {
+    int next = (side + 1) % 3, opposite = (side + 2) % 3;
+    const float *restrict ax = list->corner[3 * side], *restrict ay = list->corner[3 * side + 1];
+    const float *restrict az = list->corner[3 * side + 2], *restrict bx = list->corner[3 * next];
+    const float *restrict by = list->corner[3 * next + 1];
+    const float *restrict bz = list->corner[3 * next + 2];
+    const float *restrict cx = list->corner[3 * opposite];
+    const float *restrict cy = list->corner[3 * opposite + 1];
+    const float *restrict cz = list->corner[3 * opposite + 2];
+    const Vec3 e0 = sides->edge[0], e1 = sides->edge[1], e2 = sides->edge[2], e3 = sides->edge[3];
+    for (int i = 0; i < list->count; i++) {
+        float x = ay[i] * bz[i] - az[i] * by[i];
+        float y = az[i] * bx[i] - ax[i] * bz[i];
+        float z = ax[i] * by[i] - ay[i] * bx[i];
+        /* A triangle whose plane holds the viewpoint is seen as a line, which has no sides; nor has
+         * a sphere, whose corners are one point. */
+        float height = x * cx[i] + y * cy[i] + z * cz[i];
+        float p0 = height * (x * e0.x + y * e0.y + z * e0.z);
+        float p1 = height * (x * e1.x + y * e1.y + z * e1.z);
+        float p2 = height * (x * e2.x + y * e2.y + z * e2.z);
+        float p3 = height * (x * e3.x + y * e3.y + z * e3.z);
+        marks[i] |= (p0 < 0.0f) & (p1 < 0.0f) & (p2 < 0.0f) & (p3 < 0.0f);
+    }
+}
+
+static void copy_unmarked(const CandidateList *from, const uint8_t *marks, CandidateList *to) {
+    int count = from->count;
+    to->count = 0;
+    for (int i = 0; i < count; i++)
+        if (!marks[i])
+            candidate_copy(from, i, to);
+}
+
+void keep_inside(const CandidateList *from, const BeamSides *sides, uint8_t *marks,
+                 CandidateList *kept) {
+    memset(marks, 0, (size_t)from->count);
+    for (int side = 0; side < 4; side++)
+        mark_outside(from, sides->normal[side], marks);
+    copy_unmarked(from, marks, kept);
+    memset(marks, 0, (size_t)kept->count);
+    for (int side = 0; side < 3; side++)
+        mark_beside(kept, sides, side, marks);
+    copy_unmarked(kept, marks, kept);
+}
+
+/* Moeller and Trumbore 1997, from the origin. */
+WIDE_VECTORS void measure_distances(const CandidateList *list, Vec3 d, float *restrict distances) {
+    const float *restrict x0 = list->corner[0], *restrict y0 = list->corner[1];
+    const float *restrict z0 = list->corner[2], *restrict x1 = list->corner[3];
+    const float *restrict y1 = list->corner[4], *restrict z1 = list->corner[5];
+    const float *restrict x2 = list->corner[6], *restrict y2 = list->corner[7];
+    const float *restrict z2 = list->corner[8];
+    for (int i = 0; i < list->count; i++) {
+        float ux = x1[i] - x0[i], uy = y1[i] - y0[i], uz = z1[i] - z0[i];
+        float vx = x2[i] - x0[i], vy = y2[i] - y0[i], vz = z2[i] - z0[i];
+        float px = d.y * vz - d.z * vy, py = d.z * vx - d.x * vz, pz = d.x * vy - d.y * vx;
+        float qx = uy * z0[i] - uz * y0[i], qy = uz * x0[i] - ux * z0[i];
+        float qz = ux * y0[i] - uy * x0[i];
+        /* A triangle without area, or seen as a line: divided by zero, and no comparison holds. */
+        float inverse = 1.0f / (ux * px + uy * py + uz * pz);
+        float u = -(x0[i] * px + y0[i] * py + z0[i] * pz) * inverse;
+        float v = (d.x * qx + d.y * qy + d.z * qz) * inverse;
+        float distance = (vx * qx + vy * qy + vz * qz) * inverse;
+        int is_met = (u >= 0.0f) & (v >= 0.0f) & (u + v <= 1.0f) & (distance > 0.0f);
+        distances[i] = is_met ? distance : INFINITY;
+    }
+}

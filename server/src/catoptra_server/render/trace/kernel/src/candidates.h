@@ -1,0 +1,53 @@
+/* Lists of what a part of the image may show: triangles and spheres, relative to the viewpoint.
+ *
+ * Coordinates are stored by component: the tests of whole lists against a beam are vector code.
+ */
+#ifndef CATOPTRA_CANDIDATES_H
+#define CATOPTRA_CANDIDATES_H
+
+#include "beams.h"
+#include "frame_state.h"
+
+/* Candidate that is no surface: a sphere around small triangles, a side of an object's box. */
+enum { BLOCKER = -1 };
+
+typedef struct {
+    int count, capacity;
+    float *corner[9]; /* a sphere is a triangle of one point */
+    float *radius;    /* 0 for triangles */
+    int32_t *id;      /* index into the scene's surfaces, or BLOCKER */
+} CandidateList;
+
+/* Sides of a beam in the world. */
+typedef struct {
+    Vec3 normal[4]; /* inward, unit */
+    Vec3 edge[4];   /* between neighbouring sides */
+    Vec3 axis;
+} BeamSides;
+
+int candidates_allocate(CandidateList *list, int capacity);
+void candidates_free(CandidateList *list);
+
+/* Surfaces, clusters and objects of a frame; 0 if memory is short. */
+int candidates_collect(CandidateList *list, const FrameState *state);
+
+/* Largest coordinate: the scale of float32's rounding. */
+float candidates_extent(const CandidateList *list);
+
+Vec3 candidate_corner(const CandidateList *list, int at, int corner);
+void candidate_copy(const CandidateList *from, int at, CandidateList *to);
+
+void find_sides(const FrameState *state, const Beam *beam, BeamSides *sides);
+
+/* Candidates of `from` that reach into a beam; `marks` has room for a byte each. */
+void keep_inside(const CandidateList *from, const BeamSides *sides, uint8_t *marks,
+                 CandidateList *kept);
+
+/* Whether the beam lies wholly on the side of a plane through the viewpoint that its normal points
+ * away from. */
+int is_beam_below(const BeamSides *sides, Vec3 normal);
+
+/* Distances along a ray from the viewpoint to each candidate's triangle, INFINITY where not met. */
+void measure_distances(const CandidateList *list, Vec3 direction, float *distances);
+
+#endif
