@@ -20,8 +20,15 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.packed_light import LinearScale
+from catoptra_server.render.trace.reference.affine import interpolate_poses
+from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
+from catoptra_server.render.trace.reference.placed_mesh import (
+    PlacedMesh,
+    Rays,
+    find_first_hits,
+    trace_scene,
+)
+from catoptra_server.render.trace.trace_engine import scene_centre
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import World
 
@@ -123,9 +130,11 @@ def render_through_lens(
 
     Only every n-th pixel in both directions. Black where a ray misses the mirror within the rim.
     """
-    scene = EmbreeScene(build_scene(world), world)
-    scale = LinearScale.for_samples(1, max_radiance=max_radiance)
-    table = scene.radiance_table(scale)
+    scene = build_scene(world)
+    centre = scene_centre(scene)
+    mesh = trace_scene(scene, centre, world.lights)
+    meshes = (PlacedMesh(mesh, interpolate_poses((Pose.identity(),), None)),)
+    lighting = Lighting(centre, world.background, has_shadows=False)
     quadric = Quadric.from_mirror(camera.mirror)
     rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
 
@@ -138,13 +147,10 @@ def render_through_lens(
         normal = quadric.normal(hits)
         away = direction - 2.0 * (direction * normal).sum(axis=1, keepdims=True) * normal
         away /= np.linalg.norm(away, axis=1, keepdims=True)
-        start = hits @ pose.rotation.T + pose.translation - scene.origin
-        directions_in_world = (away @ pose.rotation.T).astype(np.float32)
-        radiance = scene.trace_radiance(
-            start.astype(np.float32), directions_in_world, table=table, scale=scale
-        )
+        rays = Rays(pose.transform_points(hits) - centre, pose.rotate_directions(away))
+        radiance = shade_hits(meshes, rays, find_first_hits(meshes, rays), lighting)
         light = np.zeros((len(on_mirror), 3))
-        light[on_mirror] = scale.unpack(radiance)
+        light[on_mirror] = np.clip(radiance, 0.0, max_radiance)
         return light
 
     with ThreadPoolExecutor(2) as pool:

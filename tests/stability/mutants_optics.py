@@ -14,7 +14,8 @@ from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
 from catoptra_protocol.optics.lenses.perspective import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.render.trace.packed_light import SrgbScale
+from catoptra_server.render.trace.reference.ray_batches import mean_pixels
+from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.world_description import PointLight
 from stability.mutations import Mutation
 
@@ -25,7 +26,7 @@ CAMERA = "catoptra_protocol.optics.omni_camera"
 CUBE = "catoptra_protocol.optics.cube_map"
 LENS = "catoptra_protocol.optics.lenses.perspective.PerspectiveCamera"
 NUMBERS = "catoptra_protocol.usarsim.value_format"
-SCALE = "catoptra_server.render.trace.packed_light.SrgbScale"
+PIXELS = "catoptra_server.render.trace.reference.ray_batches.encode_pixels"
 
 
 # Image radius of a mirror.
@@ -213,20 +214,14 @@ def encode_without_clip(linear: Floats) -> Floats:
     return 1.055 * np.abs(linear) ** (1.0 / 2.4) - 0.055
 
 
-def average_encoded(scale: SrgbScale, sums: Floats) -> Floats:
+def average_encoded(radiance: Floats, samples: int) -> Floats:
     """Mean of encoded samples, as averaging finished images would compute."""
-    shifts = (0, 21, 42)
-    light = [
-        (int(sums[0]) >> shift & (2**21 - 1)) / (scale.max_level * scale.samples)
-        for shift in shifts
-    ]
-    return np.array([[255.0 * level for level in light]])
+    return np.rint(mean_pixels(255.0 * srgb_from_linear(radiance), samples))
 
 
-def pack_without_clip(scale: SrgbScale, radiance: Floats) -> Floats:
-    """Without a clip, radiance above white overflows into the next channel."""
-    levels = (radiance * scale.max_level + 0.5).astype(np.uint64)
-    return levels[0] | (levels[1] << np.uint64(21)) | (levels[2] << np.uint64(42))
+def average_without_clip(radiance: Floats, samples: int) -> Floats:
+    """Mean of samples that may be brighter than white, clipped with their pixel."""
+    return np.rint(255.0 * srgb_from_linear(mean_pixels(radiance, samples)))
 
 
 def point_light_without_guard(
@@ -285,8 +280,8 @@ MUTATIONS = [
         metres_by_two_steps,
     ),
     Mutation("the power alone, unclipped", "light", ENCODE, encode_without_clip),
-    Mutation("a mean without a curve", "light", f"{SCALE}.unpack", average_encoded),
-    Mutation("no clip before packing", "light", f"{SCALE}.pack", pack_without_clip),
+    Mutation("a mean of encoded samples", "light", PIXELS, average_encoded),
+    Mutation("no clip before the mean", "light", PIXELS, average_without_clip),
     Mutation(
         "a point light's inverse square unguarded", "light", POINT_LIGHT, point_light_without_guard
     ),

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,10 +17,11 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import Renderer
-from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.scene.scene_mesh import build_scene
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.opengl import device_or_skip
+from helpers.trace_engines import ENGINES, open_renderer
 from helpers.worlds import (
     DIRECTIONAL_LIGHT,
     HEMISPHERE_LIGHT,
@@ -33,6 +33,7 @@ from helpers.worlds import (
 from stability.consistency import run
 
 WORLD = make_test_world(lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT))
+CAMERA = make_omni_camera(width_px=96)
 POSES = [Pose.from_rpy((0.1 * i, 0.05 * i, -0.6), (0.01 * i, -0.02 * i, 0.3 * i)) for i in range(6)]
 HASH_OF_A_RUN = (
     "import hashlib, sys; sys.path[:0] = sys.argv[1:]; from stability.consistency import run;"
@@ -40,10 +41,9 @@ HASH_OF_A_RUN = (
 )
 
 
-def pictures(renderer: Renderer, stride_px: int) -> bytes:
+def pictures(renderer: Renderer) -> bytes:
     """Bytes of all poses' pictures, with robots in half of them."""
-    plan = replace(make_plan(make_omni_camera(width_px=96), samples=2), stride_px=stride_px)
-    view = renderer.prepare(make_omni_camera(width_px=96), plan)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=2))
     exposures = [
         CameraState(pose, TWO_ROBOTS if index % 2 else ()) for index, pose in enumerate(POSES)
     ]
@@ -59,28 +59,27 @@ def device() -> Iterator[GlDevice]:
     device.close()
 
 
-@pytest.mark.parametrize("stride_px", [1, 4], ids=["rays", "cells"])
-def test_traced_images_are_the_same_with_any_number_of_threads(stride_px: int) -> None:
-    scene, drawn = build_scene(WORLD), []
+@pytest.mark.parametrize("engine", ENGINES)
+def test_traced_images_are_the_same_with_any_number_of_threads(engine: EngineName) -> None:
+    drawn = []
     for threads in (1, 1, 2, 5):
-        renderer = TraceRenderer(scene, WORLD, threads=threads)
-        drawn.append(pictures(renderer, stride_px))
-        renderer.close()
+        with open_renderer(engine, WORLD, threads=threads) as renderer:
+            drawn.append(pictures(renderer))
     assert len(set(drawn)) == 1
 
 
 def test_raster_images_are_the_same_twice_on_one_device(device: GlDevice) -> None:
     scene = build_scene(WORLD)
-    once, again = (pictures(RasterRenderer(scene, WORLD, device=device), 1) for _ in range(2))
+    once, again = (pictures(RasterRenderer(scene, WORLD, device=device)) for _ in range(2))
     assert once == again
 
 
-def test_image_does_not_depend_on_earlier_images() -> None:
-    renderer = TraceRenderer(build_scene(WORLD), WORLD, threads=2)
-    view = renderer.prepare(make_omni_camera(width_px=96), make_plan(make_omni_camera(width_px=96)))
-    forwards = [view.render(CameraState(pose)).rgb for pose in POSES]
-    backwards = [view.render(CameraState(pose)).rgb for pose in reversed(POSES)]
-    renderer.close()
+@pytest.mark.parametrize("engine", ENGINES)
+def test_image_does_not_depend_on_earlier_images(engine: EngineName) -> None:
+    with open_renderer(engine, WORLD, threads=2) as renderer:
+        view = renderer.prepare(CAMERA, make_plan(CAMERA))
+        forwards = [view.render(CameraState(pose)).rgb for pose in POSES]
+        backwards = [view.render(CameraState(pose)).rgb for pose in reversed(POSES)]
     assert all(map(np.array_equal, forwards, reversed(backwards)))
 
 

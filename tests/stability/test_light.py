@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace import packed_light
+from catoptra_server.render.trace.reference import ray_batches
 from catoptra_server.scene import colour, shading
 from catoptra_server.scene.world_description import PointLight
 from stability.catalogue import Case, check, load
@@ -18,11 +20,13 @@ def _encode(linear: float) -> Floats:
 
 def _greys(red: list[float], samples: int) -> list[int]:
     """Greys of a pixel: red cycles through the list, green is full, blue dark."""
-    scale = packed_light.SrgbScale.for_samples(samples)
-    radiance = np.zeros((3, samples), dtype=np.float32)
-    radiance[0], radiance[1] = np.resize(np.array(red, dtype=np.float32), samples), 1.0
-    sums = scale.sum_pixels(scale.pack(radiance))
-    return [int(level) for level in scale.unpack(sums)[0]]
+    side = math.isqrt(samples)
+    pixel = np.zeros((samples, 3))
+    pixel[:, 0], pixel[:, 1] = np.resize(np.array(red), samples), 1.0
+    # Sixteen pixels of the same samples, in blocks of 4 x 4 rays.
+    grid = np.tile(pixel.reshape(side, side, 3), (4, 4, 1))
+    blocks = grid.reshape(side, 4, side, 4, 3).swapaxes(1, 2).reshape(1, samples, 16, 3)
+    return [int(level) for level in ray_batches.encode_pixels(blocks, side)[0, 0, 0]]
 
 
 def _irradiance(height_m: float) -> float:

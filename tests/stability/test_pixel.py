@@ -10,7 +10,6 @@ import pytest
 from catoptra_protocol.optics import omni_camera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render.trace.projection_table import MAX_PIXEL_ERROR_PX, ProjectionTable
 from stability.catalogue import Case, Invalid, check, load
 
 
@@ -57,21 +56,3 @@ SUBJECTS = {
 @pytest.mark.parametrize("case", load("pixel"), ids=str)
 def test_pixel_when_at_a_hard_case_is_that_of_50_digits(case: Case) -> None:
     check(case, SUBJECTS)
-
-
-def _in_table(case: Case) -> bool:
-    """Whether a case has a pixel, and a length that float32 can normalize."""
-    has_value = case.formula == "pixel_from_direction" and case.expect == "value"
-    return has_value and case.float_type == "float32"
-
-
-@pytest.mark.parametrize("case", [c for c in load("pixel") if _in_table(c)], ids=str)
-def test_pixel_when_read_from_traces_table_is_within_its_bound(case: Case) -> None:
-    inputs = dict(case.inputs)
-    direction = np.array(inputs.pop("direction"))
-    table = ProjectionTable.from_camera(_camera(inputs))
-    assert table is not None
-    unit = (direction / np.linalg.norm(direction)).astype(np.float32)
-    u, v = table.pixel_from_direction(*unit[:, None])
-    away = np.hypot(u[0] - float(case.reference[0]), v[0] - float(case.reference[1]))
-    assert away < MAX_PIXEL_ERROR_PX

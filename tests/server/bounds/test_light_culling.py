@@ -10,7 +10,6 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.light_culling import MAX_CULLED_GREY_LEVELS, cull_lights
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene import shading
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
@@ -100,11 +99,3 @@ def test_raster_builds_no_program_for_culled_point_lights_before_an_object_comes
     assert any("NUM_POINT_LIGHTS=2" in name for name in renderer.program_names)
     view.close()
     device.close()
-
-
-def test_trace_computes_no_light_per_sample_for_culled_point_lights() -> None:
-    world = make_world(floor_item(), lights=(DIM_HEMISPHERE_LIGHT, BELOW, FAR))
-    scene = build_scene(world)
-    renderer = TraceRenderer(scene, world, threads=1, scene_lights=cull_lights(scene, world.lights))
-    assert not renderer.has_varying_light
-    renderer.close()

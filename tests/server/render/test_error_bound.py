@@ -37,7 +37,7 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import Image, Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.ray_samples import RaySamples, omni_rays
+from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from catoptra_server.scene.scene_mesh import build_scene
@@ -49,6 +49,7 @@ from helpers.displacement_targets import (
     scatter_squares,
 )
 from helpers.markers import marker_centroid, marker_directions, marker_world
+from helpers.ray_grids import grid_directions, grid_validity
 from helpers.worlds import CAMERA_STATE, make_omni_camera
 
 STRONG = HyperbolicMirror(3.0, 0.1)
@@ -113,28 +114,30 @@ def make_lens_camera(lens: Lens) -> OmniCamera:
     return make_omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
 
 
-def ray_directions(samples: RaySamples, camera_state: CameraState) -> Floats:
-    """(n, 3) directions of a frame's rays in the mirror frame, rotated to the world and back."""
+def turn_directions(directions: Floats, camera_state: CameraState) -> Floats:
+    """(n, 3) float32 directions in the mirror frame, rotated to the world and back."""
     rotation = camera_state.world_from_mirror.rotation
-    turned = samples.directions @ rotation.T.astype(np.float32)
-    directions: Floats = turned.astype(np.float64) @ rotation
-    return directions
+    turned = directions.astype(np.float32) @ rotation.T.astype(np.float32)
+    back: Floats = turned.astype(np.float64) @ rotation
+    return back
 
 
 def ray_errors_px(camera: OmniCamera, plan: RenderPlan, camera_state: CameraState) -> Floats:
     """(n,) displacements of the rays of one exposure whose directions lie in the image."""
-    samples = omni_rays(camera, plan)
-    pixels = pixel_sample_positions(camera).reshape(-1, 2)[samples.pixels]
-    error_px, known = displacement_px(camera, pixels, ray_directions(samples, camera_state))
-    return error_px[known & samples.on_mirror]
+    rays = omni_ray_table(camera, plan)
+    valid = grid_validity(rays)
+    pixels = pixel_sample_positions(camera)[:, :, 0][valid]
+    directions = turn_directions(grid_directions(rays)[valid], camera_state)
+    error_px, known = displacement_px(camera, pixels, directions)
+    return error_px[known]
 
 
 def widest_gap_px(camera: OmniCamera, plan: RenderPlan) -> float:
     """Distance within the rim of the farthest pixel that misses the mirror wrongly."""
-    pixels = pixel_sample_positions(camera).reshape(-1, 2)
+    pixels = pixel_sample_positions(camera)[:, :, 0]
     _, on_disc = direction_from_pixel(camera, pixels)
-    on_disc[omni_rays(camera, plan).pixels] = False
-    radius_px = np.linalg.norm(pixels[on_disc] - camera.centre_px, axis=1)
+    missed = on_disc & ~grid_validity(omni_ray_table(camera, plan))
+    radius_px = np.linalg.norm(pixels[missed] - camera.centre_px, axis=1)
     return float((camera.rim_radius_px - radius_px).max(initial=0.0))
 
 

@@ -1,6 +1,6 @@
 """Hard scenes and hard cameras in all renderers: touching walls, no area, far worlds.
 
-Trace renders both by all rays and by cells.
+Trace renders by each of its engines.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.renderer import Image
-from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.renderer import Image, Renderer
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, MeshFile, World
 from helpers.image_comparison import level_differences
+from helpers.trace_engines import ENGINES, open_renderer
 from helpers.worlds import (
     CAMERA_STATE,
     DIRECTIONAL_LIGHT,
@@ -37,12 +37,11 @@ from helpers.worlds import (
 )
 
 Draw = Callable[..., Image]
-WAYS = ("trace", "cells", "raster")
 GREEN, BLUE = Material((0.0, 1.0, 0.0), unlit=True), (0.0, 0.0, 1.0)
 TEN_KM = (10_000.0, -7_000.0, 300.0)
 
 
-@pytest.fixture(params=WAYS)
+@pytest.fixture(params=(*ENGINES, "raster"))
 def render_world(request: pytest.FixtureRequest) -> Iterator[Draw]:
     """Function that renders a world with a camera, from a pose, by one of the renderers."""
     with ExitStack() as stack:
@@ -54,16 +53,11 @@ def render_world(request: pytest.FixtureRequest) -> Iterator[Draw]:
             tessellation: Tessellation | None = None,
         ) -> Image:
             plan = make_plan(camera, tessellation) if tessellation else make_plan(camera)
-            plan = replace(plan, stride_px=1 if tessellation or request.param != "cells" else 4)
-            scene = build_scene(world)
             if request.param == "raster":
                 device = request.getfixturevalue("device")
-                renderer: RasterRenderer | TraceRenderer = RasterRenderer(
-                    scene, world, device=device
-                )
+                renderer: Renderer = RasterRenderer(build_scene(world), world, device=device)
             else:
-                renderer = TraceRenderer(scene, world, threads=2)
-                stack.callback(renderer.close)
+                renderer = stack.enter_context(open_renderer(request.param, world, threads=2))
             view = renderer.prepare(camera, plan)
             image = view.render(CameraState(pose)).rgb
             view.close()

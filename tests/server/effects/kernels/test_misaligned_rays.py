@@ -21,7 +21,7 @@ from catoptra_server.effects.kernels.misaligned_rays import (
     lookup_offsets_px,
     reflect_rays,
 )
-from catoptra_server.render.trace.embree_scene import EmbreeScene
+from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.scene.scene_mesh import build_scene
 from helpers.worlds import CAMERA_STATE, make_omni_camera, make_test_world
 
@@ -106,10 +106,9 @@ def embree_lookup_px(pose_offset: CameraPoseOffset) -> tuple[Floats, Floats, Boo
     Then the distances of the points in view, and the validity: both cameras see the mirror.
     """
     point, on, axis_m = cast_rays(CAMERA, pose_offset, all_pixel_centres(CAMERA))
-    scene = EmbreeScene(build_scene(make_test_world()), make_test_world())
+    caster = EmbreeRayCaster(build_scene(make_test_world()))
     pose = CAMERA_STATE.world_from_mirror
-    origins = (pose.transform_points(point) - scene.origin).astype(np.float32)
-    far = scene.distances(origins, pose.rotate_directions(on).astype(np.float32)).astype(np.float64)
+    far = caster.distances(pose.transform_points(point), pose.rotate_directions(on))
     towards = np.where(np.isfinite(far)[:, None], point + np.minimum(far, 1e6)[:, None] * on, on)
     ideal, shown = pixel_from_direction(CAMERA, towards)
     rim_m = float(CAMERA.mirror.surface_point(np.array(CAMERA.rim_t))[0])

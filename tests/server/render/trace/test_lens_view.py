@@ -1,38 +1,40 @@
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.render.renderer import Image, RenderedImage
+from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.trace.lens_view import TraceLensView
+from catoptra_server.render.trace.trace_engine import RayHits, TracedExposure
 from helpers.worlds import CAMERA_STATE
 
 
-class ShadowFlagView:
-    """A view whose only pixel shows whether it was built with shadows."""
+class OnePixelRays:
+    """Rays of one white pixel."""
 
-    def __init__(self, has_shadows: bool) -> None:
-        self._image: Image = np.full((1, 1, 3), has_shadows, dtype=np.uint8)
+    memory_bytes = 123
 
-    def render(self, camera_state: CameraState) -> RenderedImage:
-        return RenderedImage(self._image, {})
+    def __init__(self) -> None:
+        self.is_closed = False
+
+    def render_srgb(self, exposure: TracedExposure) -> Image:
+        return np.full((1, 1, 3), 255, dtype=np.uint8)
+
+    def render_linear(self, exposure: TracedExposure) -> LinearImage:
+        raise AssertionError("a perspective image has no effects")
+
+    def find_hits(self, exposure: TracedExposure) -> RayHits:
+        raise AssertionError("a perspective image has no ranges")
+
+    def close(self) -> None:
+        self.is_closed = True
 
 
-def test_view_when_shadows_vary_builds_each_source_once() -> None:
-    builds: list[bool] = []
-
-    def make_view(has_shadows: bool) -> ShadowFlagView:
-        builds.append(has_shadows)
-        return ShadowFlagView(has_shadows)
-
-    view = TraceLensView(make_view, ray_bytes=0)  # type: ignore[arg-type]
-    shadowed = dataclasses.replace(CAMERA_STATE, has_shadows=True)
-    greys = [
-        int(view.render(camera_state).rgb[0, 0, 0])
-        for camera_state in (CAMERA_STATE, shadowed, CAMERA_STATE, shadowed)
-    ]
-    assert greys == [0, 1, 0, 1]
-    assert builds == [False, True]
+def test_view_shows_the_engine_s_image_and_frees_its_rays() -> None:
+    rays = OnePixelRays()
+    view = TraceLensView(rays)
+    rendered = view.render(CAMERA_STATE)
+    assert rendered.rgb.tolist() == [[[255, 255, 255]]]
+    assert list(rendered.stage_ms) == ["trace"]
+    assert view.memory_bytes == 123
     view.close()
+    assert rays.is_closed

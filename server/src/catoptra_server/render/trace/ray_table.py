@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import Lens
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import ImageSize, OmniCamera, direction_from_pixel
@@ -29,6 +30,8 @@ TILE_PX = 4
 """Pixels along a tile's side, and rays along a block's side."""
 BLOCK_RAYS = TILE_PX * TILE_PX
 """Rays of a block."""
+MAX_SAMPLES = 16
+"""Samples along a pixel's side."""
 
 # Float64 directions and what they are computed from take 130 bytes a sample, the result 13: a batch
 # takes 70 MB, where a whole image of 8192 px took 8 GB.
@@ -112,7 +115,12 @@ def build_ray_table(camera: ImageSize, samples: int, look_up: DirectionLookup) -
         camera: Size of the image.
         samples: Samples along a pixel's side.
         look_up: Directions of pixel positions, and their validity.
+
+    Raises:
+        DomainError: A number of samples that no pixel can have.
     """
+    if not 1 <= samples <= MAX_SAMPLES:
+        raise DomainError(f"{samples} samples along a pixel's side: from 1 to {MAX_SAMPLES}")
     batches = [
         _build_tile_rows(camera, samples, look_up, rows) for rows in _split_rows(camera, samples)
     ]

@@ -13,9 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
+from catoptra_server.scene.scene_mesh import SceneMesh
 
 STATIC_SCENE = 0
 """Object number of the static scene; dynamic objects follow in the order of the camera state."""
@@ -99,6 +101,14 @@ class TraceEngine(Protocol):
 
     def close(self) -> None:
         """Free the scene."""
+
+
+def scene_centre(scene: SceneMesh) -> Floats:
+    """(3,) origin of an engine's float32 coordinates: precise in a world far from its origin.
+
+    The centre of the box around a scene; the world's origin for an empty one.
+    """
+    return np.zeros(3) if len(scene) == 0 else np.asarray(0.5 * (scene.box_min + scene.box_max))
 
 
 def pixel_ranges(rays: RayTable, hits: RayHits) -> Float32s:

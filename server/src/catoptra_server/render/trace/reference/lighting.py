@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -45,9 +46,8 @@ class _Points:
     bias_m: Floats
     """(n,) distances of shadow rays from their facets."""
 
-    def take(self, points: RayIndices) -> _Points:
-        """Some of the points."""
-        return _Points(self.positions[points], self.normals[points], self.bias_m[points])
+
+Record = TypeVar("Record", Rays, FirstHits, _Points)
 
 
 def shade_hits(
@@ -60,9 +60,15 @@ def shade_hits(
         if len(selected):
             placed = [mesh.take(selected) for mesh in meshes]
             radiance[selected] = _shade_mesh(
-                placed, number, rays.take(selected), hits.take(selected), lighting
+                placed, number, _take(rays, selected), _take(hits, selected), lighting
             )
     return radiance
+
+
+def _take(record: Record, rays: RayIndices) -> Record:
+    """Some of the rows of a record of arrays."""
+    rows = {field.name: getattr(record, field.name)[rays] for field in fields(record)}
+    return replace(record, **rows)
 
 
 def _shade_mesh(
@@ -72,14 +78,14 @@ def _shade_mesh(
     mesh = meshes[number].mesh
     points = _lit_points(meshes[number], rays, hits)
     irradiance = _irradiance(meshes, number, points, lighting)
-    irradiance[mesh.unlit[hits.triangle]] = 1.0
+    irradiance[mesh.facets.unlit[hits.triangle]] = 1.0
     return mesh.albedo_at(hits.triangle, hits.weights) * irradiance
 
 
 def _lit_points(placed: PlacedMesh, rays: Rays, hits: FirstHits) -> _Points:
     """Positions and normals of hits."""
     positions = rays.origins + hits.distance[:, None] * rays.directions
-    normals = placed.world_from_mesh.normals(placed.mesh.normals[hits.triangle])
+    normals = placed.world_from_mesh.normals(placed.mesh.facets.normals[hits.triangle])
     largest = np.maximum(np.abs(positions), np.abs(rays.origins)).max(axis=-1)
     return _Points(positions, normals, SHADOW_BIAS * largest)
 
@@ -99,7 +105,7 @@ def _irradiance(
         # Only facets turned to the light send a ray; all others are dark anyway.
         facing = np.flatnonzero(added.any(axis=-1))
         placed = [mesh.take(facing) for mesh in meshes]
-        lit = facing[~_find_occlusion(placed, light, points.take(facing), lighting.centre)]
+        lit = facing[~_find_occlusion(placed, light, _take(points, facing), lighting.centre)]
         total[lit] += added[lit]
     return total
 

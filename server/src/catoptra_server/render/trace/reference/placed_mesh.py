@@ -4,46 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.reference.affine import Affine
 from catoptra_server.render.trace.reference.embree_mesh import EmbreeMesh
 from catoptra_server.render.trace.trace_engine import NOTHING
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.dynamic_object import ObjectMesh
 from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import sample_texture
+from catoptra_server.scene.shading import LitFacets, sample_texture
 from catoptra_server.scene.texture_files import Texture
 from catoptra_server.scene.world_description import Light
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rays:
-    """Rays in the world's axes, relative to the scene's centre."""
-
-    origins: Floats
-    """(n, 3) metres."""
-    directions: Floats
-    """(n, 3) unit."""
-
-    def take(self, rays: npt.NDArray[np.intp]) -> Rays:
-        """Some of the rays."""
-        return Rays(self.origins[rays], self.directions[rays])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TextureMap:
-    """Textures of a mesh."""
-
-    index: npt.NDArray[np.int32]
-    """(m,) texture of each triangle; -1 for none."""
-    uv: Floats
-    """(m, 3, 2) texture coordinates."""
-    linear: tuple[npt.NDArray[np.float32], ...]
-    """(h, w, 3) linear texels; in float64 a texture of 4096 px would take 400 MB."""
+Indices = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,50 +31,60 @@ class TracedMesh:
     """Triangles that rays of the camera meet."""
     casters: EmbreeMesh
     """Those of them that occlude lights."""
-    normals: Floats
-    """(m, 3) unit."""
-    albedo: Floats
-    """(m, 3) linear."""
-    unlit: Bools
-    """(m,) whether a triangle is shown at its albedo."""
+    facets: LitFacets
+    """Normals and materials of all triangles, in the mesh's frame."""
     lights: tuple[Light, ...]
     """Lights that shine on the mesh."""
-    textures: TextureMap | None = None
-    """None: one albedo a triangle."""
+    corner_albedo: Floats | None = None
+    """(m, 3, 3) linear; None: one albedo a triangle."""
+    texture_index: npt.NDArray[np.int32] | None = None
+    """(m,) texture of each triangle, -1 for none; None for a mesh without textures."""
+    uv: Floats | None = None
+    """(m, 3, 2) texture coordinates, beside the texture index."""
+    textures: tuple[npt.NDArray[np.float32], ...] = ()
+    """(h, w, 3) linear texels; in float64 a texture of 4096 px would take 400 MB."""
 
-    def albedo_at(self, triangle: npt.NDArray[np.int32], weights: Floats) -> Floats:
-        """(n, 3) albedo at (n, 2) barycentric weights of (n,) triangles."""
-        albedo = self.albedo[triangle]
-        if self.textures is None:
+    def albedo_at(self, triangle: Indices, weights: Floats) -> Floats:
+        """(n, 3) albedo at (n, 2) barycentric weights of (n,) triangles, by a texture if any."""
+        albedo = self.facets.albedo[triangle]
+        if self.corner_albedo is not None:
+            albedo = _interpolate(self.corner_albedo[triangle], weights)
+        if self.texture_index is None or self.uv is None:
             return albedo
-        index, (a, b, c) = self.textures.index[triangle], self.textures.uv[triangle].swapaxes(0, 1)
-        uv = a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a)
-        for number, texels in enumerate(self.textures.linear):
-            rays = np.flatnonzero(index == number)
-            albedo[rays] *= sample_texture(texels, uv[rays])  # type: ignore[arg-type]
+        texture, uv = self.texture_index[triangle], _interpolate(self.uv[triangle], weights)
+        for number, texels in enumerate(self.textures):
+            rays = np.flatnonzero(texture == number)
+            # Float64 by its coordinates, whatever the texels are.
+            albedo[rays] *= sample_texture(cast(Floats, texels), uv[rays])
         return albedo
+
+
+def _interpolate(at_corners: Floats, weights: Floats) -> Floats:
+    """(n, k) values between (n, 3, k) corners."""
+    a, b, c = at_corners.swapaxes(0, 1)
+    return np.asarray(a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a))
 
 
 def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> TracedMesh:
     """The static scene, relative to its centre so that float32 keeps its precision there."""
-    corners = scene.corners - centre
-    surface = EmbreeMesh(corners)
+    surface = EmbreeMesh(scene.corners - centre)
     all_cast = bool(scene.casts_shadows.all())
     return TracedMesh(
         surface,
-        surface if all_cast else EmbreeMesh(corners[scene.casts_shadows]),
-        scene.normals,
-        scene.albedo,
-        scene.unlit,
+        surface if all_cast else EmbreeMesh(scene.corners[scene.casts_shadows] - centre),
+        scene,
         lights,
-        TextureMap(scene.texture_index, scene.uv, tuple(map(_linear_texels, scene.textures))),
+        scene.corner_albedo,
+        scene.texture_index if scene.textures else None,
+        scene.uv if scene.textures else None,
+        tuple(_linear_texels(texture) for texture in scene.textures),
     )
 
 
 def trace_object(mesh: ObjectMesh, lights: tuple[Light, ...]) -> TracedMesh:
     """A dynamic object's mesh, in the object's frame."""
     surface = EmbreeMesh(mesh.corners)
-    return TracedMesh(surface, surface, mesh.normals, mesh.albedo, mesh.unlit, lights)
+    return TracedMesh(surface, surface, mesh, lights)
 
 
 def _linear_texels(texture: Texture) -> npt.NDArray[np.float32]:
@@ -120,23 +107,27 @@ class PlacedMesh:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Rays:
+    """Rays in the world's axes, relative to the scene's centre."""
+
+    origins: Floats
+    """(n, 3) metres."""
+    directions: Floats
+    """(n, 3) unit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FirstHits:
     """What each of n rays meets first."""
 
     distance: Floats
     """(n,) metres; inf for nothing."""
-    object: npt.NDArray[np.int32]
+    object: Indices
     """(n,) index of the mesh, or NOTHING."""
-    triangle: npt.NDArray[np.int32]
+    triangle: Indices
     """(n,) index of the triangle, or NOTHING."""
     weights: Floats
     """(n, 2) barycentric weights of corners 1 and 2."""
-
-    def take(self, rays: npt.NDArray[np.intp]) -> FirstHits:
-        """Hits of some of the rays."""
-        return FirstHits(
-            self.distance[rays], self.object[rays], self.triangle[rays], self.weights[rays]
-        )
 
 
 def find_first_hits(meshes: Sequence[PlacedMesh], rays: Rays) -> FirstHits:

@@ -7,11 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import Image, LinearImage
-from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
+from catoptra_server.render.trace.ray_table import BLOCK_RAYS, TILE_PX, Element, RayTable
 from catoptra_server.render.trace.reference.affine import interpolate_poses
 from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
 from catoptra_server.render.trace.reference.placed_mesh import (
@@ -23,15 +24,20 @@ from catoptra_server.render.trace.reference.placed_mesh import (
     trace_object,
     trace_scene,
 )
-from catoptra_server.render.trace.reference.ray_batches import RayBatch, mean_pixels, split_table
+from catoptra_server.render.trace.reference.ray_batches import (
+    RayBatch,
+    encode_pixels,
+    mean_pixels,
+    split_table,
+)
 from catoptra_server.render.trace.trace_engine import (
     NOTHING,
     RayHits,
     TracedExposure,
     assemble_tiles,
     camera_states,
+    scene_centre,
 )
-from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import ObjectMesh
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import Light, World
@@ -60,6 +66,10 @@ class _Frame:
         )
         return meshes, rays, find_first_hits(meshes, rays)
 
+    def shade(self, batch: RayBatch) -> Floats:
+        """(n, 3) linear radiance of a batch."""
+        return shade_hits(*self.trace(batch), self.lighting)
+
 
 class ReferenceEngine:
     """A scene in Embree, shaded in float64."""
@@ -77,7 +87,7 @@ class ReferenceEngine:
         """
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="trace")
         self._world = world
-        self._centre = _centre(scene)
+        self._centre = scene_centre(scene)
         self._scene = trace_scene(scene, self._centre, scene_lights)
         self._objects: dict[ObjectMesh, TracedMesh] = {}
         self.description = f"reference (Embree single rays, NumPy float64), {threads} threads"
@@ -122,14 +132,6 @@ class ReferenceEngine:
         self._pool.shutdown()
 
 
-def _centre(scene: SceneMesh) -> Floats:
-    """(3,) centre of the box around a scene; the world's origin for an empty one."""
-    if len(scene) == 0:
-        return np.zeros(3)
-    low, high = scene.corners.min(axis=(0, 1)), scene.corners.max(axis=(0, 1))
-    return np.asarray(0.5 * (low + high))
-
-
 class ReferenceRays:
     """The rays of one camera."""
 
@@ -148,31 +150,34 @@ class ReferenceRays:
 
     def render_srgb(self, exposure: TracedExposure) -> Image:
         """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
-        means = self._render_means(exposure, lambda radiance: np.clip(radiance, 0.0, 1.0))
-        image = np.rint(255.0 * srgb_from_linear(means)).astype(np.uint8)
+        image = self._render(exposure, encode_pixels, np.uint8(0))
         # Frames are handed to other threads, which encode them while the next one is rendered.
         image.setflags(write=False)
         return image
 
     def render_linear(self, exposure: TracedExposure) -> LinearImage:
         """(h, w, 3) linear light; zero off the mirror. Light beyond white is kept."""
-        return self._render_means(exposure, lambda radiance: radiance).astype(np.float32)
+        return self._render(exposure, mean_pixels, 0.0).astype(np.float32)
 
-    def _render_means(self, exposure: TracedExposure, limit: Callable[[Floats], Floats]) -> Floats:
-        """(h, w, 3) mean radiance of the limited samples of each pixel."""
+    def _render(
+        self,
+        exposure: TracedExposure,
+        develop: Callable[[Floats, int], npt.NDArray[Element]],
+        black: Element | float,
+    ) -> npt.NDArray[Element]:
+        """(h, w, 3) image, by the (t, 4, 4, 3) pixels of (t, samples^2, 16, 3) radiance."""
         table, frame = self._table, self._make_frame(exposure)
-        tiles = np.zeros((len(table.tiles), 4, 4, 3))
+        tiles = np.full((len(table.tiles), TILE_PX, TILE_PX, 3), black)
 
         def render(batch: RayBatch) -> None:
-            meshes, rays, hits = frame.trace(batch)
             part = tiles[batch.tiles]
             # Rays that do not see the mirror are black.
-            samples = np.zeros((len(part) * table.samples**2 * BLOCK_RAYS, 3))
-            samples[batch.rays] = limit(shade_hits(meshes, rays, hits, frame.lighting))
-            part[:] = mean_pixels(samples, table.samples)
+            radiance = np.zeros((len(part), table.samples**2, BLOCK_RAYS, 3))
+            radiance.reshape(-1, 3)[batch.rays] = frame.shade(batch)
+            part[:] = develop(radiance, table.samples)
 
         self._for_all_batches(render)
-        return assemble_tiles(table, tiles, fill=0.0)
+        return assemble_tiles(table, tiles, fill=black)
 
     def find_hits(self, exposure: TracedExposure) -> RayHits:
         """First hit of each ray."""

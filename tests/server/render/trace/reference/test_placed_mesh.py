@@ -1,0 +1,75 @@
+"""Materials at hits, and the first of several meshes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.trace.reference.affine import interpolate_poses
+from catoptra_server.render.trace.reference.placed_mesh import (
+    PlacedMesh,
+    Rays,
+    find_first_hits,
+    trace_object,
+    trace_scene,
+)
+from catoptra_server.render.trace.trace_engine import NOTHING
+from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.shading import sample_texture
+from helpers.dynamic_objects import build_cube_mesh
+from helpers.shadows import box_item, floor_item, make_world
+from helpers.worlds import make_test_world, write_smooth_texture
+
+AHEAD = np.array([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+
+
+def place_cubes(*poses: Pose) -> list[PlacedMesh]:
+    mesh = trace_object(build_cube_mesh(0.4), ())
+    return [PlacedMesh(mesh, interpolate_poses((pose,), None)) for pose in poses]
+
+
+def test_first_hit_is_the_nearest_of_all_meshes() -> None:
+    cubes = place_cubes(*(Pose.from_rpy((x, 0.0, 0.0)) for x in (3.0, 2.0, 4.0)))
+    hits = find_first_hits(cubes, Rays(np.zeros((2, 3)), AHEAD))
+    assert hits.object.tolist() == [1, NOTHING]
+    assert hits.triangle[1] == NOTHING
+    np.testing.assert_allclose(hits.distance, (1.8, np.inf))
+
+
+def test_first_hit_of_meshes_at_one_place_is_the_earlier_one_s() -> None:
+    cubes = place_cubes(*[Pose.from_rpy((3.0, 0.0, 0.0))] * 2)
+    assert find_first_hits(cubes, Rays(np.zeros((2, 3)), AHEAD)).object[0] == 0
+
+
+def test_albedo_of_a_textured_mesh_is_that_of_the_shading_model(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    scene = build_scene(make_test_world(texture=write_smooth_texture(tmp_path / "waves.png")))
+    mesh = trace_scene(scene, np.zeros(3), ())
+    triangle = np.arange(len(scene), dtype=np.int32)
+    weights = np.random.default_rng(2).dirichlet((1.0, 1.0, 1.0), len(scene))[:, 1:]
+    found = mesh.albedo_at(triangle, weights)
+    textured = scene.texture_index >= 0
+    np.testing.assert_array_equal(found[~textured], scene.albedo[~textured])
+    uv = scene.uv[:, 0] + np.einsum("nc,nci->ni", weights, scene.uv[:, 1:] - scene.uv[:, :1])
+    texels = sample_texture(linear_from_srgb(scene.textures[0] / 255.0), uv[textured])
+    # The mesh keeps its texels in float32.
+    np.testing.assert_allclose(found[textured], scene.albedo[textured] * texels, rtol=1e-6)
+    assert 0 < textured.sum() < len(scene)
+
+
+def test_albedo_of_a_mesh_with_colours_at_its_corners_lies_between_them() -> None:
+    scene = build_scene(make_world(floor_item()))
+    colours = np.random.default_rng(3).uniform(size=(len(scene), 3, 3))
+    mesh = trace_scene(replace(scene, corner_albedo=colours), np.zeros(3), ())
+    triangle, weights = np.array((0, 1), dtype=np.int32), np.array(((0.2, 0.5), (1.0, 0.0)))
+    expected = 0.3 * colours[0, 0] + 0.2 * colours[0, 1] + 0.5 * colours[0, 2], colours[1, 1]
+    np.testing.assert_allclose(mesh.albedo_at(triangle, weights), expected)
+
+
+def test_triangles_that_cast_no_shadow_are_seen_but_occlude_nothing() -> None:
+    glass = replace(box_item(3.0, 0.0, 0.0, (0.4, 0.4, 0.4)), casts_shadows=False)
+    mesh = trace_scene(build_scene(make_world(glass)), np.zeros(3), ())
+    assert mesh.surface.first_hits(np.zeros((2, 3)), AHEAD).triangle[0] >= 0
+    assert not mesh.casters.occludes(np.zeros((2, 3)), AHEAD, np.full(2, np.inf)).any()

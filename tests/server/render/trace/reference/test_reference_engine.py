@@ -1,0 +1,79 @@
+"""The reference engine: bytes that depend on nothing but scene and rays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_server.render.trace.ray_table import omni_ray_table
+from catoptra_server.render.trace.reference import ray_batches
+from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
+from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE, assemble_grid
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import PointLight, World
+from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.worlds import (
+    CAMERA_STATE,
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+    write_smooth_texture,
+)
+
+CAMERA = make_omni_camera(width_px=90)
+EXPOSURE = replace(CAMERA_STATE, objects=TWO_ROBOTS, has_shadows=True)
+
+
+def make_engine(world: World, *, threads: int = 1) -> ReferenceEngine:
+    return ReferenceEngine(build_scene(world), world, threads=threads, scene_lights=world.lights)
+
+
+@pytest.mark.parametrize("rays_per_batch", [100, 5000, 2**20])
+def test_image_does_not_depend_on_batches_and_threads(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rays_per_batch: int
+) -> None:
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+        texture=write_smooth_texture(tmp_path / "waves.png"),
+    )
+    table = omni_ray_table(CAMERA, make_plan(CAMERA, samples=2))
+    whole = make_engine(world).prepare(table).render_linear(EXPOSURE)
+    monkeypatch.setattr(ray_batches, "_RAYS_PER_BATCH", rays_per_batch)
+    parts = make_engine(world, threads=3).prepare(table).render_linear(EXPOSURE)
+    np.testing.assert_array_equal(whole, parts)
+
+
+def test_scene_has_its_own_lights_and_objects_have_all_of_the_world() -> None:
+    lamp = PointLight((0.5, 0.0, -1.0), (3.0, 3.0, 3.0))
+    world = make_test_world(lights=(HEMISPHERE_LIGHT, lamp))
+    table = omni_ray_table(CAMERA, make_plan(CAMERA))
+    exposure = replace(CAMERA_STATE, objects=TWO_ROBOTS)
+    images = []
+    for lights in (world.lights, (HEMISPHERE_LIGHT,)):
+        engine = ReferenceEngine(build_scene(world), world, threads=1, scene_lights=lights)
+        rays = engine.prepare(table)
+        images.append(rays.render_linear(exposure))
+        numbers = rays.find_hits(exposure).object.astype(np.float32)
+        engine.close()
+    number = assemble_grid(table, numbers[..., None], fill=np.float32(NOTHING))[..., 0]
+    differs = (np.abs(images[0] - images[1]) > 1e-3).any(axis=-1)
+    assert differs[number == STATIC_SCENE].mean() > 0.5
+    assert (number > STATIC_SCENE).sum() > 100
+    assert not differs[number > STATIC_SCENE].any()
+
+
+def test_description_names_engine_and_threads() -> None:
+    engine = make_engine(make_test_world(), threads=3)
+    assert engine.description == "reference (Embree single rays, NumPy float64), 3 threads"
+    engine.close()
+
+
+def test_rays_take_no_more_memory_than_their_table() -> None:
+    table = omni_ray_table(CAMERA, make_plan(CAMERA))
+    assert make_engine(make_test_world()).prepare(table).memory_bytes == table.memory_bytes

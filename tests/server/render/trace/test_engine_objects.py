@@ -1,0 +1,89 @@
+"""First hits of rays, and dynamic objects, for each engine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.trace.engine_choice import EngineName
+from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE
+from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
+from catoptra_server.scene.primitives import box
+from catoptra_server.scene.world_description import (
+    Box,
+    DirectionalLight,
+    Item,
+    Material,
+    Rectangle,
+    World,
+)
+from helpers.dynamic_objects import place_cube
+from helpers.trace_engines import (
+    AT_ORIGIN,
+    ENGINES,
+    make_row_table,
+    measure_rays,
+    open_engine,
+    render_rays,
+)
+
+pytestmark = pytest.mark.parametrize("engine", ENGINES)
+
+WHITE = Material((1.0, 1.0, 1.0), unlit=True)
+FLOOR = World("w", (Item("floor", Rectangle((2.0, 2.0)), Pose.from_rpy((0, 0, 1)), WHITE),))
+DOWN, UP, AHEAD = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)
+
+
+def test_hits_name_range_triangle_and_object(engine: EngineName) -> None:
+    exposure = replace(AT_ORIGIN, objects=(place_cube(9.0, 0.0, 0.0), place_cube(3.0, 0.0, 0.0)))
+    with open_engine(engine, FLOOR) as opened:
+        hits = opened.prepare(make_row_table((DOWN, AHEAD, UP))).find_hits(exposure)
+        assert hits.object[0, 0, :3].tolist() == [STATIC_SCENE, 2, NOTHING]
+        np.testing.assert_allclose(hits.range_m[0, 0, :3], (1.0, 2.8, np.inf), rtol=1e-6)
+        assert hits.triangle[0, 0, 0] in (0, 1)
+        assert 0 <= hits.triangle[0, 0, 1] < 12
+        assert hits.triangle[0, 0, 2] == NOTHING
+
+
+def test_object_behind_the_scene_is_hidden_and_one_before_it_hides_the_scene(
+    engine: EngineName,
+) -> None:
+    wall = World("w", (Item("wall", Box((0.1, 4.0, 4.0)), Pose.from_rpy((2.0, 0, 0)), WHITE),))
+    for distance_m, red in ((1.0, [1.0, 0.0, 0.0]), (3.0, [1.0, 1.0, 1.0])):
+        exposure = replace(AT_ORIGIN, objects=(place_cube(distance_m, 0.0, 0.0),))
+        assert render_rays(engine, wall, AHEAD, exposure=exposure).tolist() == [red]
+
+
+def test_object_of_several_is_the_nearest(engine: EngineName) -> None:
+    distances = (3.0, 2.0, 4.0)
+    exposure = replace(AT_ORIGIN, objects=tuple(place_cube(x, 0.0, 0.0) for x in distances))
+    assert measure_rays(engine, World("w", ()), AHEAD, exposure=exposure) == pytest.approx([1.8])
+
+
+def test_object_is_lit_at_its_pose_by_lights_that_the_scene_culls(engine: EngineName) -> None:
+    mesh = build_object_mesh([(box(Box((0.4, 0.4, 0.4))), Material((1.0, 1.0, 1.0)))])
+    turned = DynamicObject(mesh, Pose.from_rpy((2.0, 0.0, 0.0), (0.0, 0.0, np.radians(60.0))))
+    light = DirectionalLight((1.0, 0.0, 0.0), (1.0, 0.5, 0.2))
+    seen = render_rays(
+        engine,
+        World("w", (), lights=(light,)),
+        AHEAD,
+        exposure=replace(AT_ORIGIN, objects=(turned,)),
+    )
+    # Normals of two faces are 60 and 30 degrees off the axis: its first hit is on the latter.
+    expected = np.cos(np.radians(30.0)) * np.array(light.irradiance)
+    np.testing.assert_allclose(seen[0], expected, atol=1e-5)
+
+
+def test_meshes_of_one_class_are_committed_once_for_all_frames(engine: EngineName) -> None:
+    cube = place_cube(2.0, 0.0, 0.0)
+    twin = replace(cube, world_from_object=Pose.from_rpy((0.0, 2.0, 0.0)))
+    with open_engine(engine, World("w", ())) as opened:
+        rays = opened.prepare(make_row_table(AHEAD))
+        assert opened.num_object_meshes == 0  # type: ignore[attr-defined]
+        for _ in range(3):
+            rays.render_srgb(replace(AT_ORIGIN, objects=(cube, twin)))
+        assert opened.num_object_meshes == 1  # type: ignore[attr-defined]
