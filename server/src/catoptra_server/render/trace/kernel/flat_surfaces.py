@@ -149,11 +149,21 @@ def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools
     alike &= (scene.albedo[a] == scene.albedo[b]).all(axis=-1)
     alike &= scene.unlit[a] == scene.unlit[b]
     alike &= scene.texture_index[a] == scene.texture_index[b]
+    has_colours = has_corner_colours(scene)
+    alike &= ~has_colours[a] & ~has_colours[b]
     textured = np.flatnonzero(alike & (scene.texture_index[a] >= 0))
     offset, gradient = uv_planes(scene, a[textured])
     there = np.einsum("pci,pki->pck", scene.corners[b[textured]], gradient) + offset[:, None]
     alike[textured] = (np.abs(there - scene.uv[b[textured]]) < _SAME_UV).all(axis=(1, 2))
     return alike
+
+
+def has_corner_colours(scene: SceneMesh) -> Bools:
+    """(n,) whether the colour varies over each triangle from corner to corner."""
+    if scene.corner_albedo is None:
+        return np.zeros(len(scene), dtype=bool)
+    varies: Bools = (np.ptp(scene.corner_albedo, axis=1) > 0.0).any(axis=-1)
+    return varies
 
 
 def uv_planes(scene: SceneMesh, triangle: npt.NDArray[np.integer]) -> tuple[Floats, Floats]:

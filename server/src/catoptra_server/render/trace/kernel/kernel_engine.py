@@ -6,6 +6,7 @@ A frame is one call, from the rays and the camera's pose to pixels. C code: `src
 from __future__ import annotations
 
 import ctypes
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -108,7 +109,7 @@ class KernelEngine:
             surfaces=self._keep(surfaces_struct(self._mesh, self._centre)),
         )
 
-    def _keep(self, owned: Owned) -> ctypes.Structure:
+    def _keep(self, owned: Owned) -> Any:
         """Structure whose arrays live as long as the engine."""
         self._owners += [owned.struct, *owned.owners]
         return owned.struct

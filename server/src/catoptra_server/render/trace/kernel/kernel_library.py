@@ -147,6 +147,7 @@ def _load_library(path: Path) -> ctypes.CDLL:
         # A library of another release would read our structures wrongly.
         if library.catoptra_abi(number) != ctypes.sizeof(structure):
             raise KernelUnavailableError(
-                f"{path} belongs to another release ({structure.__name__}); install the server again"
+                f"{path} belongs to another release, by its {structure.__name__}; "
+                "install the server again"
             )
     return library

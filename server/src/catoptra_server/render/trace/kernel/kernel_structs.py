@@ -10,7 +10,7 @@ from ctypes import c_float, c_int32, c_void_p
 from typing import ClassVar
 
 OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS = 0, 1, 2
-FACET_UNLIT, FACET_TEXTURED = 1, 2
+FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS = 1, 2, 4
 LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
 
 # ctypes' own annotation of `_fields_` is a list of pairs.

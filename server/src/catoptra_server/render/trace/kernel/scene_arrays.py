@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.kernel.flat_surfaces import find_flat_surfaces
+from catoptra_server.render.trace.kernel.flat_surfaces import find_flat_surfaces, has_corner_colours
 from catoptra_server.render.trace.kernel.kernel_structs import (
+    FACET_CORNER_COLOURS,
     FACET_TEXTURED,
     FACET_UNLIT,
     LIGHT_DIRECTIONAL,
@@ -44,18 +45,40 @@ class Owned:
     """Arrays that the structure points into."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Optional:
+    """Arrays that only some meshes have."""
+
+    corner_albedo: npt.NDArray[np.float32] | None = None
+    """(n, 3, 3) linear."""
+    uv: npt.NDArray[np.float32] | None = None
+    """(n, 6) texture coordinates."""
+    texture: npt.NDArray[np.int32] | None = None
+    """(n,) indices of textures."""
+
+
+_NOTHING = _Optional()
+
+
 def scene_arrays(scene: SceneMesh, centre: Floats) -> Owned:
     """Triangles of a static scene, relative to its centre."""
-    flags = scene.unlit * FACET_UNLIT + (scene.texture_index >= 0) * FACET_TEXTURED
-    uv = _uv_frames(scene.uv) if scene.textures else None
-    texture = scene.texture_index.astype(np.int32) if scene.textures else None
-    return _mesh_arrays(scene.corners - centre, scene.normals, scene.albedo, flags, uv, texture)
+    flags = (
+        scene.unlit * FACET_UNLIT
+        + (scene.texture_index >= 0) * FACET_TEXTURED
+        + has_corner_colours(scene) * FACET_CORNER_COLOURS
+    )
+    optional = _Optional(
+        corner_albedo=_float32(scene.corner_albedo),
+        uv=_uv_frames(scene.uv) if scene.textures else None,
+        texture=scene.texture_index.astype(np.int32) if scene.textures else None,
+    )
+    return _mesh_arrays(scene.corners - centre, scene.normals, scene.albedo, flags, optional)
 
 
 def object_arrays(mesh: ObjectMesh) -> Owned:
     """Triangles of a dynamic object, in its own frame."""
     flags = mesh.unlit * FACET_UNLIT
-    return _mesh_arrays(mesh.corners, mesh.normals, mesh.albedo, flags, None, None)
+    return _mesh_arrays(mesh.corners, mesh.normals, mesh.albedo, flags)
 
 
 def caster_arrays(scene: SceneMesh, centre: Floats) -> Owned:
@@ -63,7 +86,7 @@ def caster_arrays(scene: SceneMesh, centre: Floats) -> Owned:
     casters = scene.casts_shadows
     corners, normals = scene.corners[casters] - centre, scene.normals[casters]
     flags = np.zeros(len(corners))
-    return _mesh_arrays(corners, normals, np.zeros_like(normals), flags, None, None)
+    return _mesh_arrays(corners, normals, np.zeros_like(normals), flags)
 
 
 def _mesh_arrays(
@@ -71,21 +94,25 @@ def _mesh_arrays(
     normals: Floats,
     albedo: Floats,
     flags: npt.NDArray[Any],
-    uv: npt.NDArray[np.float32] | None,
-    texture: npt.NDArray[np.int32] | None,
+    optional: _Optional = _NOTHING,
 ) -> Owned:
     padded = np.zeros(corners.size + _CORNER_PADDING, dtype=np.float32)
     padded[: corners.size] = corners.reshape(-1)
     arrays = {
         "corners": padded,
-        "normals": np.ascontiguousarray(normals, dtype=np.float32),
-        "albedo": np.ascontiguousarray(albedo, dtype=np.float32),
+        "normals": _float32(normals),
+        "albedo": _float32(albedo),
         "flags": flags.astype(np.uint8),
-        "uv": uv,
-        "texture": texture,
+        "corner_albedo": optional.corner_albedo,
+        "uv": optional.uv,
+        "texture": optional.texture,
     }
     addresses = {name: _address(array) for name, array in arrays.items()}
     return Owned(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
+
+
+def _float32(array: npt.NDArray[Any] | None) -> npt.NDArray[np.float32] | None:
+    return None if array is None else np.ascontiguousarray(array, dtype=np.float32)
 
 
 def _address(array: npt.NDArray[Any] | None) -> int | None:

@@ -15,7 +15,7 @@
 
 enum { TILE_PX = 4, BLOCK_RAYS = 16, MAX_SAMPLES = 16 };
 
-enum { FACET_UNLIT = 1, FACET_TEXTURED = 2 };
+enum { FACET_UNLIT = 1, FACET_TEXTURED = 2, FACET_CORNER_COLOURS = 4 };
 
 enum { LIGHT_DIRECTIONAL = 0, LIGHT_POINT = 1 };
 
@@ -35,7 +35,7 @@ typedef struct {
     const float *normals;        /* (n, 3) unit */
     const float *albedo;         /* (n, 3) linear */
     const uint8_t *flags;        /* (n,) FACET_... */
-    const float *corner_albedo;  /* (n, 3, 3) linear, interpolated over each facet; or NULL */
+    const float *corner_albedo;  /* (n, 3, 3) linear, of facets with FACET_CORNER_COLOURS; or NULL */
     const float *uv;             /* (n, 6) coordinates of corner 0 and of the two edges; or NULL */
     const int32_t *texture;      /* (n,) index into textures, -1 for none; or NULL */
 } MeshArrays;

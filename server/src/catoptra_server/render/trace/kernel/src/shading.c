@@ -32,7 +32,7 @@ static Vec3 lane_of(const float components[3][BLOCK_RAYS], int lane) {
 }
 
 static Vec3 albedo_at(const MeshArrays *mesh, int triangle, float u, float v) {
-    if (!mesh->corner_albedo)
+    if (!(mesh->flags[triangle] & FACET_CORNER_COLOURS))
         return vec3(mesh->albedo + 3 * (size_t)triangle);
     const float *corners = mesh->corner_albedo + 9 * (size_t)triangle;
     Vec3 first = vec3(corners);
@@ -51,7 +51,7 @@ static int is_tabulated(const FrameState *state, int object, int triangle) {
     if (object != OBJECT_STATIC)
         return object == OBJECT_NONE;
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    if (mesh->corner_albedo || mesh->flags[triangle] & FACET_TEXTURED)
+    if (mesh->flags[triangle] & (FACET_TEXTURED | FACET_CORNER_COLOURS))
         return 0;
     return mesh->flags[triangle] & FACET_UNLIT ||
            !(state->has_point_lights || state->frame->has_shadows);
@@ -72,17 +72,18 @@ static Vec3 base_radiance(const FrameState *state, int object, int triangle, Vec
     const MeshArrays *mesh = mesh_of(state, object);
     if (mesh->flags[triangle] & FACET_UNLIT)
         return albedo;
-    if (object == OBJECT_STATIC && !mesh->corner_albedo)
+    if (object == OBJECT_STATIC && !(mesh->flags[triangle] & FACET_CORNER_COLOURS))
         return table_entry(state, object, triangle);
     return multiply(albedo, ambient_irradiance(&state->scene->hemisphere, normal));
 }
 
 /* Whether a light is added one by one to an object's facets, instead of from the tables. */
-static int is_added(const FrameState *state, const Light *light, int object) {
+static int is_added(const FrameState *state, const Light *light, int object, int triangle) {
     if (object != OBJECT_STATIC)
         return 1;
+    uint8_t flags = state->scene->mesh->arrays.flags[triangle];
     int is_in_table = light->kind == LIGHT_DIRECTIONAL && !state->frame->has_shadows &&
-                      !state->scene->mesh->arrays.corner_albedo;
+                      !(flags & FACET_CORNER_COLOURS);
     return light->lights_scene && !is_in_table;
 }
 
@@ -139,7 +140,8 @@ static void add_light(const FrameState *state, const Light *light, const RayBloc
     uint32_t facing = 0;
     shadow.active = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(surface->lit >> lane & 1) || !is_added(state, light, hits->object[lane]))
+        if (!(surface->lit >> lane & 1) ||
+            !is_added(state, light, hits->object[lane], hits->triangle[lane]))
             continue;
         Vec3 direction;
         float distance;

@@ -234,7 +234,7 @@ static int has_one_radiance(const FrameState *state, int32_t triangle) {
     if (triangle < 0)
         return triangle == SURFACE_BACKGROUND;
     uint8_t flags = state->scene->mesh->arrays.flags[triangle];
-    if (flags & FACET_TEXTURED || state->scene->mesh->arrays.corner_albedo)
+    if (flags & (FACET_TEXTURED | FACET_CORNER_COLOURS))
         return 0;
     return flags & FACET_UNLIT || !(state->has_point_lights || state->frame->has_shadows);
 }
