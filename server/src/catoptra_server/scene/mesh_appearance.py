@@ -7,13 +7,13 @@ linear light, as glTF defines; a mesh whose triangles have one colour each has n
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.texture_files import Texture
 
@@ -46,6 +46,21 @@ class MeshAppearance:
     """None for a mesh of plain colours."""
     unlit: bool
     """Whether the file shows the mesh at its albedo, whatever the lights."""
+
+    def select(self, mask: Bools) -> MeshAppearance:
+        """Appearance of the triangles of a (n,) mask."""
+        at_corners = self.corner_albedo
+        return replace(
+            self,
+            uv=select_rows(self.uv, mask),
+            albedo=select_rows(self.albedo, mask),
+            corner_albedo=None if at_corners is None else select_rows(at_corners, mask),
+        )
+
+
+def select_rows(values: Floats, mask: Bools) -> Floats:
+    """Rows of a (n,) mask; the array itself where the mask has all."""
+    return values if mask.all() else values[mask]
 
 
 def read_appearance(

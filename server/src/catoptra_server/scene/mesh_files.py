@@ -8,8 +8,8 @@ are formed, and no array is copied to leave out triangles where all can be rende
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sized
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,16 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.memory_budget import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.scene.facets import facet_normals
 from catoptra_server.scene.gltf_sizes import reserve_gltf
-from catoptra_server.scene.mesh_appearance import MeshAppearance, UnlitName, read_appearance
+from catoptra_server.scene.mesh_appearance import (
+    MeshAppearance,
+    UnlitName,
+    read_appearance,
+    select_rows,
+)
 from catoptra_server.scene.mesh_assets import MeshAssets
 from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.texture_files import Texture, decode_image, reserve_texels
+from catoptra_server.scene.triangle_files import read_triangle_file
 from catoptra_server.scene.world_description import MeshFile
 
 _LOG = logging.getLogger(__name__)
@@ -51,7 +57,10 @@ class LoadedMesh:
 
 # SAE from the two usual conventions: z up (x forward, y left), and y up (glTF: x right, z
 # backwards). Which coordinate of the file is x, y and z, and its sign.
-_SAE_FROM_UP = {"z": ([0, 1, 2], (1.0, -1.0, -1.0)), "y": ([2, 0, 1], (-1.0, 1.0, -1.0))}
+_SAE_FROM_UP: dict[str, tuple[slice | list[int], tuple[float, float, float]]] = {
+    "z": (slice(None), (1.0, -1.0, -1.0)),
+    "y": ([2, 0, 1], (-1.0, 1.0, -1.0)),
+}
 
 
 def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[LoadedMesh]:
@@ -70,7 +79,7 @@ def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[
         raise _mesh_file_error(shape, f"a mesh file of a known format: {', '.join(_SUFFIXES)}")
     memory = memory or MemoryBudget()
     try:
-        meshes = list(_convert_scene(_read_scene(shape.path, memory.for_reading()), shape, memory))
+        meshes = list(_load_meshes(shape, memory))
     except ConfigError:
         raise
     except Exception as error:  # readers of six formats raise many types
@@ -80,9 +89,33 @@ def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[
     return meshes
 
 
+def _load_meshes(shape: MeshFile, memory: MemoryBudget) -> Iterator[LoadedMesh]:
+    """Yield the meshes of a file; sizes that the file announces are checked first."""
+    path, where = shape.path, SourceLocation(str(shape.path))
+    num_bytes = path.stat().st_size
+    reading = memory.for_reading()
+    reading.reserve(
+        _READ_BYTES_PER_FILE_BYTE * num_bytes,
+        where=where,
+        key="File",
+        value=f"{num_bytes} bytes",
+        remedy="a smaller mesh file",
+    )
+    mesh = read_triangle_file(path)
+    if mesh is None:
+        yield from _convert_scene(_read_scene(path, reading), shape, memory)
+        return
+    _reserve_triangles(mesh.faces, path.stem, memory, where)
+    yield _convert_mesh(mesh, shape, np.eye(4), _reject_image)
+
+
+def _reject_image(image: Any) -> Texture:
+    raise AssertionError(f"a file of nothing but triangles has no image such as {image}")
+
+
 def _read_scene(path: Path, memory: MemoryBudget) -> Any:
-    """trimesh's scene of a file; sizes that the file announces are checked first."""
-    # Imported on demand: loading trimesh takes a second, reading and building the corridor 0.3 s.
+    """trimesh's scene of a file; arrays and images that the file announces are checked first."""
+    # Imported on demand: loading trimesh takes longer than most files.
     import trimesh
     from trimesh.exchange.gltf.extensions import register_handler
 
@@ -90,14 +123,8 @@ def _read_scene(path: Path, memory: MemoryBudget) -> Any:
     register_handler("KHR_materials_unlit", scope="material")(
         lambda _: {"name": UnlitName("unlit")}
     )
-    where, num_bytes = SourceLocation(str(path)), path.stat().st_size
-    memory.reserve(
-        _READ_BYTES_PER_FILE_BYTE * num_bytes,
-        where=where,
-        key="File",
-        value=f"{num_bytes} bytes",
-        remedy="a smaller mesh file",
-    )
+
+    where = SourceLocation(str(path))
     assets = MeshAssets(path.parent, memory)
     if path.suffix.lower() in _GLTF_SUFFIXES:
         reserve_gltf(path.read_bytes(), memory, where, assets.get)
@@ -125,14 +152,20 @@ def _convert_scene(scene: Any, shape: MeshFile, memory: MemoryBudget) -> Iterato
         # A scene may hold point clouds and paths, which have no faces.
         if getattr(mesh, "faces", None) is None:
             continue
-        memory.reserve(
-            BYTES_PER_TRIANGLE * len(mesh.faces),
-            where=where,
-            key="File",
-            value=f"mesh {name} of {len(mesh.faces)} triangles",
-            remedy="fewer triangles",
-        )
+        _reserve_triangles(mesh.faces, name, memory, where)
         yield _convert_mesh(mesh, shape, world_from_mesh, make_texture)
+
+
+def _reserve_triangles(
+    faces: Sized, name: str, memory: MemoryBudget, where: SourceLocation
+) -> None:
+    memory.reserve(
+        BYTES_PER_TRIANGLE * len(faces),
+        where=where,
+        key="File",
+        value=f"mesh {name} of {len(faces)} triangles",
+        remedy="fewer triangles",
+    )
 
 
 def _mesh_file_error(shape: MeshFile, expected: str) -> ConfigError:
@@ -171,40 +204,24 @@ def _convert_mesh(
             "texture coordinates that are no finite numbers",
             shape,
         )
-    corners, appearance = _select(corners, valid), _select_appearance(appearance, valid)
+    corners, appearance = select_rows(corners, valid), appearance.select(valid)
     normals, has_area = facet_normals(corners)
     return LoadedMesh(
-        _select(corners, has_area),
-        _select(normals, has_area),
-        _select_appearance(appearance, has_area),
+        select_rows(corners, has_area), select_rows(normals, has_area), appearance.select(has_area)
     )
 
 
 def _sae_vertices(mesh: Any, shape: MeshFile, world_from_mesh: Floats) -> Floats:
     """(v, 3) vertices of a mesh, metres, SAE; infinite or no numbers where the file's are."""
-    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    vertices = np.asarray(mesh.vertices)
     with np.errstate(invalid="ignore", over="ignore"):
         if not np.array_equal(world_from_mesh, np.eye(4)):
-            vertices = vertices @ world_from_mesh[:3, :3].T + world_from_mesh[:3, 3]
+            vertices = (
+                vertices.astype(np.float64) @ world_from_mesh[:3, :3].T + world_from_mesh[:3, 3]
+            )
         order, signs = _SAE_FROM_UP[shape.up]
         sae: Floats = vertices[:, order] * (shape.scale * np.array(signs))
         return sae
-
-
-def _select(values: Floats, valid: Bools) -> Floats:
-    """Rows of a (n,) mask; the array itself where the mask has all."""
-    return values if valid.all() else values[valid]
-
-
-def _select_appearance(appearance: MeshAppearance, valid: Bools) -> MeshAppearance:
-    """Appearance of the triangles of a (n,) mask."""
-    at_corners = appearance.corner_albedo
-    return replace(
-        appearance,
-        uv=_select(appearance.uv, valid),
-        albedo=_select(appearance.albedo, valid),
-        corner_albedo=None if at_corners is None else _select(at_corners, valid),
-    )
 
 
 def _is_within_bound(values: Floats, max_value: float, defect: str, shape: MeshFile) -> Bools:
