@@ -340,6 +340,18 @@ def test_view_state_when_requested_prepares_no_view() -> None:
     assert views.view_state(request.camera).median_ms == pytest.approx(9.0)
 
 
+def test_view_state_predicts_what_drawn_frames_took() -> None:
+    renderer = SlowRenderer(1.5)
+    views, request = make_budgeted_cache(renderer, 15.0)
+    assert isinstance(request.camera, OmniCameraSpec)
+    assert views.view_state(request.camera).choice.predicted_ms == pytest.approx(9.0)
+    render_repeatedly(views, request, 30)
+    state = views.view_state(request.camera)
+    assert state.choice.predicted_ms == pytest.approx(state.median_ms) == pytest.approx(13.5)
+    assert state.choice.faster is not None
+    assert state.choice.faster.predicted_ms == pytest.approx(6.0)
+
+
 def test_bound_of_a_prepared_view_is_published() -> None:
     published = ErrorBoundTable()
     views, request = make_budgeted_cache(SlowRenderer(1.0), 10.0, published)

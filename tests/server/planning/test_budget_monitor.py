@@ -59,3 +59,13 @@ def test_monitor_without_a_budget_has_a_median() -> None:
     assert watch.median_ms is None
     assert set(record_frames(watch, 99.0, WINDOW_FRAMES)) == {BudgetStatus.WITHIN_BUDGET}
     assert watch.median_ms == 99.0
+
+
+def test_added_times_have_a_median_of_their_own() -> None:
+    monitor = BudgetMonitor(10.0)
+    assert monitor.median_added_ms == 0.0
+    for added_ms in (1.0, 2.0, 9.0):
+        monitor.record_frame(20.0, better_plan_ms=None, added_ms=added_ms)
+    assert monitor.median_added_ms == 2.0
+    monitor.reset(BudgetStatus.WITHIN_BUDGET)
+    assert monitor.median_added_ms == 0.0

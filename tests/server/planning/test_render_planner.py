@@ -13,7 +13,7 @@ from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.planning import render_planner
+from catoptra_server.planning import candidate_table, render_planner
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_cache import CostCache
@@ -162,7 +162,6 @@ def test_frames_twice_as_slow_double_the_predictions_of_that_renderer() -> None:
     assert planner.predict_frame_ms(camera, plan) == pytest.approx(320.0)
     planner.update_correction(camera, plan, 640.0)
     assert planner.predict_frame_ms(camera, plan) == pytest.approx(640.0)
-    assert planner.cost_correction(RASTER) == 1.0
     assert (
         planner.predict_frame_ms(
             OmniCameraSpec(make_omni_camera(width_px=99), RenderSettings()), plan
@@ -200,8 +199,13 @@ def test_candidates_are_bounded_once_for_all_targets_of_a_camera(
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("candidates, bounds of candidates and costs do not depend on targets")
 
-    for name in ("generate_candidate_plans", "plan_from_settings", "error_bound"):
-        monkeypatch.setattr(render_planner, name, refuse)
+    for module, name in (
+        (candidate_table, "generate_candidate_plans"),
+        (candidate_table, "error_bound"),
+        (render_planner, "plan_from_settings"),
+        (render_planner, "error_bound"),
+    ):
+        monkeypatch.setattr(module, name, refuse)
     budgets = [planner.choose_plan(camera_spec(AccuracyTarget(budget_ms=ms)), CAMERA_STATES)
                for ms in (0.5, 5.0, 500.0)]  # fmt: skip
     assert budgets[1] == first
@@ -256,3 +260,33 @@ def test_plan_names_the_renderer_that_was_replaced() -> None:
     choice = planner.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
     assert choice.plan.renderer is TRACE
     assert choice.plan.reason.endswith("; trace in place of raster, which failed; trace")
+
+
+def test_times_of_a_choice_follow_the_drawn_frames() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    camera = camera_spec(AccuracyTarget(budget_ms=20.0))
+    before = planner.choose_plan(camera, CAMERA_STATES)
+    assert before.predicted_ms is not None
+    assert planner.update_times(camera, before) == before
+    planner.update_correction(camera, before.plan, 2.0 * before.predicted_ms + 3.0, added_ms=3.0)
+    after = planner.update_times(camera, before)
+    assert after.predicted_ms == pytest.approx(2.0 * before.predicted_ms + 3.0)
+    assert after.faster is not None
+    assert before.faster is not None
+    # The renderer's factor is its own, effects count for every renderer.
+    factor = 2.0 if before.faster.plan.renderer is before.plan.renderer else 1.0
+    assert after.faster.predicted_ms == pytest.approx(factor * before.faster.predicted_ms + 3.0)
+
+
+def test_times_of_a_choice_without_costs_stay_unknown() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    choice = planner.choose_plan(camera_spec(), CAMERA_STATES)
+    assert planner.update_times(camera_spec(), choice) is choice
+    assert planner.added_ms(camera_spec(), choice.plan, {"Fog": 1.0}) == 0.0
+
+
+def test_stages_without_rates_are_added() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    camera = camera_spec(AccuracyTarget(1.0))
+    plan = planner.choose_plan(camera, CAMERA_STATES).plan
+    assert planner.added_ms(camera, plan, {"all": 5.0, "Fog": 1.0, "encode": 0.5}) == 1.5

@@ -239,7 +239,7 @@ class ViewCache:
         begin_s = self._clock()
         rendered = self._render_omni(planned.spec, camera_state, planned, view)
         frame_ms = 1e3 * (self._clock() - begin_s)
-        self._record_frame_time(planned.spec, planned, frame_ms)
+        self._record_frame_time(planned.spec, planned, frame_ms, rendered.image.stage_ms)
         self._trials.record_frame(planned, camera_state, frame_ms)
         self._views.trim()
         return rendered
@@ -293,7 +293,8 @@ class ViewCache:
         if planned is None or planned.choice is None:
             # Not kept: clients that try budgets would push out the cameras that are rendered.
             return ViewState(self._planner.choose_plan(camera, self._calibration_states), None)
-        return ViewState(planned.choice, planned.budget_monitor.median_ms)
+        choice = self._planner.update_times(camera, planned.choice)
+        return ViewState(choice, planned.budget_monitor.median_ms)
 
     def _find_plan(self, camera: CameraSpec) -> PlannedCamera:
         """Camera with its plan.
@@ -337,19 +338,27 @@ class ViewCache:
             summary = self._summarizer.summarize(camera_state, camera.camera)
         return plan_effects(camera.effect_settings, summary, camera.camera)
 
-    def _record_frame_time(self, camera: OmniCameraSpec, planned: PlannedCamera, ms: float) -> None:
+    def _record_frame_time(
+        self,
+        camera: OmniCameraSpec,
+        planned: PlannedCamera,
+        ms: float,
+        stage_ms: Mapping[str, float],
+    ) -> None:
         """Compare the time of a frame with the budget and with the predicted cost."""
         choice, monitor = planned.choice, planned.budget_monitor
         assert choice is not None, "the plan of an omnidirectional camera is a choice"
         better = choice.more_accurate
         better_ms = self._planner.predict_frame_ms(camera, better.plan) if better else None
-        status = monitor.record_frame(ms, better_plan_ms=better_ms)
+        added_ms = self._planner.added_ms(camera, choice.plan, stage_ms)
+        status = monitor.record_frame(ms, better_plan_ms=better_ms, added_ms=added_ms)
         # Nothing faster was found before: planning again would not find it either.
         is_settled = status is BudgetStatus.OVER_BUDGET and planned.budget_unreachable
         planned.budget_status = BudgetStatus.WITHIN_BUDGET if is_settled else status
         median_ms = monitor.median_ms
         if median_ms is not None and choice.predicted_ms is not None:
-            self._planner.update_correction(camera, choice.plan, median_ms)
+            added_ms = monitor.median_added_ms
+            self._planner.update_correction(camera, choice.plan, median_ms, added_ms)
 
     def _replan(self, camera: OmniCameraSpec, planned: PlannedCamera) -> None:
         """Choose a plan anew."""

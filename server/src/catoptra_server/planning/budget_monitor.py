@@ -35,6 +35,7 @@ class BudgetMonitor:
     def __init__(self, budget_ms: float) -> None:
         self._budget_ms = budget_ms
         self._frame_times_ms: deque[float] = deque(maxlen=WINDOW_FRAMES)
+        self._added_ms: deque[float] = deque(maxlen=WINDOW_FRAMES)
         self._frames_with_headroom = 0
         self._hysteresis_frames = HYSTERESIS_FRAMES
         self._was_upgraded = False
@@ -48,15 +49,24 @@ class BudgetMonitor:
             else None
         )
 
-    def record_frame(self, frame_ms: float, *, better_plan_ms: float | None) -> BudgetStatus:
+    @property
+    def median_added_ms(self) -> float:
+        """Median of the times in these frames that the cost model has not; 0 before a frame."""
+        return statistics.median(self._added_ms) if self._added_ms else 0.0
+
+    def record_frame(
+        self, frame_ms: float, *, better_plan_ms: float | None, added_ms: float = 0.0
+    ) -> BudgetStatus:
         """Record a frame.
 
         Args:
             frame_ms: Wall time of the frame.
+            added_ms: Part of it that the cost model has not, such as effects.
             better_plan_ms: Predicted time of the next more accurate plan, corrected; None without
                 one.
         """
         self._frame_times_ms.append(frame_ms)
+        self._added_ms.append(added_ms)
         median_ms = self.median_ms
         if median_ms is None or not self._budget_ms:
             return BudgetStatus.WITHIN_BUDGET
@@ -81,4 +91,5 @@ class BudgetMonitor:
             self._hysteresis_frames = min(2 * self._hysteresis_frames, _MAX_HYSTERESIS_FRAMES)
         self._was_upgraded = status is BudgetStatus.HEADROOM
         self._frame_times_ms.clear()
+        self._added_ms.clear()
         self._frames_with_headroom = 0

@@ -25,9 +25,9 @@ FACE_SAMPLE_COUNTS = (1, 4)
 
 # (samples, texels a pixel, samples a texel): each rate of the raster stages in `cost_model` has a
 # plan that differs from the first in its quantity.
-_RASTER_CALIBRATION = ((1, 0.5, 1), (2, 1.0, 1), (1, 1.5, 1), (1, 0.5, 4))
-# Samples along a pixel's side: two points for the rates, and one near the most expensive plan.
-_TRACE_CALIBRATION = (1, 2, 6)
+_RASTER_CALIBRATION = ((1, 0.5, 1), (3, 1.0, 1), (1, 1.5, 1), (1, 1.0, 4))
+# Samples along a pixel's side: two points for the rates, and one with many samples.
+_TRACE_CALIBRATION = (1, 2, 4)
 
 
 def generate_candidate_plans(

@@ -10,19 +10,23 @@ renderers.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
-from catoptra_protocol.errors import DomainError, RendererUnavailableError
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.fault_log import log_fault
 from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.candidate_plans import generate_candidate_plans
+from catoptra_server.planning.candidate_table import (
+    CandidateTable,
+    MeasureCosts,
+    RendererCalibration,
+)
 from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_calibration import measure_costs
-from catoptra_server.planning.cost_model import CostModel, PlanTiming, Rates, fit_cost_model
+from catoptra_server.planning.cost_corrections import CostCorrections, added_ms
+from catoptra_server.planning.cost_model import CostModel
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.plan_choice import (
@@ -34,29 +38,13 @@ from catoptra_server.planning.plan_choice import (
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.planning.renderer_preferences import RendererPreferences
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface
 
 log = logging.getLogger(__name__)
 
-MeasureCosts = Callable[
-    [Renderer, RendererKind, OmniCamera, MirrorSurface, Sequence[CameraState]], list[PlanTiming]
-]
-# Real frames take a few times the measured time at most; a larger quotient comes from a suspended
-# process or a changed clock, and is not believed.
-_MAX_CORRECTION = 10.0
 # Cameras by zoom and tile; a table of 130 candidates holds half a megabyte.
 _MAX_CAMERAS = 16
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _CandidateTable:
-    """Everything of one camera's candidates that no accuracy target changes."""
-
-    model: CostModel
-    options: tuple[PlanOption, ...]
-    """All candidates with their bounds, and times that are not corrected yet."""
 
 
 class RenderPlanner:
@@ -79,10 +67,9 @@ class RenderPlanner:
         self.renderers = renderers
         device = renderers.describe(renderers.default_kind) if renderers.rule else ""
         self.preferences = RendererPreferences(renderers.rule, cache, device)
-        self._cache = cache
-        self._measure = measure
-        self._tables: LruDict[_CostKey, _CandidateTable] = LruDict(_MAX_CAMERAS)
-        self._corrections: dict[RendererKind, float] = {}
+        self._calibration = RendererCalibration(renderers, cache, measure)
+        self._tables: LruDict[_CostKey, CandidateTable] = LruDict(_MAX_CAMERAS)
+        self._corrections = CostCorrections()
 
     def choose_plan(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
@@ -111,7 +98,9 @@ class RenderPlanner:
             choice = self._follow_settings(camera)
             reason = f"no target can be met: this mirror's error has no bound; {choice.plan.reason}"
             return PlanChoice(replace(choice.plan, reason=reason), None, target_met=False)
-        choice = choose_plan(camera.camera, pareto_front(self._correct(table.options)), target)
+        choice = choose_plan(
+            camera.camera, pareto_front(self._correct(camera, table.options)), target
+        )
         note = self.renderers.replacement_note
         if note:
             plan = replace(choice.plan, reason=f"{choice.plan.reason}; {note}")
@@ -139,90 +128,80 @@ class RenderPlanner:
         rival = self.preferences.find_rival(camera, kind)
         return rival if rival is not None and self.renderers.is_usable(rival) else None
 
-    def _correct(self, options: Iterable[PlanOption]) -> Iterator[PlanOption]:
-        """Yield options with times that are corrected by real frames."""
+    def _correct(
+        self, camera: OmniCameraSpec, options: Iterable[PlanOption]
+    ) -> Iterator[PlanOption]:
+        """Yield options with times that are corrected by drawn frames."""
+        correct = self._corrections.correct
         for option in options:
-            factor = self.cost_correction(option.plan.renderer)
-            yield replace(option, predicted_ms=factor * option.predicted_ms)
+            ms = correct(camera, option.plan.renderer, option.predicted_ms)
+            yield replace(option, predicted_ms=ms)
 
     def predict_frame_ms(self, camera: OmniCameraSpec, plan: RenderPlan) -> float | None:
         """Predicted milliseconds of a plan's frames, corrected; None without measured costs."""
-        table = self._tables.get(_cost_key(camera))
-        if table is None or not table.options:
+        model = self._find_model(camera)
+        if model is None:
             return None
-        return table.model.predict_frame_ms(plan) * self.cost_correction(plan.renderer)
+        return self._corrections.correct(camera, plan.renderer, model.predict_frame_ms(plan))
 
-    def cost_correction(self, kind: RendererKind) -> float:
-        """Factor by which frames take longer than measured."""
-        return self._corrections.get(kind, 1.0)
+    def update_times(self, camera: OmniCameraSpec, choice: PlanChoice) -> PlanChoice:
+        """Choice with the times of itself and its neighbours as predicted now."""
+        if choice.predicted_ms is None:
+            return choice
+        more_accurate, faster = (
+            option and self._update_option(camera, option)
+            for option in (choice.more_accurate, choice.faster)
+        )
+        ms = self.predict_frame_ms(camera, choice.plan)
+        return replace(choice, predicted_ms=ms, more_accurate=more_accurate, faster=faster)
 
-    def update_correction(self, camera: OmniCameraSpec, plan: RenderPlan, median_ms: float) -> None:
-        """Update a renderer's factor by the median of real frames."""
-        table = self._tables.get(_cost_key(camera))
-        if table is not None and table.options:
-            # Against the uncorrected prediction: a correction must not feed on itself.
-            factor = median_ms / table.model.predict_frame_ms(plan)
-            self._corrections[plan.renderer] = min(
-                max(factor, 1.0 / _MAX_CORRECTION), _MAX_CORRECTION
+    def _update_option(self, camera: OmniCameraSpec, option: PlanOption) -> PlanOption:
+        ms = self.predict_frame_ms(camera, option.plan)
+        return option if ms is None else replace(option, predicted_ms=ms)
+
+    def added_ms(
+        self, camera: OmniCameraSpec, plan: RenderPlan, stage_ms: Mapping[str, float]
+    ) -> float:
+        """Milliseconds of a frame's stages that the cost model has not, such as effects."""
+        model = self._find_model(camera)
+        return 0.0 if model is None else added_ms(stage_ms, model.predict_stage_ms(plan))
+
+    def update_correction(
+        self, camera: OmniCameraSpec, plan: RenderPlan, median_ms: float, added_ms: float = 0.0
+    ) -> None:
+        """Update the corrections by medians of drawn frames.
+
+        Args:
+            median_ms: Median time of the frames.
+            added_ms: Median time of their stages that the cost model has not.
+        """
+        model = self._find_model(camera)
+        if model is not None:
+            self._corrections.update(
+                camera,
+                plan.renderer,
+                model.predict_frame_ms(plan),
+                median_ms=median_ms,
+                added_ms=added_ms,
             )
+
+    def _find_model(self, camera: OmniCameraSpec) -> CostModel | None:
+        """Cost model of a camera; None without measured costs."""
+        table = self._tables.get(_cost_key(camera))
+        return table.model if table is not None and table.options else None
 
     def discard_tables(self) -> None:
         """Plan all cameras anew: the renderers have changed."""
         self._tables.clear()
+        self._corrections.clear()
 
     def _make_table(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
-    ) -> _CandidateTable:
+    ) -> CandidateTable:
         """Measure all renderers for a camera, and bound all its candidates."""
         if self._follow_settings(camera).bound is None:
-            return _CandidateTable(CostModel(camera.camera, {}), ())
-        model, kinds = self._measure_renderers(camera, camera_states)
-        plans = generate_candidate_plans(camera.render_settings.surface, camera.camera, kinds)
-        options = (
-            PlanOption(
-                plan,
-                error_bound(camera.camera, plan).outline_error_px,
-                model.predict_frame_ms(plan),
-            )
-            for plan in plans
-        )
-        return _CandidateTable(model, tuple(options))
-
-    def _measure_renderers(
-        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
-    ) -> tuple[CostModel, list[RendererKind]]:
-        """Costs of all renderers that can be measured, and their kinds."""
-        rates: dict[str, Rates] = {}
-        measured = []
-        # Measured before candidates are listed: a renderer that fails is no candidate.
-        for kind in self.renderers.create_all():
-            try:
-                rates.update(self._find_rates(kind, camera, camera_states))
-                measured.append(kind)
-            except Exception:
-                log_fault(log, "%s failed to render for a measurement and is left out", kind.value)
-                self.renderers.renew(kind)
-        if not measured:
-            raise RendererUnavailableError("no renderer could be measured: see the server's log")
-        return CostModel(camera.camera, rates), measured
-
-    def _find_rates(
-        self, kind: RendererKind, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
-    ) -> Mapping[str, Rates]:
-        renderer, surface = self.renderers.get(kind), camera.render_settings.surface
-        key = ""
-        if self._cache:
-            key = self._cache.make_key(renderer.describe(), camera.camera, surface)
-            stored = self._cache.read(key)
-            if stored is not None:
-                log.info("costs of %s read from the cache", kind.value)
-                return stored
-        timings = self._measure(renderer, kind, camera.camera, surface, camera_states)
-        rates = fit_cost_model(camera.camera, timings).rates
-        log.info("costs of %s measured: %s", kind.value, rates)
-        if self._cache:
-            self._cache.write(key, rates)
-        return rates
+            return CandidateTable(CostModel(camera.camera, {}), ())
+        return self._calibration.make_table(camera, camera_states)
 
     def close(self) -> None:
         """Close all renderers."""
