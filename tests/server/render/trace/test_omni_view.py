@@ -9,24 +9,24 @@ import pytest
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.mirror_mesh import Tessellation
-from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import World
 from helpers.effect_measurement import CAMERA, make_effect
 from helpers.image_comparison import level_differences
+from helpers.range_images import RangeRecorder
+from helpers.trace_engines import ENGINES, open_renderer
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 CHAIN = (make_effect("Vignetting"), make_effect("ShotNoise"), make_effect("Bayer"))
 
 
-@pytest.fixture
-def renderer() -> Iterator[TraceRenderer]:
-    world = make_test_world()
-    renderer = TraceRenderer(build_scene(world), world, threads=2)
-    yield renderer
-    renderer.close()
+@pytest.fixture(params=ENGINES)
+def renderer(request: pytest.FixtureRequest) -> Iterator[TraceRenderer]:
+    with open_renderer(request.param, make_test_world(), threads=2) as renderer:
+        yield renderer
 
 
 @pytest.mark.parametrize("surface", [PerPixel(), Tessellation(16, 16)])
@@ -75,9 +75,26 @@ def test_frame_when_rendered_twice_has_the_same_bytes_and_the_next_one_others(
     assert (first != later).mean() > 0.3
 
 
-def test_light_brighter_than_white_is_passed_on_unchanged() -> None:
+def test_ranges_when_an_effect_needs_them_are_prepared_at_their_first_use(
+    renderer: TraceRenderer,
+) -> None:
+    view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=2))
+    before = view.memory_bytes
+    view.render(CAMERA_STATE, CHAIN)
+    assert view.memory_bytes == before
+    recorder = RangeRecorder(CHAIN[0])
+    rendered = view.render(CAMERA_STATE, (recorder,))  # type: ignore[arg-type]
+    assert "ranges" in rendered.stage_ms
+    assert recorder.range_m is not None
+    assert recorder.range_m.shape == (CAMERA.height_px, CAMERA.width_px)
+    # A quarter of the rays of four samples; the kernel adds to both what it keeps for each tile.
+    assert 0.2 < view.memory_bytes / before - 1.0 < 0.5
+    view.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_light_brighter_than_white_is_passed_on_unchanged(engine: EngineName) -> None:
     world = World("glare", (), background=(4.0, 2.0, 0.5))
-    renderer = TraceRenderer(build_scene(world), world, threads=1)
-    light = renderer.prepare(CAMERA, make_plan(CAMERA)).render_linear(CAMERA_STATE)
+    with open_renderer(engine, world) as renderer:
+        light = renderer.prepare(CAMERA, make_plan(CAMERA)).render_linear(CAMERA_STATE)
     np.testing.assert_allclose(light[48, 20], (4.0, 2.0, 0.5), rtol=1e-5)
-    renderer.close()

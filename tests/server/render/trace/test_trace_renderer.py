@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, Rectangle, World
 from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.reference_caster import cast_rays
+from helpers.trace_engines import ENGINES, open_renderer
 from helpers.worlds import (
     CAMERA_STATE,
     DIRECTIONAL_LIGHT,
@@ -47,14 +49,17 @@ from helpers.worlds import (
 WHITE = Material((1.0, 1.0, 1.0), unlit=True)
 
 
-@contextmanager
-def make_renderer(world: World, *, threads: int = 1) -> Iterator[TraceRenderer]:
-    renderer = TraceRenderer(build_scene(world), world, threads=threads)
-    yield renderer
-    renderer.close()
+MakeRenderer = Callable[..., AbstractContextManager[TraceRenderer]]
+
+
+@pytest.fixture(params=ENGINES)
+def make_renderer(request: pytest.FixtureRequest) -> MakeRenderer:
+    """Function that opens a renderer with one of the engines."""
+    return partial(open_renderer, request.param)
 
 
 def render_image(
+    make_renderer: MakeRenderer,
     world: World,
     camera: OmniCamera,
     plan: RenderPlan | None = None,
@@ -74,13 +79,15 @@ def render_image(
     [PAPER_MIRROR, HyperbolicMirror(4.0, 0.1), ParabolicMirror(0.05)],
     ids=["the paper's", "strongly curved", "parabolic"],
 )
-def test_marker_when_rendered_is_within_a_tenth_of_a_pixel(mirror: CentralMirror) -> None:
+def test_marker_when_rendered_is_within_a_tenth_of_a_pixel(
+    make_renderer: MakeRenderer, mirror: CentralMirror
+) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=360)
     incidence = (20.0, 33.0, 45.0, 60.0, 75.0, 90.0, 104.0, 118.0)
     directions = marker_directions(incidence, tuple(range(-180, 180, 24)))
     world = marker_world(directions, world_from_mirror=CAMERA_STATE.world_from_mirror)
     # 6 x 6 samples: the smallest markers are a pixel wide, 4 x 4 locate their centre to 0.1 px.
-    image = render_image(world, camera, make_plan(camera, samples=6))
+    image = render_image(make_renderer, world, camera, make_plan(camera, samples=6))
     positions, seen = pixel_from_direction(camera, directions)
     assert seen.all()
     # 3 px: the markers at 20 degrees are 7 px apart.
@@ -89,16 +96,20 @@ def test_marker_when_rendered_is_within_a_tenth_of_a_pixel(mirror: CentralMirror
     assert max(errors) < 0.1
 
 
-def test_image_of_an_object_on_the_left_shows_it_on_the_right() -> None:
+def test_image_of_an_object_on_the_left_shows_it_on_the_right(make_renderer: MakeRenderer) -> None:
     wall = Item("left", Box((4.0, 1.0, 4.0)), Pose.from_rpy((0.0, -2.0, 0.0)), WHITE)
     at = CameraState(Pose.identity())
-    image = render_image(World("w", (wall,)), make_omni_camera(width_px=100), camera_state=at)
+    image = render_image(
+        make_renderer, World("w", (wall,)), make_omni_camera(width_px=100), camera_state=at
+    )
     assert image[50, 80:].mean() > 100
     assert image[50, :50].max() == 0
 
 
 @pytest.mark.parametrize("face", list(Face))
-def test_face_when_rendered_shows_surfaces_in_front_alone(face: Face) -> None:
+def test_face_when_rendered_shows_surfaces_in_front_alone(
+    make_renderer: MakeRenderer, face: Face
+) -> None:
     around = {Face.N: (2, 0, 0), Face.E: (0, 2, 0), Face.S: (-2, 0, 0), Face.W: (0, -2, 0)}
     place = {**around, Face.C: (0, 0, 2), Face.U: (0, 0, -2)}[face]
     world = World("w", (Item("box", Box((1.0, 1.0, 1.0)), Pose.from_rpy(place), WHITE),))
@@ -117,14 +128,14 @@ def test_face_when_rendered_shows_surfaces_in_front_alone(face: Face) -> None:
 
 @pytest.mark.parametrize("samples", [1, 2])
 def test_image_with_texture_and_point_light_is_that_of_the_float64_caster(
-    tmp_path: Path, samples: int
+    make_renderer: MakeRenderer, tmp_path: Path, samples: int
 ) -> None:
     camera = make_omni_camera(width_px=56)
     world = make_test_world(
         lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
         texture=write_smooth_texture(tmp_path / "waves.png"),
     )
-    image = render_image(world, camera, make_plan(camera, samples=samples))
+    image = render_image(make_renderer, world, camera, make_plan(camera, samples=samples))
     grid = pixel_sample_positions(camera, samples)
     local, on_mirror = direction_from_pixel(camera, grid)
     pose = CAMERA_STATE.world_from_mirror
@@ -140,19 +151,13 @@ def test_image_with_texture_and_point_light_is_that_of_the_float64_caster(
     assert difference.max() < 0.6
 
 
-def test_samples_when_half_are_white_average_in_linear_light() -> None:
-    # A white wall fills the right half of the one pixel.
-    wall = Item("wall", Box((0.1, 2.0, 4.0)), Pose.from_rpy((1.0, 1.0, 0.0)), WHITE)
-    with make_renderer(World("w", (wall,))) as renderer:
-        view = renderer.prepare_face(FaceCamera(Face.N, 1), 4)
-        rgb = view.render(CameraState(Pose.identity())).rgb
-    assert rgb.tolist() == [[[188, 188, 188]]]  # half the light, not half of 255
-
-
-def test_rim_when_sampled_fades_into_black() -> None:
+def test_rim_when_sampled_fades_into_black(make_renderer: MakeRenderer) -> None:
     camera = make_omni_camera(width_px=40)
     image = render_image(
-        World("w", (), background=(1.0, 1.0, 1.0)), camera, make_plan(camera, samples=4)
+        make_renderer,
+        World("w", (), background=(1.0, 1.0, 1.0)),
+        camera,
+        make_plan(camera, samples=4),
     )
     levels = np.unique(image)
     assert levels[0] == 0
@@ -160,19 +165,23 @@ def test_rim_when_sampled_fades_into_black() -> None:
     assert len(levels) > 5
 
 
-def test_world_when_empty_is_its_background_on_the_mirror_and_black_beside_it() -> None:
+def test_world_when_empty_is_its_background_on_the_mirror_and_black_beside_it(
+    make_renderer: MakeRenderer,
+) -> None:
     camera = make_omni_camera(width_px=40)
-    image = render_image(World("w", (), background=(1.0, 0.0, 0.2159)), camera)
+    image = render_image(make_renderer, World("w", (), background=(1.0, 0.0, 0.2159)), camera)
     _, seen = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
     np.testing.assert_array_equal(image[~seen], 0)
     np.testing.assert_array_equal(image[seen], np.tile([255, 0, 128], (seen.sum(), 1)))
 
 
-def test_mirror_when_of_few_polygons_shows_nothing_beyond_them() -> None:
+def test_mirror_when_of_few_polygons_shows_nothing_beyond_them(make_renderer: MakeRenderer) -> None:
     camera = make_omni_camera(width_px=60)
     world = World("w", (), background=(1.0, 1.0, 1.0))
-    image = render_image(world, camera, make_plan(camera, tessellation_from_polygon_count(16)))
-    exact = render_image(world, camera)
+    image = render_image(
+        make_renderer, world, camera, make_plan(camera, tessellation_from_polygon_count(16))
+    )
+    exact = render_image(make_renderer, world, camera)
     assert image.any(axis=-1).sum() / exact.any(axis=-1).sum() == pytest.approx(0.634, abs=0.02)
 
 
@@ -181,7 +190,7 @@ def test_mirror_when_of_few_polygons_shows_nothing_beyond_them() -> None:
 
 @pytest.mark.parametrize("samples", [1, 3])
 def test_image_when_rendered_by_more_threads_has_the_same_bytes(
-    tmp_path: Path, samples: int
+    make_renderer: MakeRenderer, tmp_path: Path, samples: int
 ) -> None:
     camera = make_omni_camera(width_px=90)
     world = make_test_world(
@@ -189,11 +198,13 @@ def test_image_when_rendered_by_more_threads_has_the_same_bytes(
         texture=write_smooth_texture(tmp_path / "waves.png"),
     )
     plan = make_plan(camera, samples=samples)
-    images = [render_image(world, camera, plan, threads=threads) for threads in (1, 2, 5)]
+    images = [
+        render_image(make_renderer, world, camera, plan, threads=threads) for threads in (1, 2, 5)
+    ]
     assert images[0].tobytes() == images[1].tobytes() == images[2].tobytes()
 
 
-def test_image_when_rendered_again_is_the_same_and_read_only() -> None:
+def test_image_when_rendered_again_is_the_same_and_read_only(make_renderer: MakeRenderer) -> None:
     camera = make_omni_camera(width_px=60)
     with make_renderer(make_test_world()) as renderer:
         view = renderer.prepare(camera, make_plan(camera))
@@ -207,7 +218,9 @@ def test_image_when_rendered_again_is_the_same_and_read_only() -> None:
 
 
 @pytest.mark.parametrize("far_m", [1e3, 1e5])
-def test_world_when_far_from_its_origin_has_the_same_image(far_m: float) -> None:
+def test_world_when_far_from_its_origin_has_the_same_image(
+    make_renderer: MakeRenderer, far_m: float
+) -> None:
     camera = make_omni_camera(width_px=90)
     near = make_test_world()
     moved = Pose.from_rpy((far_m, -far_m, 0.5 * far_m))
@@ -216,21 +229,25 @@ def test_world_when_far_from_its_origin_has_the_same_image(far_m: float) -> None
         for item in near.items
     )
     far = World("far", items, lights=near.lights, background=near.background)
-    image = render_image(near, camera)
+    image = render_image(make_renderer, near, camera)
     camera_state = CameraState(moved @ CAMERA_STATE.world_from_mirror)
-    other = render_image(far, camera, camera_state=camera_state)
+    other = render_image(make_renderer, far, camera, camera_state=camera_state)
     # Rays through the very edges may go either way.
     assert (image != other).any(axis=-1).mean() < 2e-3
 
 
-def test_view_when_inside_an_object_or_on_a_surface_is_rendered() -> None:
+def test_view_when_inside_an_object_or_on_a_surface_is_rendered(
+    make_renderer: MakeRenderer,
+) -> None:
     camera = make_omni_camera(width_px=30)
     floor = Item("floor", Rectangle((4.0, 4.0)), Pose.identity(), WHITE)
-    image = render_image(World("w", (floor,)), camera, camera_state=CameraState(Pose.identity()))
+    image = render_image(
+        make_renderer, World("w", (floor,)), camera, camera_state=CameraState(Pose.identity())
+    )
     assert image.shape == (30, 30, 3)
 
 
-def test_description_names_engine_threads_and_triangles() -> None:
+def test_description_names_engine_threads_and_triangles(make_renderer: MakeRenderer) -> None:
     with make_renderer(make_test_world(), threads=2) as renderer:
         assert renderer.describe().startswith(f"trace: {renderer.engine_name} (")
         assert renderer.describe().endswith(", 2 threads, 230 triangles")
