@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from catoptra_server.scene.row_blocks import ROWS_PER_BLOCK, row_blocks
+from catoptra_server.scene.row_blocks import ROWS_PER_BLOCK, row_blocks, select_rows
 
 
 @pytest.mark.parametrize("count", [0, 1, ROWS_PER_BLOCK, ROWS_PER_BLOCK + 1, 3 * ROWS_PER_BLOCK])
@@ -12,3 +13,9 @@ def test_blocks_cover_all_rows_once(count: int) -> None:
     blocks = [range(count)[block] for block in row_blocks(count)]
     assert [row for block in blocks for row in block] == list(range(count))
     assert all(0 < len(block) <= ROWS_PER_BLOCK for block in blocks)
+
+
+def test_rows_of_a_full_mask_are_the_array_itself() -> None:
+    values = np.arange(6.0).reshape(3, 2)
+    assert select_rows(values, np.ones(3, dtype=bool)) is values
+    np.testing.assert_array_equal(select_rows(values, np.array([True, False, True])), values[::2])

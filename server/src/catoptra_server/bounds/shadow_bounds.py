@@ -22,6 +22,7 @@ from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.scene import shading
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.radiance_bounds import max_point_irradiance
+from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import ShadowCastingLight
 from catoptra_server.scene.world_description import DirectionalLight, PointLight, World
@@ -79,11 +80,22 @@ class ShadowBounds:
 
     def _max_loss(self, lost_irradiance: Floats, remaining_irradiance: Floats) -> ShadowLoss:
         """Most visible loss of any triangle, of (n, 3) irradiance."""
-        lit = self._scene.max_albedo(slice(None)) * ~self._scene.unlit[:, None]
+        lost, remaining = np.broadcast_arrays(lost_irradiance, remaining_irradiance)
+        losses = (
+            self._max_loss_in_block(block, lost[block], remaining[block])
+            for block in row_blocks(len(remaining))
+        )
+        return max(losses, key=grey_level_change, default=NO_SHADOW_LOSS)
+
+    def _max_loss_in_block(
+        self, block: slice, lost_irradiance: Floats, remaining_irradiance: Floats
+    ) -> ShadowLoss:
+        """Most visible loss of the triangles of a block."""
+        lit = self._scene.max_albedo(block) * ~self._scene.unlit[block, None]
         return max_visible_loss(
             lost_irradiance * lit,
             remaining_irradiance * lit,
-            can_be_darker=self._scene.has_varying_albedo(slice(None)),
+            can_be_darker=self._scene.has_varying_albedo(block),
         )
 
     def _object_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:

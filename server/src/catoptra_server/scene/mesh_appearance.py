@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.row_blocks import select_rows
 from catoptra_server.scene.texture_files import Texture
 
 Faces = npt.NDArray[np.int64]
@@ -56,11 +57,6 @@ class MeshAppearance:
             albedo=select_rows(self.albedo, mask),
             corner_albedo=None if at_corners is None else select_rows(at_corners, mask),
         )
-
-
-def select_rows(values: Floats, mask: Bools) -> Floats:
-    """Rows of a (n,) mask; the array itself where the mask has all."""
-    return values if mask.all() else values[mask]
 
 
 def read_appearance(

@@ -24,10 +24,9 @@ from catoptra_server.scene.mesh_appearance import (
     MeshAppearance,
     UnlitName,
     read_appearance,
-    select_rows,
 )
 from catoptra_server.scene.mesh_assets import MeshAssets
-from catoptra_server.scene.row_blocks import row_blocks
+from catoptra_server.scene.row_blocks import row_blocks, select_rows
 from catoptra_server.scene.texture_files import Texture, decode_image, reserve_texels
 from catoptra_server.scene.triangle_files import read_triangle_file
 from catoptra_server.scene.world_description import MeshFile

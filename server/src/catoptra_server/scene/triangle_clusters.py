@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.scene.row_blocks import row_blocks
 
 Indices = npt.NDArray[np.intp]
 
@@ -64,12 +65,13 @@ def make_clusters(
         size: Largest number of triangles in a cluster.
     """
     # Neighbours on a Morton curve are neighbours in space: one sort in place of a built tree.
-    order = np.lexsort((_morton_codes(corners.mean(axis=1)), groups))
+    order = np.lexsort((_morton_codes(_vertex_sums(corners)), groups))
     counts = np.bincount(groups[order]) if len(order) else np.zeros(0, dtype=np.intp)
     ends = np.cumsum(counts)
     starts = [np.arange(end - count, end, size) for count, end in zip(counts, ends, strict=True)]
     first = np.concatenate([np.zeros(0, dtype=np.intp), *starts]).astype(np.intp)
-    ordered = corners[order].reshape(-1, 9)
+    # Rows of nine, whole: three times as fast as rows of arrays.
+    ordered = corners.reshape(-1, 9).take(order, axis=0)
     empty = not len(first)
     low = np.zeros((0, 9)) if empty else np.minimum.reduceat(ordered, first, axis=0)
     high = np.zeros((0, 9)) if empty else np.maximum.reduceat(ordered, first, axis=0)
@@ -90,15 +92,24 @@ def visible_runs(visible: Bools, offsets: Indices) -> list[tuple[int, int]]:
     return [(int(start), int(stop - start)) for start, stop in spans]
 
 
+def _vertex_sums(corners: Floats) -> Floats:
+    """(3, n) sums of each triangle's corners: three times the centres, whose order is the same."""
+    first, second, third = corners.transpose(1, 2, 0)
+    sums = np.zeros(first.shape)
+    np.add(np.add(first, second, out=sums), third, out=sums)
+    return sums
+
+
 def _morton_codes(points: Floats) -> npt.NDArray[np.uint64]:
-    """(n,) codes that sort (n, 3) points along a space-filling curve, 21 bits an axis."""
-    if not len(points):
-        return np.zeros(0, dtype=np.uint64)
-    low, high = points.min(axis=0), points.max(axis=0)
+    """(n,) codes that sort (3, n) points along a space-filling curve, 21 bits an axis."""
+    codes = np.zeros(points.shape[1], dtype=np.uint64)
+    low = points.min(axis=1, initial=np.inf)[:, None]
+    high = points.max(axis=1, initial=-np.inf)[:, None]
     extent = max(float((high - low).max()), 1e-12)
-    cells = ((points - low) / extent * (2**21 - 1)).astype(np.uint64)
-    x, y, z = _spread_bits(cells).T
-    codes: npt.NDArray[np.uint64] = x | y << np.uint64(1) | z << np.uint64(2)
+    for block in row_blocks(len(codes)):
+        cells = ((points[:, block] - low) / extent * (2**21 - 1)).astype(np.uint64)
+        x, y, z = _spread_bits(cells)
+        codes[block] = x | y << np.uint64(1) | z << np.uint64(2)
     return codes
 
 
