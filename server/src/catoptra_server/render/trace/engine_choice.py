@@ -59,7 +59,7 @@ def create_engine(
     if request == "auto":
         try:
             return "kernel", create_kernel()
-        except (KernelUnavailableError, ImportError) as error:
+        except KernelUnavailableError as error:
             # The message names the missing part and the remedy.
             log.warning("%s; tracing with the NumPy reference, many times slower", error)
     return "reference", ReferenceEngine(scene, world, threads=threads, scene_lights=scene_lights)
