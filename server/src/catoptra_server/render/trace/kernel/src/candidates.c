@@ -6,10 +6,6 @@
 
 enum { BOX_TRIANGLES = 12 };
 
-/* Compiled for AVX2 as well, chosen when the library is loaded; without contraction both give the
- * same bits. */
-#define WIDE_VECTORS __attribute__((target_clones("avx2", "default")))
-
 int candidates_allocate(CandidateList *list, int capacity) {
     /* One block: nine coordinates, radius and identifier of each candidate. */
     size_t length = (size_t)(capacity ? capacity : 1);

@@ -33,7 +33,7 @@ struct Search {
 };
 
 int can_prove_coverage(const FrameState *state) {
-    return state->scene->surfaces.num_surfaces && !state->rays->times && !state->rays->origins &&
+    return state->scene->surfaces.num_surfaces && state->has_one_origin &&
            state->frame->output != OUTPUT_HITS;
 }
 

@@ -66,6 +66,7 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
         .scene = scene,
         .rays = &view->rays,
         .frame = frame,
+        .has_one_origin = !view->rays.origins && !view->rays.times,
         .has_point_lights = has_point_lights,
         .is_constant = !has_point_lights && !scene->num_textures && !frame->has_shadows &&
                        !scene->mesh->arrays.corner_albedo,

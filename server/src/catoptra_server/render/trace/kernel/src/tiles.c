@@ -1,5 +1,6 @@
 #include "tiles.h"
 
+#include "facet_plane.h"
 #include "hit_points.h"
 #include "shading.h"
 
@@ -230,27 +231,15 @@ static int is_wholly_valid(const FrameState *state, int tile) {
     return 1;
 }
 
-static int has_one_radiance(const FrameState *state, int32_t triangle) {
-    if (triangle < 0)
-        return triangle == SURFACE_BACKGROUND;
-    uint8_t flags = state->scene->mesh->arrays.flags[triangle];
-    if (flags & (FACET_TEXTURED | FACET_CORNER_COLOURS))
-        return 0;
-    return flags & FACET_UNLIT || !(state->has_point_lights || state->frame->has_shadows);
-}
-
 /* A tile of one radiance: no ray, no sum. */
-static void fill_tile(const FrameState *state, int tile, int32_t triangle) {
+static void fill_tile(const FrameState *state, int tile, size_t entry) {
     const Scene *scene = state->scene;
-    size_t entry = triangle < 0 ? (size_t)scene->mesh->arrays.num_triangles : (size_t)triangle;
-    const float *table = state->frame->has_shadows ? scene->ambient_radiance
-                                                   : scene->sharp_radiance;
     TilePixels pixels = find_pixels(state, tile);
     char row_of_pixels[TILE_PX * 3 * sizeof(float)];
     for (int column = 0; column < TILE_PX; column++) {
         char *pixel = row_of_pixels + (size_t)column * pixels.pixel_bytes;
         if (state->frame->output == OUTPUT_LINEAR)
-            write_mean(state, pixel, vec3(table + 3 * entry));
+            write_mean(state, pixel, vec3(scene->sharp_radiance + 3 * entry));
         else
             write_encoded(pixel, scene->encoded[entry]);
     }
@@ -259,32 +248,85 @@ static void fill_tile(const FrameState *state, int tile, int32_t triangle) {
                (size_t)pixels.columns * pixels.pixel_bytes);
 }
 
-void render_tile(const FrameState *state, int tile, int32_t triangle) {
-    int blocks = state->rays->samples * state->rays->samples;
-    if (state->frame->output != OUTPUT_HITS && has_one_radiance(state, triangle) &&
-        is_wholly_valid(state, tile)) {
-        fill_tile(state, tile, triangle);
+/* Row of the radiance table if that is all that a tile shows, -1 otherwise. */
+static int64_t find_single_radiance(const FrameState *state, int32_t triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    if (triangle == SURFACE_BACKGROUND)
+        return mesh->num_triangles;
+    int is_textured = mesh->flags[triangle] & FACET_TEXTURED;
+    return !is_textured && has_constant_light(state, triangle, 0) ? triangle : -1;
+}
+
+static void set_all(Vec3 *radiance, Vec3 value) {
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        radiance[lane] = value;
+}
+
+/* Triangle that all rays of a block meet, or SURFACE_UNKNOWN. */
+static int32_t find_common_triangle(const RayBlock *rays, const HitBlock *hits) {
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        if (hits->object[lane] != OBJECT_STATIC || hits->triangle[lane] != hits->triangle[0])
+            return SURFACE_UNKNOWN;
+    return rays->active == 0xffff ? hits->triangle[0] : SURFACE_UNKNOWN;
+}
+
+static void shade(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                  Vec3 *radiance) {
+    int32_t triangle = state->has_one_origin ? find_common_triangle(rays, hits) : SURFACE_UNKNOWN;
+    if (triangle < 0 || !has_constant_light(state, triangle, 0)) {
+        shade_block(state, rays, hits, radiance);
         return;
     }
+    Vec3 light = constant_radiance(state, triangle, 0);
+    if (state->scene->mesh->arrays.flags[triangle] & FACET_TEXTURED) {
+        FacetPlane plane = find_facet_plane(state, triangle);
+        texture_block(state, triangle, &plane, rays, light, radiance);
+    } else {
+        set_all(radiance, light);
+    }
+}
+
+static void render_samples(const FrameState *state, int tile, int32_t triangle) {
+    int blocks = state->rays->samples * state->rays->samples;
     SampleGrid grid;
     for (int block = 0; block < blocks; block++) {
-        size_t index = (size_t)tile * (size_t)blocks + (size_t)block;
         RayBlock rays;
         HitBlock hits;
         Vec3 radiance[BLOCK_RAYS];
-        load_block(state, index, &rays);
+        load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
         find_hits(state, &rays, &hits, triangle);
-        if (state->frame->output == OUTPUT_HITS) {
-            store_hits(state, index, &rays, &hits);
-            continue;
-        }
         if (blocks == 1 && has_table_colours(state, &hits)) {
             write_table_colours(state, tile, rays.active, &hits);
             return;
         }
-        shade_block(state, &rays, &hits, radiance);
+        shade(state, &rays, &hits, radiance);
         store_radiance(state, block, rays.active, radiance, &grid);
     }
-    if (state->frame->output != OUTPUT_HITS)
-        write_pixels(state, tile, &grid);
+    write_pixels(state, tile, &grid);
+}
+
+static void identify_samples(const FrameState *state, int tile) {
+    int blocks = state->rays->samples * state->rays->samples;
+    for (int block = 0; block < blocks; block++) {
+        size_t index = (size_t)tile * (size_t)blocks + (size_t)block;
+        RayBlock rays;
+        HitBlock hits;
+        load_block(state, index, &rays);
+        find_hits(state, &rays, &hits, SURFACE_UNKNOWN);
+        store_hits(state, index, &rays, &hits);
+    }
+}
+
+void render_tile(const FrameState *state, int tile, int32_t triangle) {
+    if (state->frame->output == OUTPUT_HITS) {
+        identify_samples(state, tile);
+        return;
+    }
+    int64_t entry = triangle == SURFACE_UNKNOWN || !is_wholly_valid(state, tile)
+                        ? -1
+                        : find_single_radiance(state, triangle);
+    if (entry >= 0)
+        fill_tile(state, tile, (size_t)entry);
+    else
+        render_samples(state, tile, triangle);
 }

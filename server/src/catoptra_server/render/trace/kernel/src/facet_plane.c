@@ -1,0 +1,66 @@
+#include "facet_plane.h"
+
+#include "textures.h"
+
+int has_constant_light(const FrameState *state, int32_t triangle, int is_unshadowed) {
+    uint8_t flags = state->scene->mesh->arrays.flags[triangle];
+    if (flags & FACET_CORNER_COLOURS)
+        return 0;
+    int is_shadowed = state->frame->has_shadows && !is_unshadowed;
+    return flags & FACET_UNLIT || !(state->has_point_lights || is_shadowed);
+}
+
+Vec3 constant_radiance(const FrameState *state, int32_t triangle, int is_unshadowed) {
+    const float *table = state->frame->has_shadows && !is_unshadowed
+                             ? state->scene->ambient_radiance
+                             : state->scene->sharp_radiance;
+    return vec3(table + 3 * (size_t)triangle);
+}
+
+FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    const float *corners = mesh->corners + 9 * (size_t)triangle;
+    const float *uv = mesh->uv + 6 * (size_t)triangle;
+    Vec3 first = vec3(corners);
+    Vec3 edge_u = subtract(vec3(corners + 3), first), edge_v = subtract(vec3(corners + 6), first);
+    Vec3 normal = cross(edge_u, edge_v);
+    /* The dual of the edges within the plane: barycentric weights are its products with points. */
+    float inverse = 1.0f / dot(normal, normal);
+    Vec3 dual_u = scale(inverse, cross(edge_v, normal));
+    Vec3 dual_v = scale(inverse, cross(normal, edge_u));
+    return (FacetPlane){
+        .first = first,
+        .normal = normal,
+        .u_gradient = add(scale(uv[2], dual_u), scale(uv[4], dual_v)),
+        .v_gradient = add(scale(uv[3], dual_u), scale(uv[5], dual_v)),
+        .u_offset = uv[0],
+        .v_offset = uv[1],
+    };
+}
+
+/* Texture coordinates of rays from one origin: all vector code. */
+WIDE_VECTORS static void find_coordinates(const FacetPlane *plane, const RayBlock *rays, float *u,
+                                          float *v) {
+    Vec3 origin = {rays->origin[0][0], rays->origin[1][0], rays->origin[2][0]};
+    Vec3 from_first = subtract(origin, plane->first);
+    float height = -dot(plane->normal, from_first);
+    float u_origin = plane->u_offset + dot(plane->u_gradient, from_first);
+    float v_origin = plane->v_offset + dot(plane->v_gradient, from_first);
+    Vec3 n = plane->normal, gu = plane->u_gradient, gv = plane->v_gradient;
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float x = rays->direction[0][i], y = rays->direction[1][i], z = rays->direction[2][i];
+        float distance = height / (n.x * x + n.y * y + n.z * z);
+        u[i] = u_origin + distance * (gu.x * x + gu.y * y + gu.z * z);
+        v[i] = v_origin + distance * (gv.x * x + gv.y * y + gv.z * z);
+    }
+}
+
+void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
+                   const RayBlock *rays, Vec3 radiance, Vec3 result[BLOCK_RAYS]) {
+    const Texture *texture =
+        state->scene->textures + state->scene->mesh->arrays.texture[triangle];
+    float u[BLOCK_RAYS], v[BLOCK_RAYS];
+    find_coordinates(plane, rays, u, v);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        result[lane] = multiply(radiance, sample_texture(texture, u[lane], v[lane]));
+}

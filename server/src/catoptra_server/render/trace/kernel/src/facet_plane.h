@@ -1,0 +1,27 @@
+/* Rays that all meet one facet's plane from one origin: the radiance of whole blocks at once. */
+#ifndef CATOPTRA_FACET_PLANE_H
+#define CATOPTRA_FACET_PLANE_H
+
+#include "frame_state.h"
+
+/* Plane n.(p - first) = 0 with coordinates gradient.(p - first) + offset. */
+typedef struct {
+    Vec3 first, normal;
+    Vec3 u_gradient, v_gradient; /* of texture coordinates, per metre */
+    float u_offset, v_offset;
+} FacetPlane;
+
+/* Whether a static facet's radiance is a constant times its texture, for the lights of the frame;
+ * `is_unshadowed`: nothing occludes a light on it. */
+int has_constant_light(const FrameState *state, int32_t triangle, int is_unshadowed);
+
+/* Radiance of a facet with constant light, before its texture. */
+Vec3 constant_radiance(const FrameState *state, int32_t triangle, int is_unshadowed);
+
+FacetPlane find_facet_plane(const FrameState *state, int32_t triangle);
+
+/* Multiply (16,) radiance by the facet's texture where the rays meet its plane. */
+void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
+                   const RayBlock *rays, Vec3 radiance, Vec3 result[BLOCK_RAYS]);
+
+#endif
