@@ -20,7 +20,7 @@ from catoptra_server.capture.camera_state import CameraState
 RenderCall = Callable[[CameraState], object]
 
 TIMED_FRAMES = 2
-MIN_ROUNDS, MAX_ROUNDS = 7, 60
+MIN_ROUNDS, MAX_ROUNDS = 5, 60
 
 
 @dataclass(frozen=True, slots=True)

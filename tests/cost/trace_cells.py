@@ -24,7 +24,6 @@ from cost.embreex_numpy import EmbreexNumpy
 from cost.race import Quartiles, RaceTimes, RenderCall, race
 from measurements.scenes import make_camera
 
-ROW_S = 4.5  # time for the rounds of one row
 STATES = 60  # camera states, a cycle
 COMPARED_STATES = 3
 
@@ -136,8 +135,8 @@ def make_states(
     return states
 
 
-def measure_cell(racers: Racers, cell: Cell) -> CellRow:
-    """Race one scene at one size, then compare the pictures."""
+def measure_cell(racers: Racers, cell: Cell, *, seconds: float) -> CellRow:
+    """Race one scene at one size for some seconds, then compare the pictures."""
     states, camera = make_states(), make_camera(cell.size_px)
     ours = racers.prepare(cell.size_px, cell.samples)
     other = racers.embreex.prepare(camera, cell.samples, states[0])
@@ -145,7 +144,7 @@ def measure_cell(racers: Racers, cell: Cell) -> CellRow:
     calls: dict[str, RenderCall] = {"ours": ours.render, "embreex": other.render}
     if bare is not None:
         calls["bare"] = bare.trace
-    times = race(calls, states, seconds=ROW_S)
+    times = race(calls, states, seconds=seconds)
     compared = states[:: STATES // COMPARED_STATES]
     pairs = [(ours.render(state).rgb, other.render(state)) for state in compared]
     ours.close()
@@ -182,6 +181,7 @@ def measure_cost(
     changed: list[CameraState],
     max_ratio: float,
     shape: tuple[int, int],
+    seconds: float,
 ) -> CostRow:
     """Race frames of changed states against plain ones on the same path.
 
@@ -191,6 +191,7 @@ def measure_cost(
         changed: states of `make_states` with something that costs time.
         max_ratio: greatest ratio allowed.
         shape: pixels and samples along a side.
+        seconds: time for the rounds.
     """
     plain = make_states()
     # The race hands both calls one state: the plain state stands for both.
@@ -199,7 +200,7 @@ def measure_cost(
         "with": lambda state: view.render(changed_by_plain[id(state)]),
         "without": view.render,
     }
-    times = race(calls, plain, seconds=ROW_S)
+    times = race(calls, plain, seconds=seconds)
     return CostRow(
         what=what,
         size_px=shape[0],

@@ -17,7 +17,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -56,21 +56,48 @@ FACTOR_BEFORE_KERNEL = {"field": 3.8, "corridor": 3.7}
 MAX_SHARE_OF_BEFORE = 0.6
 MAX_SHADOW_RATIO, MAX_ROBOTS_RATIO = 1.6, 1.2
 ROBOTS = 16
+NUM_COST_ROWS = 4  # shadows and robots, with one sample and with 2 x 2
+# Time of all rows together, building the scenes included, and of one row.
+TOTAL_S, MIN_ROW_S, MAX_ROW_S = 190.0, 0.5, 4.5
+
+
+@dataclass(slots=True)
+class Timetable:
+    """Time that each row may take, so that all end in time on a busy machine, too."""
+
+    rows_left: int
+    end: float
+    """Reading of the performance counter."""
+
+    def next_row_s(self) -> float:
+        """Seconds of the next row."""
+        fair_s = (self.end - time.perf_counter()) / self.rows_left
+        self.rows_left -= 1
+        return min(max(fair_s, MIN_ROW_S), MAX_ROW_S)
 
 
 def main() -> int:
     """Measure all rows, print them and write the file."""
     console, begin = _open_console(), time.perf_counter()
     worlds = make_trace_worlds(OUTPUT / "scenes") | {"corridor": read_world(CORRIDOR)[0]}
+    num_rows = sum(len(list(_make_cells(name))) for name in worlds) + NUM_COST_ROWS
+    timetable = Timetable(num_rows, begin + TOTAL_S)
     cells: list[CellRow] = []
     costs: list[CostRow] = []
     for name, world in worlds.items():
         with _open_racers(name, world, console) as racers:
-            cells += [measure_cell(racers, cell) for cell in _make_cells(name)]
-            costs += _measure_costs(racers) if name == "field" else ()
+            for cell in _make_cells(name):
+                cells.append(measure_cell(racers, cell, seconds=timetable.next_row_s()))
+            costs += _measure_costs(racers, timetable) if name == "field" else ()
     console.print(make_cell_table(cells), make_cost_table(costs), sep="\n")
     elapsed_s = time.perf_counter() - begin
     console.print(f"{describe_machine()}, {elapsed_s:.0f} s in all", highlight=False)
+    _write_rows(cells, costs)
+    return 0
+
+
+def _write_rows(cells: list[CellRow], costs: list[CostRow]) -> None:
+    """Write all rows as JSON."""
     document = {
         "machine": describe_machine(),
         "load_average": os.getloadavg(),
@@ -79,7 +106,6 @@ def main() -> int:
     }
     OUTPUT.mkdir(parents=True, exist_ok=True)
     (OUTPUT / "trace_speed.json").write_text(json.dumps(document, indent=2) + "\n", "utf-8")
-    return 0
 
 
 def _open_console() -> Console:
@@ -108,7 +134,7 @@ def _make_cells(name: str) -> Iterator[Cell]:
         yield Cell(name, DEFAULT_SIZE_PX, 2, factor)
 
 
-def _measure_costs(racers: Racers) -> Iterator[CostRow]:
+def _measure_costs(racers: Racers, timetable: Timetable) -> Iterator[CostRow]:
     """Yield the rows of shadows and robots against none."""
     shadowed = make_states(has_shadows=True)
     with_robots = make_states(make_objects=lambda turn: make_robots(ROBOTS, turn_rad=turn))
@@ -118,7 +144,14 @@ def _measure_costs(racers: Racers) -> Iterator[CostRow]:
             ("shadows", shadowed, MAX_SHADOW_RATIO),
             (f"{ROBOTS} robots", with_robots, MAX_ROBOTS_RATIO),
         ):
-            yield measure_cost(view, what, changed=changed, max_ratio=max_ratio, shape=shape)
+            yield measure_cost(
+                view,
+                what,
+                changed=changed,
+                max_ratio=max_ratio,
+                shape=shape,
+                seconds=timetable.next_row_s(),
+            )
         view.close()
 
 
