@@ -130,12 +130,17 @@ def _join_triangles(
     corners = scene.corners[large].reshape(-1, 3).round(_SAME_POSITION_DIGITS)
     _, corner = np.unique(corners, axis=0, return_inverse=True)
     triangles = corner.reshape(-1, 3)
-    ends = np.sort(np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=-1), axis=-1)
+    follower = np.roll(triangles, -1, axis=1)
+    ends = np.sort(np.stack((triangles, follower), axis=-1), axis=-1)
     _, edge, count = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(edge.reshape(-1), kind="stable")
     first = (np.cumsum(count) - count)[count == 2]
     # Flat indices 3 * triangle + edge of the two sides of each edge that two triangles share.
     sides = np.stack((order[first], order[first + 1]), axis=-1)
+    # One edge, one normal: the triangles lie on its two sides if they pass it in opposite
+    # directions. Copies of one triangle do not, and end there.
+    is_forward = (triangles < follower).reshape(-1)[sides]
+    sides = sides[is_forward[:, 0] != is_forward[:, 1]]
     sides = sides[_continue_each_other(scene, large[sides // 3])]
     is_outer = np.ones(3 * len(large), dtype=bool)
     is_outer[sides.reshape(-1)] = False

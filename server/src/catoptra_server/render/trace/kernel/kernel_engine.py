@@ -81,6 +81,7 @@ class KernelEngine:
         self._meshes: list[int] = []
         self._objects = ObjectTable(self._device, self._centre)
         self._scene = self._make_scene()
+        self._has_shadow_tables = False
 
     @property
     def num_object_meshes(self) -> int:
@@ -122,7 +123,7 @@ class KernelEngine:
 
     def _prepare_shadows(self) -> None:
         """Add to the scene what only shadows need, at the first frame with shadows."""
-        if self._scene.ambient_radiance != self._scene.sharp_radiance:
+        if self._has_shadow_tables:
             return
         ambient = shading.hemisphere_lights(self._scene_lights)
         radiance = radiance_table(self._mesh, ambient, self._world.background)
@@ -130,6 +131,11 @@ class KernelEngine:
         self._scene.ambient_radiance = radiance.ctypes.data
         if not self._mesh.casts_shadows.all():
             self._scene.casters = self._commit(caster_arrays(self._mesh, self._centre))
+            casters = np.flatnonzero(self._mesh.casts_shadows).astype(np.int32)
+            self._owners.append(casters)
+            self._scene.caster_triangles = casters.ctypes.data
+        self._scene.light_maps = self._device.build_light_maps(self._scene)
+        self._has_shadow_tables = True
 
     def prepare(self, rays: RayTable) -> KernelRays:
         """Prepare the rays of a camera."""
@@ -158,6 +164,7 @@ class KernelEngine:
     def close(self) -> None:
         """Free the scene and end the threads."""
         self._objects.close()
+        self._device.release_light_maps(self._scene)
         while self._meshes:
             self._device.release_mesh(self._meshes.pop())
         self._device.close()

@@ -90,6 +90,16 @@ class KernelDevice:
         """Free a view."""
         self._library.catoptra_release_view(view)
 
+    def build_light_maps(self, scene: SceneStruct) -> int | None:
+        """Maps of where nothing occludes a scene's directional lights; None if memory is short."""
+        address: int | None = self._library.catoptra_build_light_maps(ctypes.byref(scene))
+        return address
+
+    def release_light_maps(self, scene: SceneStruct) -> None:
+        """Free a scene's light maps."""
+        self._library.catoptra_release_light_maps(scene.light_maps, scene.num_lights)
+        scene.light_maps = None
+
     def render(self, scene: SceneStruct, view: int, frame: FrameStruct) -> FrameCounts:
         """Render a frame into its outputs."""
         error, counts = ctypes.create_string_buffer(_ERROR_BYTES), FrameCounts()
@@ -135,6 +145,8 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_view_bytes": (c_int64, (c_void_p,)),
         "catoptra_release_view": (None, (c_void_p,)),
+        "catoptra_build_light_maps": (c_void_p, (c_void_p,)),
+        "catoptra_release_light_maps": (None, (c_void_p, c_int32)),
         "catoptra_render": (c_int32, (c_void_p,) * 6),
         "catoptra_trace": (c_int32, (c_void_p,) * 5),
     }

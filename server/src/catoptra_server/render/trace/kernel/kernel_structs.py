@@ -85,6 +85,8 @@ class SceneStruct(ctypes.Structure):
         ("lights", c_void_p),
         ("hemisphere", HemisphereStruct),
         ("srgb_table", c_void_p),
+        ("caster_triangles", c_void_p),
+        ("light_maps", c_void_p),
         ("surfaces", SurfacesStruct),
     ]
 

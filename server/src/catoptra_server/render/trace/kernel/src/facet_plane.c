@@ -20,7 +20,8 @@ Vec3 constant_radiance(const FrameState *state, int32_t triangle, int is_unshado
 FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     const float *corners = mesh->corners + 9 * (size_t)triangle;
-    const float *uv = mesh->uv + 6 * (size_t)triangle;
+    static const float untextured[6] = {0, 0, 0, 0, 0, 0};
+    const float *uv = mesh->uv ? mesh->uv + 6 * (size_t)triangle : untextured;
     Vec3 first = vec3(corners);
     Vec3 edge_u = subtract(vec3(corners + 3), first), edge_v = subtract(vec3(corners + 6), first);
     Vec3 normal = cross(edge_u, edge_v);

@@ -12,6 +12,7 @@ typedef struct {
     const RayTable *rays;
     const Frame *frame;
     RTCScene objects; /* the dynamic objects as instances; NULL for none */
+    const uint8_t *object_marks; /* light_map.h; NULL without objects or shadows */
     int has_one_origin; /* all rays start at the camera's first pose */
     int has_point_lights;
     int is_constant; /* the static scene has one radiance a facet: no texture, no point light */

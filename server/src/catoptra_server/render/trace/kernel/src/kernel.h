@@ -82,6 +82,8 @@ typedef struct {
     const Light *lights;
     Hemisphere hemisphere;
     const uint8_t *srgb_table;   /* (65536,) sRGB of linear light */
+    const int32_t *caster_triangles; /* triangle of `mesh` of each of `casters`; NULL without */
+    void *light_maps; /* of catoptra_build_light_maps; NULL until the first frame with shadows */
     Surfaces surfaces;
 } Scene;
 
@@ -137,6 +139,10 @@ CATOPTRA_EXPORT void catoptra_release_mesh(Mesh *mesh);
 CATOPTRA_EXPORT View *catoptra_prepare(Device *device, const RayTable *rays, char *error);
 CATOPTRA_EXPORT int64_t catoptra_view_bytes(const View *view);
 CATOPTRA_EXPORT void catoptra_release_view(View *view);
+
+/* Maps of where nothing occludes a scene's directional lights; NULL if memory is short. */
+CATOPTRA_EXPORT void *catoptra_build_light_maps(const Scene *scene);
+CATOPTRA_EXPORT void catoptra_release_light_maps(void *light_maps, int32_t num_lights);
 
 /* 0, or the reason of the failure in `error`. */
 CATOPTRA_EXPORT int32_t catoptra_render(Device *device, const Scene *scene, const View *view,

@@ -2,10 +2,12 @@
 #include "beams.h"
 #include "coverage.h"
 #include "frame_state.h"
+#include "light_map.h"
 #include "tiles.h"
 
 #include <stdatomic.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 /* Tiles that a thread takes at once: few enough that none waits long for the last. */
 enum { TILES_AT_ONCE = 32 };
@@ -75,10 +77,15 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
     const char *reason = device_error(device);
     if (reason)
         snprintf(error, ERROR_SIZE, "the dynamic objects cannot be committed: %s", reason);
-    return !reason;
+    int failed = 0;
+    state->object_marks = mark_objects(state, &failed);
+    if (failed)
+        snprintf(error, ERROR_SIZE, "out of memory");
+    return !reason && !failed;
 }
 
 static void end_frame(FrameState *state) {
+    free((void *)state->object_marks);
     if (state->objects)
         state->device->embree.release_scene(state->objects);
 }

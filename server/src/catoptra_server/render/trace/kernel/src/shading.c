@@ -1,6 +1,7 @@
 #include "shading.h"
 
 #include "hit_points.h"
+#include "light_map.h"
 #include "textures.h"
 
 #include <math.h>
@@ -133,8 +134,17 @@ static uint32_t find_occluded(const FrameState *state, RayBlock *shadow, int is_
     return occluded;
 }
 
-static void add_light(const FrameState *state, const Light *light, const RayBlock *rays,
+static int is_surely_lit(const FrameState *state, int light, const HitBlock *hits,
+                         const SurfaceBlock *surface, int lane) {
+    return state->scene->lights[light].kind == LIGHT_DIRECTIONAL &&
+           hits->object[lane] == OBJECT_STATIC &&
+           is_lit_by_map(state, light, hits->triangle[lane],
+                         lane_of(surface->points.position, lane));
+}
+
+static void add_light(const FrameState *state, int number, const RayBlock *rays,
                       const HitBlock *hits, const SurfaceBlock *surface, Vec3 *radiance) {
+    const Light *light = &state->scene->lights[number];
     float factor[BLOCK_RAYS];
     RayBlock shadow;
     uint32_t facing = 0;
@@ -151,7 +161,7 @@ static void add_light(const FrameState *state, const Light *light, const RayBloc
         if (!(factor[lane] > 0.0f))
             continue;
         facing |= 1u << lane;
-        if (state->frame->has_shadows)
+        if (state->frame->has_shadows && !is_surely_lit(state, number, hits, surface, lane))
             set_shadow_ray(&shadow, lane, rays, &surface->points, direction, distance);
     }
     if (shadow.active)
@@ -214,7 +224,7 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     begin_surfaces(state, rays, hits, &surface, radiance);
     if (surface.lit)
         for (int light = 0; light < state->scene->num_lights; light++)
-            add_light(state, &state->scene->lights[light], rays, hits, &surface, radiance);
+            add_light(state, light, rays, hits, &surface, radiance);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         if (surface.textured >> lane & 1)
             apply_texture(state, hits->triangle[lane], surface.points.u[lane],

@@ -2,6 +2,7 @@
 
 #include "facet_plane.h"
 #include "hit_points.h"
+#include "light_map.h"
 #include "shading.h"
 
 #include <math.h>
@@ -249,12 +250,39 @@ static void fill_tile(const FrameState *state, int tile, size_t entry) {
 }
 
 /* Row of the radiance table if that is all that a tile shows, -1 otherwise. */
-static int64_t find_single_radiance(const FrameState *state, int32_t triangle) {
+static int64_t find_single_radiance(const FrameState *state, int32_t triangle, int is_unshadowed) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     if (triangle == SURFACE_BACKGROUND)
         return mesh->num_triangles;
     int is_textured = mesh->flags[triangle] & FACET_TEXTURED;
-    return !is_textured && has_constant_light(state, triangle, 0) ? triangle : -1;
+    return !is_textured && has_constant_light(state, triangle, is_unshadowed) ? triangle : -1;
+}
+
+/* Where a ray of a tile meets a facet's plane. */
+static Vec3 meet_plane(const FrameState *state, const FacetPlane *plane, size_t block, int lane) {
+    const Pose *pose = state->frame->camera;
+    const float *from = state->rays->directions + block * 3 * BLOCK_RAYS + lane;
+    Vec3 direction = rotate(pose->rotation,
+                            (Vec3){from[0], from[BLOCK_RAYS], from[2 * BLOCK_RAYS]});
+    Vec3 origin = vec3(pose->translation);
+    float height = dot(plane->normal, subtract(plane->first, origin));
+    return add(origin, scale(height / dot(plane->normal, direction), direction));
+}
+
+/* Whether no light is occluded anywhere on a tile that a facet's plane fills. */
+static int is_tile_lit(const FrameState *state, int tile, int32_t triangle) {
+    if (!state->frame->has_shadows || !state->scene->light_maps || triangle < 0 ||
+        !is_wholly_valid(state, tile))
+        return 0;
+    FacetPlane plane = find_facet_plane(state, triangle);
+    size_t side = (size_t)state->rays->samples, first = (size_t)tile * side * side;
+    Vec3 corners[4] = {
+        meet_plane(state, &plane, first, 0),
+        meet_plane(state, &plane, first + side - 1, TILE_PX - 1),
+        meet_plane(state, &plane, first + side * (side - 1), BLOCK_RAYS - TILE_PX),
+        meet_plane(state, &plane, first + side * side - 1, BLOCK_RAYS - 1),
+    };
+    return is_quad_lit(state, triangle, corners);
 }
 
 static void set_all(Vec3 *radiance, Vec3 value) {
@@ -271,13 +299,13 @@ static int32_t find_common_triangle(const RayBlock *rays, const HitBlock *hits) 
 }
 
 static void shade(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                  Vec3 *radiance) {
+                  int is_unshadowed, Vec3 *radiance) {
     int32_t triangle = state->has_one_origin ? find_common_triangle(rays, hits) : SURFACE_UNKNOWN;
-    if (triangle < 0 || !has_constant_light(state, triangle, 0)) {
+    if (triangle < 0 || !has_constant_light(state, triangle, is_unshadowed)) {
         shade_block(state, rays, hits, radiance);
         return;
     }
-    Vec3 light = constant_radiance(state, triangle, 0);
+    Vec3 light = constant_radiance(state, triangle, is_unshadowed);
     if (state->scene->mesh->arrays.flags[triangle] & FACET_TEXTURED) {
         FacetPlane plane = find_facet_plane(state, triangle);
         texture_block(state, triangle, &plane, rays, light, radiance);
@@ -286,7 +314,8 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
     }
 }
 
-static void render_samples(const FrameState *state, int tile, int32_t triangle) {
+static void render_samples(const FrameState *state, int tile, int32_t triangle,
+                           int is_unshadowed) {
     int blocks = state->rays->samples * state->rays->samples;
     SampleGrid grid;
     for (int block = 0; block < blocks; block++) {
@@ -299,7 +328,7 @@ static void render_samples(const FrameState *state, int tile, int32_t triangle) 
             write_table_colours(state, tile, rays.active, &hits);
             return;
         }
-        shade(state, &rays, &hits, radiance);
+        shade(state, &rays, &hits, is_unshadowed, radiance);
         store_radiance(state, block, rays.active, radiance, &grid);
     }
     write_pixels(state, tile, &grid);
@@ -322,11 +351,12 @@ void render_tile(const FrameState *state, int tile, int32_t triangle) {
         identify_samples(state, tile);
         return;
     }
+    int is_unshadowed = is_tile_lit(state, tile, triangle);
     int64_t entry = triangle == SURFACE_UNKNOWN || !is_wholly_valid(state, tile)
                         ? -1
-                        : find_single_radiance(state, triangle);
+                        : find_single_radiance(state, triangle, is_unshadowed);
     if (entry >= 0)
         fill_tile(state, tile, (size_t)entry);
     else
-        render_samples(state, tile, triangle);
+        render_samples(state, tile, triangle, is_unshadowed);
 }
