@@ -48,19 +48,22 @@ class LitFacets(Protocol):
 
 def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
     """(n, 3) irradiance by hemisphere and directional lights on facets of (n, 3) normals."""
-    total = np.zeros_like(normals)
+    # A row for each colour channel: operations on rows of three take five times as long.
+    total = np.zeros((3, len(normals)))
     for light in lights:
         match light:
-            case HemisphereLight(up, down):
+            case HemisphereLight(up_irradiance, down_irradiance):
                 # z points down: an upward facet has normal z = -1.
-                upward = 0.5 * (1.0 - normals[:, 2:])
-                total += upward * np.asarray(up) + (1.0 - upward) * np.asarray(down)
+                upward = 0.5 * (1.0 - normals[:, 2])
+                for channel, up, down in zip(total, up_irradiance, down_irradiance, strict=True):
+                    channel += upward * up + (1.0 - upward) * down
             case DirectionalLight(direction, irradiance):
                 cosine = np.maximum(-(normals @ np.asarray(direction)), 0.0)
-                total += cosine[:, None] * np.asarray(irradiance)
+                for channel, value in zip(total, irradiance, strict=True):
+                    channel += cosine * value
             case PointLight():
                 pass
-    return total
+    return total.T
 
 
 def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -> Floats:
