@@ -5,11 +5,16 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from catoptra_server.render.renderer_kind import RENDERER_NAMES, RendererKind
+from catoptra_server.render.renderer_kind import INSTRUCTION_SETS, RENDERER_NAMES, RendererKind
+from catoptra_server.render.trace.kernel import instruction_sets
 
 
 def test_names_are_auto_and_every_kind() -> None:
     assert RENDERER_NAMES == ("auto", "trace", "raster")
+
+
+def test_instruction_sets_are_auto_and_those_of_the_kernel() -> None:
+    assert INSTRUCTION_SETS == ("auto", *instruction_sets.INSTRUCTION_SETS)
 
 
 def test_faces_belong_to_raster_alone() -> None:
