@@ -9,6 +9,9 @@ SOURCES := protocol/src server/src client/src studies/src
 BUILD_SCRIPTS := server/build_kernel.py server/setup.py
 # Idle BLAS threads spin and nearly double a traced frame on two cores; nothing here multiplies large matrices.
 export OPENBLAS_NUM_THREADS := 1
+# The compiler of the kernel compiles its runtime library (6 s) and unchanged sources once.
+export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
+export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test stability lint format bench cost effects conformance fuzz soak wheels compose clean

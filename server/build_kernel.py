@@ -47,10 +47,10 @@ COMPILE_FLAGS = (
     *("-ffp-contract=off", "-fno-math-errno", "-fno-sanitize=undefined"),
     *("-Wall", "-Wextra", "-Werror"),
 )
-# -nostdlib: zig else compiles its runtime library first, 6 s of a build of 7 s, and nothing of it
-# is used here. An undefined symbol fails the build instead of the server.
-LINK_FLAGS = ("-shared", "-s", "-nostdlib", "-Wl,-z,defs")
-LIBRARIES = ("-lc", "-lm", "-lpthread", "-ldl")
+# An undefined symbol fails the build instead of the server. No -nostdlib, though compiling zig's
+# runtime library takes 6 s: functions in variants for several processors (target_clones) need it.
+LINK_FLAGS = ("-O3", "-shared", "-s", "-Wl,-z,defs")
+LIBRARIES = ("-lm", "-lpthread", "-ldl")
 
 
 class KernelBuildError(Exception):
@@ -109,7 +109,7 @@ def build_library(library: Path, *, sources: Path) -> None:
         objects = _compile_all(files, Path(name))
         linked = Path(name) / LIBRARY_NAME
         _run_zig(
-            *(*TARGET, f"-mcpu={BASE_PROCESSOR}", "-O3", *LINK_FLAGS),
+            *(*TARGET, f"-mcpu={BASE_PROCESSOR}", *LINK_FLAGS),
             *(*map(str, objects), *LIBRARIES, "-o", str(linked)),
             cache=Path(name),
         )
@@ -121,10 +121,11 @@ def build_library(library: Path, *, sources: Path) -> None:
 def _compile_all(files: Sequence[Path], folder: Path) -> list[Path]:
     """Object files of C files, compiled side by side."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(partial(_compile, folder=folder), files))
+        return list(pool.map(partial(compile_source, folder=folder), files))
 
 
-def _compile(source: Path, *, folder: Path) -> Path:
+def compile_source(source: Path, *, folder: Path) -> Path:
+    """Object file of one C file, in a folder."""
     compiled = folder / f"{source.stem}.o"
     flags = (*TARGET, f"-mcpu={processor_of(source)}", *COMPILE_FLAGS)
     _run_zig(*flags, "-c", str(source), "-o", str(compiled), cache=folder)
@@ -140,11 +141,12 @@ def processor_of(source: Path) -> str:
 
 
 def _run_zig(*words: str, cache: Path) -> None:
-    # Zig's caches: the home folder may be missing or read-only.
+    # The home folder may be missing or read-only. A user's own cache saves the 6 s that compiling
+    # zig's runtime library takes.
     caches = {"ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
     ended = subprocess.run(
         [sys.executable, "-m", "ziglang", "cc", *words],
-        env={**os.environ, **caches},
+        env={**caches, **os.environ},
         capture_output=True,
         text=True,
         errors="replace",
