@@ -52,7 +52,8 @@ class ColourTable:
         if self._samples == 1:
             # Index -1, no hit, wraps to the background.
             pixels = self._colours.take(triangle, mode="wrap")
-            return pixels.view(np.uint8).reshape(-1, 3)
+            rgb: Bytes = pixels.view(np.uint8).reshape(-1, 3)
+            return rgb
         light = self._radiance.take(triangle, axis=1, mode="wrap")
         light[:, off_mirror] = 0.0
         return encode_samples(light, self._samples, self._grey)

@@ -137,7 +137,8 @@ def bump_heights(rng: np.random.Generator, x: Floats, y: Floats) -> Floats:
         bearing, phase = rng.uniform(0.0, 2.0 * math.pi, 2)
         along = math.cos(bearing) * x + math.sin(bearing) * y
         total += length * np.sin(2.0 * math.pi * along / length + phase)
-    return MAX_BUMP_M * (total - total.min()) / np.ptp(total)
+    heights: Floats = MAX_BUMP_M * (total - total.min()) / np.ptp(total)
+    return heights
 
 
 def write_ply(path: Path, vertices: Floats, faces: Floats) -> None:
