@@ -62,7 +62,7 @@ static void append_surfaces(CandidateList *list, const Scene *scene, Vec3 viewpo
     for (int i = 0; i < scene->surfaces.num_clusters; i++) {
         const float *cluster = scene->surfaces.clusters + 4 * i;
         Vec3 centre = subtract(vec3(cluster), viewpoint);
-        append(list, (Vec3[3]){centre, centre, centre}, cluster[3], BLOCKER);
+        append(list, (Vec3[3]){centre, centre, centre}, cluster[3], CLUSTER);
     }
 }
 
@@ -81,7 +81,7 @@ static void append_box(CandidateList *list, const Pose *pose, const float *box, 
     }
     for (int i = 0; i < BOX_TRIANGLES; i++) {
         Vec3 side[3] = {corners[sides[i][0]], corners[sides[i][1]], corners[sides[i][2]]};
-        append(list, side, 0.0f, BLOCKER);
+        append(list, side, 0.0f, OBJECT_BOX);
     }
 }
 
@@ -132,8 +132,8 @@ int is_beam_below(const BeamSides *sides, Vec3 normal) {
 }
 
 /* Mark the candidates that lie on the outer side of one of the beam's sides. */
-WIDE_VECTORS static void mark_outside(const CandidateList *list, Vec3 normal,
-                                      uint8_t *restrict marks) {
+static void mark_outside(const CandidateList *list, Vec3 normal,
+                         uint8_t *restrict marks) {
     const float *restrict x0 = list->corner[0], *restrict y0 = list->corner[1];
     const float *restrict z0 = list->corner[2], *restrict x1 = list->corner[3];
     const float *restrict y1 = list->corner[4], *restrict z1 = list->corner[5];
@@ -151,8 +151,8 @@ WIDE_VECTORS static void mark_outside(const CandidateList *list, Vec3 normal,
 
 /* Mark the triangles that a plane through the viewpoint and one of their sides separates from the
  * beam: with the beam's own sides, all planes that can separate two pyramids of one apex. */
-WIDE_VECTORS static void mark_beside(const CandidateList *list, const BeamSides *sides, int side,
-                                     uint8_t *restrict marks) {
+static void mark_beside(const CandidateList *list, const BeamSides *sides, int side,
+                        uint8_t *restrict marks) {
     int next = (side + 1) % 3, opposite = (side + 2) % 3;
     const float *restrict ax = list->corner[3 * side], *restrict ay = list->corner[3 * side + 1];
     const float *restrict az = list->corner[3 * side + 2], *restrict bx = list->corner[3 * next];
@@ -198,7 +198,7 @@ void keep_inside(const CandidateList *from, const BeamSides *sides, uint8_t *mar
 }
 
 /* Moeller and Trumbore 1997, from the origin. */
-WIDE_VECTORS void measure_distances(const CandidateList *list, Vec3 d, float *restrict distances) {
+void measure_distances(const CandidateList *list, Vec3 d, float *restrict distances) {
     const float *restrict x0 = list->corner[0], *restrict y0 = list->corner[1];
     const float *restrict z0 = list->corner[2], *restrict x1 = list->corner[3];
     const float *restrict y1 = list->corner[4], *restrict z1 = list->corner[5];

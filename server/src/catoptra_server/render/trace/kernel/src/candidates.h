@@ -8,14 +8,14 @@
 #include "beams.h"
 #include "frame_state.h"
 
-/* Candidate that is no surface: a sphere around small triangles, a side of an object's box. */
-enum { BLOCKER = -1 };
+/* Candidates that are no surfaces: a sphere around small triangles, a side of an object's box. */
+enum { CLUSTER = -1, OBJECT_BOX = -2 };
 
 typedef struct {
     int count, capacity;
     float *corner[9]; /* a sphere is a triangle of one point */
     float *radius;    /* 0 for triangles */
-    int32_t *id;      /* index into the scene's surfaces, or BLOCKER */
+    int32_t *id;      /* index into the scene's surfaces, or one of the above */
 } CandidateList;
 
 /* Sides of a beam in the world. */

@@ -44,8 +44,9 @@ Search *create_search(const FrameState *state, const CandidateList *candidates) 
     search->state = state;
     search->candidates = candidates;
     search->on_plane = ON_PLANE * candidates_extent(candidates);
-    /* The rays of a tile of one sample a pixel take 0.7 us, a proof 0.5 to 1. */
-    search->finest_proven = state->rays->samples > 1 ? 0 : 1;
+    /* The rays of a tile of one sample a pixel take 0.7 us, a proof 0.5 to 1; shading takes more. */
+    int is_cheap = state->is_constant && state->rays->samples == 1 && !state->objects;
+    search->finest_proven = is_cheap ? 1 : 0;
     search->marks = malloc((size_t)candidates->count + 1);
     int is_whole = search->marks != NULL;
     for (int level = 0; level < BEAM_LEVELS; level++)
@@ -71,7 +72,7 @@ static int find_first_surface(const Search *search, const CandidateList *list, V
     int first = -1;
     measure_distances(list, axis, distances);
     for (int i = 0; i < list->count; i++)
-        if (list->id[i] != BLOCKER && distances[i] < nearest) {
+        if (list->id[i] >= 0 && distances[i] < nearest) {
             nearest = distances[i];
             first = i;
         }
@@ -110,7 +111,7 @@ static int covers(const Search *search, const CandidateList *list, const BeamSid
     const Surfaces *surfaces = &search->state->scene->surfaces;
     for (int i = 0; i < list->count; i++) {
         int id = list->id[i];
-        if (id != BLOCKER && surfaces->surface[id] == surface && surfaces->outer_edges[id] &&
+        if (id >= 0 && surfaces->surface[id] == surface && surfaces->outer_edges[id] &&
             has_outer_edge_inside(list, i, surfaces->outer_edges[id], sides))
             return 0;
     }
@@ -133,7 +134,7 @@ static int drop_hidden(const Search *search, CandidateList *list, const Cover *c
     list->count = 0;
     for (int i = 0; i < count; i++) {
         int id = list->id[i];
-        int is_surface = id != BLOCKER && surfaces->surface[id] == cover->surface;
+        int is_surface = id >= 0 && surfaces->surface[id] == cover->surface;
         if (!is_surface && is_behind(search, list, i, cover))
             continue;
         others += !is_surface;
@@ -144,7 +145,14 @@ static int drop_hidden(const Search *search, CandidateList *list, const Cover *c
 
 static int has_surfaces(const CandidateList *list) {
     for (int i = 0; i < list->count; i++)
-        if (list->id[i] != BLOCKER)
+        if (list->id[i] >= 0)
+            return 1;
+    return 0;
+}
+
+static int has_objects(const CandidateList *list) {
+    for (int i = 0; i < list->count; i++)
+        if (list->id[i] == OBJECT_BOX)
             return 1;
     return 0;
 }
@@ -164,7 +172,7 @@ static int32_t find_cover(const Search *search, CandidateList *list, const BeamS
 typedef struct {
     int level, row, column;
     const CandidateList *candidates; /* what may reach into it; NULL: no proof is tried any more */
-    int32_t triangle;                /* what fills it, or SURFACE_UNKNOWN */
+    TileContent content;
 } Part;
 
 static void prove_part(Search *search, const Beam *beam, Part *part) {
@@ -172,7 +180,8 @@ static void prove_part(Search *search, const Beam *beam, Part *part) {
     CandidateList *kept = &search->levels[part->level];
     find_sides(search->state, beam, &sides);
     keep_inside(part->candidates, &sides, search->marks, kept);
-    part->triangle = find_cover(search, kept, &sides);
+    part->content.may_show_objects = has_objects(kept);
+    part->content.triangle = find_cover(search, kept, &sides);
     /* Nothing but small things: no quarter of it can be proven. */
     int is_hopeless = part->level <= search->finest_proven || !has_surfaces(kept);
     part->candidates = is_hopeless ? NULL : kept;
@@ -186,23 +195,23 @@ static void render_beam(Search *search, const View *view, Part part) {
     const Beam *beam = &parts->beams[index];
     if (beam->kind == BEAM_EMPTY)
         return;
-    if (part.triangle == SURFACE_UNKNOWN && part.candidates && beam->kind == BEAM_NARROW)
+    if (part.content.triangle == SURFACE_UNKNOWN && part.candidates && beam->kind == BEAM_NARROW)
         prove_part(search, beam, &part);
     if (part.level == 0) {
-        render_tile(search->state, view->tile_at[index], part.triangle);
-        search->num_filled += part.triangle != SURFACE_UNKNOWN;
+        render_tile(search->state, view->tile_at[index], &part.content);
+        search->num_filled += part.content.triangle != SURFACE_UNKNOWN;
         return;
     }
     for (int quarter = 0; quarter < 4; quarter++)
         render_beam(search, view,
                     (Part){part.level - 1, 2 * part.row + quarter / 2,
-                           2 * part.column + quarter % 2, part.candidates, part.triangle});
+                           2 * part.column + quarter % 2, part.candidates, part.content});
 }
 
 int render_part(Search *search, const View *view, int part) {
     int level = BEAM_LEVELS - 1, columns = view->levels[level].columns;
     search->num_filled = 0;
     render_beam(search, view, (Part){level, part / columns, part % columns, search->candidates,
-                                     SURFACE_UNKNOWN});
+                                     UNKNOWN_CONTENT});
     return search->num_filled;
 }

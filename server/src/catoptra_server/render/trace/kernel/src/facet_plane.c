@@ -40,8 +40,8 @@ FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
 }
 
 /* Texture coordinates of rays from one origin: all vector code. */
-WIDE_VECTORS static void find_coordinates(const FacetPlane *plane, const RayBlock *rays, float *u,
-                                          float *v) {
+static void find_coordinates(const FacetPlane *plane, const RayBlock *rays, float *u,
+                             float *v) {
     Vec3 origin = {rays->origin[0][0], rays->origin[1][0], rays->origin[2][0]};
     Vec3 from_first = subtract(origin, plane->first);
     float height = -dot(plane->normal, from_first);

@@ -3,6 +3,7 @@
 #include "coverage.h"
 #include "frame_state.h"
 #include "light_map.h"
+#include "shading.h"
 #include "tiles.h"
 
 #include <stdatomic.h>
@@ -46,7 +47,7 @@ static void for_each_tile(Job *job, void (*visit)(const FrameState *, int)) {
 }
 
 static void render_unknown(const FrameState *state, int tile) {
-    render_tile(state, tile, SURFACE_UNKNOWN);
+    render_tile(state, tile, &UNKNOWN_CONTENT);
 }
 
 static void render_tiles(void *job) { for_each_tile(job, render_unknown); }
@@ -74,6 +75,7 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
                        !scene->mesh->arrays.corner_albedo,
         .objects = commit_objects(device, frame),
     };
+    state->object_radiance = light_objects(state);
     const char *reason = device_error(device);
     if (reason)
         snprintf(error, ERROR_SIZE, "the dynamic objects cannot be committed: %s", reason);
@@ -86,6 +88,7 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
 
 static void end_frame(FrameState *state) {
     free((void *)state->object_marks);
+    free((void *)state->object_radiance);
     if (state->objects)
         state->device->embree.release_scene(state->objects);
 }

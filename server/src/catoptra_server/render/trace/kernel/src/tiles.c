@@ -71,13 +71,14 @@ static void clear_hits(HitBlock *hits) {
     memset(hits->object, 0xff, sizeof hits->object);
 }
 
-static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits, int32_t triangle) {
+static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
+                      const TileContent *content) {
     clear_hits(hits);
-    if (triangle == SURFACE_BACKGROUND)
+    if (content->triangle == SURFACE_BACKGROUND)
         return;
-    if (triangle >= 0) {
+    if (content->triangle >= 0) {
         for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-            hits->triangle[lane] = triangle;
+            hits->triangle[lane] = content->triangle;
             hits->object[lane] = OBJECT_STATIC;
         }
         return;
@@ -85,7 +86,7 @@ static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits, i
     if (state->scene->mesh->scene)
         intersect_block(state->device, state->scene->mesh->scene, 0, rays, hits);
     /* The scene's hits limit the rays: only nearer objects overwrite them. */
-    if (state->objects)
+    if (state->objects && content->may_show_objects)
         intersect_block(state->device, state->objects, 1, rays, hits);
 }
 
@@ -95,7 +96,7 @@ void trace_tile(const FrameState *state, int tile) {
         RayBlock rays;
         HitBlock hits;
         load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
-        find_hits(state, &rays, &hits, SURFACE_UNKNOWN);
+        find_hits(state, &rays, &hits, &UNKNOWN_CONTENT);
     }
 }
 
@@ -200,20 +201,24 @@ static void store_radiance(const FrameState *state, int block, uint32_t active,
     }
 }
 
-/* Pixels of one sample each, of a static scene whose facets have one colour: from the table. */
+/* Pixels of one sample each, whose radiance is all in tables. */
 static void write_table_colours(const FrameState *state, int tile, uint32_t active,
                                 const HitBlock *hits) {
     const uint32_t *encoded = state->scene->encoded;
-    uint32_t background = encoded[state->scene->mesh->arrays.num_triangles];
     TilePixels pixels = find_pixels(state, tile);
     for (int row = 0; row < pixels.rows; row++)
         for (int column = 0; column < pixels.columns; column++) {
-            int lane = row * TILE_PX + column;
-            int32_t triangle = hits->triangle[lane];
+            int lane = row * TILE_PX + column, object = hits->object[lane];
+            char *pixel = pixel_at(&pixels, row, column);
             /* Pixels beside the mirror stay black. */
-            if (active >> lane & 1)
-                write_encoded(pixel_at(&pixels, row, column),
-                              triangle < 0 ? background : encoded[triangle]);
+            if (!(active >> lane & 1))
+                continue;
+            if (object == OBJECT_STATIC)
+                write_encoded(pixel, encoded[hits->triangle[lane]]);
+            else if (object == OBJECT_NONE)
+                write_encoded(pixel, encoded[state->scene->mesh->arrays.num_triangles]);
+            else
+                write_mean(state, pixel, table_entry(state, object, hits->triangle[lane]));
         }
 }
 
@@ -221,7 +226,8 @@ static int has_table_colours(const FrameState *state, const HitBlock *hits) {
     int meets_object = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         meets_object |= hits->object[lane] > OBJECT_STATIC;
-    return state->is_constant && state->frame->output == OUTPUT_SRGB && !meets_object;
+    return state->is_constant && state->frame->output == OUTPUT_SRGB &&
+           (!meets_object || state->object_radiance);
 }
 
 static int is_wholly_valid(const FrameState *state, int tile) {
@@ -269,20 +275,26 @@ static Vec3 meet_plane(const FrameState *state, const FacetPlane *plane, size_t 
     return add(origin, scale(height / dot(plane->normal, direction), direction));
 }
 
-/* Whether no light is occluded anywhere on a tile that a facet's plane fills. */
-static int is_tile_lit(const FrameState *state, int tile, int32_t triangle) {
-    if (!state->frame->has_shadows || !state->scene->light_maps || triangle < 0 ||
-        !is_wholly_valid(state, tile))
+/* Whether no light is occluded anywhere on a square of blocks that a facet's plane fills. */
+static int is_lit(const FrameState *state, int32_t triangle, size_t first, size_t side,
+                  size_t row) {
+    if (!state->frame->has_shadows || !state->scene->light_maps || triangle < 0)
         return 0;
     FacetPlane plane = find_facet_plane(state, triangle);
-    size_t side = (size_t)state->rays->samples, first = (size_t)tile * side * side;
+    size_t last = first + row * (side - 1);
     Vec3 corners[4] = {
         meet_plane(state, &plane, first, 0),
         meet_plane(state, &plane, first + side - 1, TILE_PX - 1),
-        meet_plane(state, &plane, first + side * (side - 1), BLOCK_RAYS - TILE_PX),
-        meet_plane(state, &plane, first + side * side - 1, BLOCK_RAYS - 1),
+        meet_plane(state, &plane, last, BLOCK_RAYS - TILE_PX),
+        meet_plane(state, &plane, last + side - 1, BLOCK_RAYS - 1),
     };
     return is_quad_lit(state, triangle, corners);
+}
+
+static int is_tile_lit(const FrameState *state, int tile, int32_t triangle) {
+    size_t side = (size_t)state->rays->samples;
+    return is_wholly_valid(state, tile) &&
+           is_lit(state, triangle, (size_t)tile * side * side, side, side);
 }
 
 static void set_all(Vec3 *radiance, Vec3 value) {
@@ -298,9 +310,10 @@ static int32_t find_common_triangle(const RayBlock *rays, const HitBlock *hits) 
     return rays->active == 0xffff ? hits->triangle[0] : SURFACE_UNKNOWN;
 }
 
-static void shade(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                  int is_unshadowed, Vec3 *radiance) {
+static void shade(const FrameState *state, size_t block, const RayBlock *rays,
+                  const HitBlock *hits, int is_unshadowed, Vec3 *radiance) {
     int32_t triangle = state->has_one_origin ? find_common_triangle(rays, hits) : SURFACE_UNKNOWN;
+    is_unshadowed = is_unshadowed || is_lit(state, triangle, block, 1, 1);
     if (triangle < 0 || !has_constant_light(state, triangle, is_unshadowed)) {
         shade_block(state, rays, hits, radiance);
         return;
@@ -314,21 +327,22 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
     }
 }
 
-static void render_samples(const FrameState *state, int tile, int32_t triangle,
+static void render_samples(const FrameState *state, int tile, const TileContent *content,
                            int is_unshadowed) {
     int blocks = state->rays->samples * state->rays->samples;
     SampleGrid grid;
     for (int block = 0; block < blocks; block++) {
+        size_t index = (size_t)tile * (size_t)blocks + (size_t)block;
         RayBlock rays;
         HitBlock hits;
         Vec3 radiance[BLOCK_RAYS];
-        load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
-        find_hits(state, &rays, &hits, triangle);
+        load_block(state, index, &rays);
+        find_hits(state, &rays, &hits, content);
         if (blocks == 1 && has_table_colours(state, &hits)) {
             write_table_colours(state, tile, rays.active, &hits);
             return;
         }
-        shade(state, &rays, &hits, is_unshadowed, radiance);
+        shade(state, index, &rays, &hits, is_unshadowed, radiance);
         store_radiance(state, block, rays.active, radiance, &grid);
     }
     write_pixels(state, tile, &grid);
@@ -341,16 +355,17 @@ static void identify_samples(const FrameState *state, int tile) {
         RayBlock rays;
         HitBlock hits;
         load_block(state, index, &rays);
-        find_hits(state, &rays, &hits, SURFACE_UNKNOWN);
+        find_hits(state, &rays, &hits, &UNKNOWN_CONTENT);
         store_hits(state, index, &rays, &hits);
     }
 }
 
-void render_tile(const FrameState *state, int tile, int32_t triangle) {
+void render_tile(const FrameState *state, int tile, const TileContent *content) {
     if (state->frame->output == OUTPUT_HITS) {
         identify_samples(state, tile);
         return;
     }
+    int32_t triangle = content->triangle;
     int is_unshadowed = is_tile_lit(state, tile, triangle);
     int64_t entry = triangle == SURFACE_UNKNOWN || !is_wholly_valid(state, tile)
                         ? -1
@@ -358,5 +373,5 @@ void render_tile(const FrameState *state, int tile, int32_t triangle) {
     if (entry >= 0)
         fill_tile(state, tile, (size_t)entry);
     else
-        render_samples(state, tile, triangle, is_unshadowed);
+        render_samples(state, tile, content, is_unshadowed);
 }

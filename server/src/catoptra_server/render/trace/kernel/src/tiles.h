@@ -7,9 +7,16 @@
 /* Surfaces by their representative triangle; other values say that nothing is known. */
 enum { SURFACE_BACKGROUND = -1, SURFACE_UNKNOWN = -2 };
 
-/* Render a tile. `triangle`: triangle whose plane all rays of the tile meet first, the background,
- * or SURFACE_UNKNOWN, in which case the rays are traced. */
-void render_tile(const FrameState *state, int tile, int32_t triangle);
+/* What is known of a tile. */
+typedef struct {
+    int32_t triangle;     /* triangle whose plane all rays meet first, or one of the above */
+    int may_show_objects; /* 0: no ray meets a dynamic object */
+} TileContent;
+
+#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, 1})
+
+/* Render a tile; where its triangle is unknown, its rays are traced. */
+void render_tile(const FrameState *state, int tile, const TileContent *content);
 
 /* Trace the rays of a tile against the static scene without any use of the hits. */
 void trace_tile(const FrameState *state, int tile);

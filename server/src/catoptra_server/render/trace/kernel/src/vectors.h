@@ -3,10 +3,6 @@
 #ifndef CATOPTRA_VECTORS_H
 #define CATOPTRA_VECTORS_H
 
-/* Compiled for AVX2 as well, chosen when the library is loaded; without contraction both give the
- * same bits. */
-#define WIDE_VECTORS __attribute__((target_clones("avx2", "default")))
-
 typedef struct {
     float x, y, z;
 } Vec3;
