@@ -1,0 +1,89 @@
+"""The structures in ctypes against `src/kernel.h`, member by member."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from pathlib import Path
+
+import pytest
+
+from catoptra_server.render.trace.kernel import kernel_structs
+from catoptra_server.render.trace.kernel.kernel_structs import STRUCTURES, Fields, HemisphereStruct
+
+HEADER = Path(kernel_structs.__file__).parent / "src/kernel.h"
+# Names that Python's other classes have already.
+C_NAMES = {
+    "TextureStruct": "Texture",
+    "LightStruct": "Light",
+    "HemisphereStruct": "Hemisphere",
+    "SurfacesStruct": "Surfaces",
+    "SceneStruct": "Scene",
+    "RayTableStruct": "RayTable",
+    "PoseStruct": "Pose",
+    "FrameStruct": "Frame",
+}
+SCALARS = {"int32_t": ctypes.c_int32, "int64_t": ctypes.c_int64, "float": ctypes.c_float}
+ALL = (*STRUCTURES, HemisphereStruct)
+
+
+def read_header() -> str:
+    """The header without comments."""
+    return re.sub(r"/\*.*?\*/", "", HEADER.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def parse_structure(name: str) -> Fields:
+    """Members of a structure of the header, as ctypes would declare them."""
+    found = re.search(rf"typedef struct \{{([^}}]*)\}} {name};", read_header())
+    assert found is not None, f"kernel.h declares no structure {name}"
+    declarations = [line.strip() for line in found[1].split(";") if line.strip()]
+    return [member for text in declarations for member in parse_declaration(text)]
+
+
+def parse_declaration(text: str) -> Fields:
+    """Members of one declaration, such as `float up[3], down[3]`."""
+    type_name, declarators = text.removeprefix("const ").split(maxsplit=1)
+    return [parse_declarator(type_name, part.strip()) for part in declarators.split(",")]
+
+
+def parse_declarator(type_name: str, text: str) -> tuple[str, type]:
+    """Name and type of one member; every pointer is an address."""
+    name = re.sub(r"\[\d+\]", "", text.replace("*const", "").replace("*", "")).strip()
+    if "*" in text:
+        return name, ctypes.c_void_p
+    structures = {C_NAMES.get(s.__name__, s.__name__): s for s in ALL}
+    type_ = SCALARS.get(type_name) or structures[type_name]
+    length = re.search(r"\[(\d+)\]", text)
+    return name, type_ * int(length[1]) if length else type_
+
+
+@pytest.mark.parametrize("structure", ALL, ids=lambda s: s.__name__)
+def test_structure_has_the_members_of_the_header_in_their_order(
+    structure: type[ctypes.Structure],
+) -> None:
+    expected = parse_structure(C_NAMES.get(structure.__name__, structure.__name__))
+    assert [(name, type_) for name, type_, *_ in structure._fields_] == expected
+
+
+def test_structures_of_the_header_all_have_a_twin() -> None:
+    declared = set(re.findall(r"typedef struct \{[^}]*\} (\w+);", read_header()))
+    assert declared == {C_NAMES.get(s.__name__, s.__name__) for s in ALL}
+
+
+def test_constants_are_those_of_the_header() -> None:
+    values = {
+        name: int(value) for name, value in re.findall(r"\b([A-Z]\w+) = (-?\d+)", read_header())
+    }
+    shared = {name for name in vars(kernel_structs) if re.match("OUTPUT_|FACET_|LIGHT_", name)}
+    assert len(shared) == 8
+    for name in shared:
+        assert values[name] == getattr(kernel_structs, name), name
+
+
+def test_declaration_when_parsed_has_names_and_types() -> None:
+    assert parse_declaration("float up[3], down[3]") == [
+        ("up", ctypes.c_float * 3),
+        ("down", ctypes.c_float * 3),
+    ]
+    assert parse_declaration("Mesh *const *objects") == [("objects", ctypes.c_void_p)]
+    assert parse_declaration("const float *uv") == [("uv", ctypes.c_void_p)]

@@ -1,0 +1,30 @@
+"""Texels with their border, looked up as the kernel does, against the float64 twin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_server.render.trace.kernel.padded_texels import pad_texels
+from catoptra_server.scene.colour import linear_from_srgb
+
+RNG = np.random.default_rng(3)
+
+
+def test_texels_inside_are_linear_light_of_the_image() -> None:
+    image = RNG.integers(0, 256, (5, 7, 3)).astype(np.uint8)
+    texels = pad_texels(image)
+    assert texels.shape == (7, 9, 4)
+    assert texels.dtype == np.float32
+    np.testing.assert_allclose(texels[1:-1, 1:-1, :3], linear_from_srgb(image / 255.0), atol=1e-7)
+    assert not texels[..., 3].any()
+    assert texels.flags.c_contiguous
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (1, 1), (1, 4), (6, 1), (2, 2)])
+def test_border_repeats_the_opposite_side(shape: tuple[int, int]) -> None:
+    image = RNG.integers(0, 256, (*shape, 3)).astype(np.uint8)
+    inner = pad_texels(image)[1:-1, 1:-1]
+    np.testing.assert_array_equal(
+        pad_texels(image), np.pad(inner, ((1, 1), (1, 1), (0, 0)), mode="wrap")
+    )
