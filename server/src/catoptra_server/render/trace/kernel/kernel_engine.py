@@ -24,6 +24,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     RayTableStruct,
     SceneStruct,
 )
+from catoptra_server.render.trace.kernel.padded_texels import linear_table
 from catoptra_server.render.trace.kernel.scene_arrays import (
     Owned,
     caster_arrays,
@@ -94,8 +95,8 @@ class KernelEngine:
         encoded = encoded_table(radiance)
         textures = self._keep(texture_array(self._mesh))
         lights, num_lights = light_array(self._world.lights, self._scene_lights, self._centre)
-        table = srgb_table()
-        self._owners += [radiance, encoded, lights, table]
+        # Both tables of colours are cached for the life of the process.
+        self._owners += [radiance, encoded, lights]
         return SceneStruct(
             mesh=self._commit(scene_arrays(self._mesh, self._centre)),
             sharp_radiance=radiance.ctypes.data,
@@ -106,7 +107,8 @@ class KernelEngine:
             num_lights=num_lights,
             lights=ctypes.addressof(lights),
             hemisphere=hemisphere_struct(self._world.lights),
-            srgb_table=table.ctypes.data,
+            srgb_table=srgb_table().ctypes.data,
+            linear_table=linear_table().ctypes.data,
             surfaces=self._keep(surfaces_struct(self._mesh, self._centre)),
         )
 

@@ -66,22 +66,41 @@ static void append_surfaces(CandidateList *list, const Scene *scene, Vec3 viewpo
     }
 }
 
-/* An object reaches into a beam only through its box's sides, wherever the viewpoint is. */
-static void append_box(CandidateList *list, const Pose *pose, const float *box, Vec3 viewpoint) {
-    static const uint8_t sides[BOX_TRIANGLES][3] = {
-        {0, 1, 3}, {0, 3, 2}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
-        {2, 3, 7}, {2, 7, 6}, {0, 2, 6}, {0, 6, 4}, {1, 3, 7}, {1, 7, 5},
-    };
-    Vec3 corners[8];
+/* Corners of a box, numbered by their signs in x (4), y (2) and z (1). */
+static void find_box_corners(const Pose *pose, const float *box, Vec3 viewpoint, Vec3 corners[8]) {
     for (int i = 0; i < 8; i++) {
         Vec3 sign = {i & 4 ? 1.0f : -1.0f, i & 2 ? 1.0f : -1.0f, i & 1 ? 1.0f : -1.0f};
         Vec3 local = add(vec3(box), multiply(sign, vec3(box + 3)));
         Vec3 placed = add(rotate(pose->rotation, local), vec3(pose->translation));
         corners[i] = subtract(placed, viewpoint);
     }
-    for (int i = 0; i < BOX_TRIANGLES; i++) {
-        Vec3 side[3] = {corners[sides[i][0]], corners[sides[i][1]], corners[sides[i][2]]};
-        append(list, side, 0.0f, OBJECT_BOX);
+}
+
+/* Bit mask of the sides that face the viewpoint: -x, +x, -y, +y, -z, +z. All, if it is within. */
+static uint32_t find_facing_sides(const Pose *pose, const float *box, Vec3 viewpoint) {
+    Vec3 seen_from = rotate_back(pose->rotation, subtract(viewpoint, vec3(pose->translation)));
+    Vec3 offset = subtract(seen_from, vec3(box));
+    uint32_t facing = (uint32_t)(offset.x < -box[3]) | (uint32_t)(offset.x > box[3]) << 1 |
+                      (uint32_t)(offset.y < -box[4]) << 2 | (uint32_t)(offset.y > box[4]) << 3 |
+                      (uint32_t)(offset.z < -box[5]) << 4 | (uint32_t)(offset.z > box[5]) << 5;
+    return facing ? facing : 0x3f;
+}
+
+/* An object reaches into a beam only through those sides of its box that face the viewpoint. */
+static void append_box(CandidateList *list, const Pose *pose, const float *box, Vec3 viewpoint) {
+    static const uint8_t sides[6][4] = {
+        {0, 1, 3, 2}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 3, 7, 5},
+    };
+    Vec3 corners[8];
+    find_box_corners(pose, box, viewpoint, corners);
+    uint32_t facing = find_facing_sides(pose, box, viewpoint);
+    for (int side = 0; side < 6; side++) {
+        if (!(facing >> side & 1))
+            continue;
+        const uint8_t *corner = sides[side];
+        Vec3 first = corners[corner[0]], opposite = corners[corner[2]];
+        append(list, (Vec3[3]){first, corners[corner[1]], opposite}, 0.0f, OBJECT_BOX);
+        append(list, (Vec3[3]){first, opposite, corners[corner[3]]}, 0.0f, OBJECT_BOX);
     }
 }
 
@@ -96,14 +115,6 @@ int candidates_collect(CandidateList *list, const FrameState *state) {
     for (int object = 0; object < frame->num_objects; object++)
         append_box(list, frame->object_poses + object, frame->object_boxes + 6 * object, viewpoint);
     return 1;
-}
-
-float candidates_extent(const CandidateList *list) {
-    float extent = 0.0f;
-    for (int component = 0; component < 9; component++)
-        for (int i = 0; i < list->count; i++)
-            extent = fmaxf(extent, fabsf(list->corner[component][i]));
-    return extent;
 }
 
 static Vec3 inward(const float *rotation, Vec3 side, float tangent, float sign, Vec3 axis) {
@@ -124,13 +135,6 @@ void find_sides(const FrameState *state, const Beam *beam, BeamSides *sides) {
     }
 }
 
-int is_beam_below(const BeamSides *sides, Vec3 normal) {
-    for (int i = 0; i < 4; i++)
-        if (dot(normal, sides->edge[i]) >= 0.0f)
-            return 0;
-    return 1;
-}
-
 /* Mark the candidates that lie on the outer side of one of the beam's sides. */
 static void mark_outside(const CandidateList *list, Vec3 normal,
                          uint8_t *restrict marks) {
@@ -149,6 +153,10 @@ static void mark_outside(const CandidateList *list, Vec3 normal,
     }
 }
 
+/* Largest error of a cross product's components, relative to the product of the lengths: a few
+ * times 2^-24. It is all that is left of the product of corners on either side of the viewpoint. */
+#define CROSS_ERROR 3e-7f
+
 /* Mark the triangles that a plane through the viewpoint and one of their sides separates from the
  * beam: with the beam's own sides, all planes that can separate two pyramids of one apex. */
 static void mark_beside(const CandidateList *list, const BeamSides *sides, int side,
@@ -166,15 +174,33 @@ static void mark_beside(const CandidateList *list, const BeamSides *sides, int s
         float x = ay[i] * bz[i] - az[i] * by[i];
         float y = az[i] * bx[i] - ax[i] * bz[i];
         float z = ax[i] * by[i] - ay[i] * bx[i];
-        /* A triangle whose plane holds the viewpoint is seen as a line, which has no sides; nor has
-         * a sphere, whose corners are one point. */
         float height = x * cx[i] + y * cy[i] + z * cz[i];
         float p0 = height * (x * e0.x + y * e0.y + z * e0.z);
         float p1 = height * (x * e1.x + y * e1.y + z * e1.z);
         float p2 = height * (x * e2.x + y * e2.y + z * e2.z);
         float p3 = height * (x * e3.x + y * e3.y + z * e3.z);
-        marks[i] |= (p0 < 0.0f) & (p1 < 0.0f) & (p2 < 0.0f) & (p3 < 0.0f);
+        float aa = ax[i] * ax[i] + ay[i] * ay[i] + az[i] * az[i];
+        float bb = bx[i] * bx[i] + by[i] * by[i] + bz[i] * bz[i];
+        float cc = cx[i] * cx[i] + cy[i] * cy[i] + cz[i] * cz[i];
+        float error = CROSS_ERROR * sqrtf(aa * bb), square = height * height;
+        /* A triangle whose plane holds the viewpoint is seen as a line, which has no sides; nor has
+         * a sphere, whose corners are one point. */
+        float limit = -error * fabsf(height);
+        marks[i] |= (square > error * error * cc) & (p0 < limit) & (p1 < limit) & (p2 < limit) &
+                    (p3 < limit);
     }
+}
+
+int is_beam_beside(const BeamSides *sides, Vec3 from, Vec3 to) {
+    Vec3 normal = cross(from, to);
+    float error = CROSS_ERROR * sqrtf(dot(from, from) * dot(to, to));
+    int is_below = 1, is_above = 1;
+    for (int i = 0; i < 4; i++) {
+        float height = dot(normal, sides->edge[i]);
+        is_below &= height < -error;
+        is_above &= height > error;
+    }
+    return is_below | is_above;
 }
 
 static void copy_unmarked(const CandidateList *from, const uint8_t *marks, CandidateList *to) {

@@ -31,9 +31,6 @@ void candidates_free(CandidateList *list);
 /* Surfaces, clusters and objects of a frame; 0 if memory is short. */
 int candidates_collect(CandidateList *list, const FrameState *state);
 
-/* Largest coordinate: the scale of float32's rounding. */
-float candidates_extent(const CandidateList *list);
-
 Vec3 candidate_corner(const CandidateList *list, int at, int corner);
 void candidate_copy(const CandidateList *from, int at, CandidateList *to);
 
@@ -43,9 +40,8 @@ void find_sides(const FrameState *state, const Beam *beam, BeamSides *sides);
 void keep_inside(const CandidateList *from, const BeamSides *sides, uint8_t *marks,
                  CandidateList *kept);
 
-/* Whether the beam lies wholly on the side of a plane through the viewpoint that its normal points
- * away from. */
-int is_beam_below(const BeamSides *sides, Vec3 normal);
+/* Whether the beam lies wholly on one side of the plane through the viewpoint and two points. */
+int is_beam_beside(const BeamSides *sides, Vec3 from, Vec3 to);
 
 /* Distances along a ray from the viewpoint to each candidate's triangle, INFINITY where not met. */
 void measure_distances(const CandidateList *list, Vec3 direction, float *distances);

@@ -11,15 +11,20 @@ enum { MAX_SEARCHED = 64 };
 /* A plane seen at less than two milliradians is left to rays: its distances lose three of float32's
  * seven digits. */
 #define MIN_PLANE_SINE 2e-3f
-/* Points nearer than this to a plane, relative to the scene, lie on it: corners of walls that stand
- * on a floor. Float32 rounds coordinates to 6e-8. */
-#define ON_PLANE 1e-6f
+/* Points nearer than this to a plane lie on it: corners of walls that stand on a floor. Relative to
+ * the parts of coordinates along the plane's normal, which is how float32 rounds heights: to 2e-7.
+ * Relative to the whole scene it would be a millimetre in one of a kilometre, and hide lines. */
+#define ON_PLANE 5e-7f
+
+/* Nor is a plane proven whose side of the viewpoint is not certain. */
+#define MIN_ROUNDINGS 16.0f
 
 typedef struct {
     int surface;
     int32_t triangle; /* the surface's representative */
     Vec3 normal;      /* of its plane, towards the viewpoint */
     float distance;   /* of the viewpoint from the plane */
+    Vec3 scale;       /* magnitudes of the coordinates that the distance results from */
 } Cover;
 
 struct Search {
@@ -27,7 +32,6 @@ struct Search {
     const CandidateList *candidates;
     CandidateList levels[BEAM_LEVELS]; /* what reaches into the current beam of each level */
     uint8_t *marks;
-    float on_plane;    /* metres */
     int finest_proven; /* level below which tracing costs less than a proof */
     int num_filled;
 };
@@ -43,10 +47,8 @@ Search *create_search(const FrameState *state, const CandidateList *candidates) 
         return NULL;
     search->state = state;
     search->candidates = candidates;
-    search->on_plane = ON_PLANE * candidates_extent(candidates);
-    /* The rays of a tile of one sample a pixel take 0.7 us, a proof 0.5 to 1; shading takes more. */
-    int is_cheap = state->is_constant && state->rays->samples == 1 && !state->objects;
-    search->finest_proven = is_cheap ? 1 : 0;
+    /* The rays of a tile of one sample a pixel take 0.7 us, a proof 0.5 to 1; shadow rays more. */
+    search->finest_proven = state->rays->samples == 1 && !state->frame->has_shadows ? 1 : 0;
     search->marks = malloc((size_t)candidates->count + 1);
     int is_whole = search->marks != NULL;
     for (int level = 0; level < BEAM_LEVELS; level++)
@@ -83,8 +85,11 @@ static int find_first_surface(const Search *search, const CandidateList *list, V
     Vec3 normal = vec3(scene->mesh->arrays.normals + 3 * (size_t)cover->triangle);
     float sine = dot(normal, axis);
     cover->normal = scale(sine < 0.0f ? 1.0f : -1.0f, normal);
-    cover->distance = nearest * fabsf(sine);
-    return fabsf(sine) > MIN_PLANE_SINE;
+    Vec3 corner = candidate_corner(list, first, 0);
+    cover->distance = -dot(cover->normal, corner);
+    cover->scale = add(absolute(corner), absolute(vec3(search->state->frame->camera->translation)));
+    float rounding = ON_PLANE * dot(absolute(normal), cover->scale);
+    return fabsf(sine) > MIN_PLANE_SINE && cover->distance > MIN_ROUNDINGS * rounding;
 }
 
 /* Whether a side of the beam, or the plane of the edge and the viewpoint, separates both. */
@@ -92,8 +97,7 @@ static int is_edge_outside(const BeamSides *sides, Vec3 from, Vec3 to) {
     for (int side = 0; side < 4; side++)
         if (dot(sides->normal[side], from) < 0.0f && dot(sides->normal[side], to) < 0.0f)
             return 1;
-    Vec3 normal = cross(from, to);
-    return is_beam_below(sides, normal) || is_beam_below(sides, scale(-1.0f, normal));
+    return is_beam_beside(sides, from, to);
 }
 
 static int has_outer_edge_inside(const CandidateList *list, int at, uint8_t outer_edges,
@@ -118,10 +122,13 @@ static int covers(const Search *search, const CandidateList *list, const BeamSid
     return 1;
 }
 
-static int is_behind(const Search *search, const CandidateList *list, int at, const Cover *cover) {
-    for (int corner = 0; corner < 3; corner++) {
-        float height = dot(cover->normal, candidate_corner(list, at, corner)) + cover->distance;
-        if (height > search->on_plane - list->radius[at])
+static int is_behind(const CandidateList *list, int at, const Cover *cover) {
+    for (int i = 0; i < 3; i++) {
+        Vec3 corner = candidate_corner(list, at, i);
+        float height = dot(cover->normal, corner) + cover->distance;
+        Vec3 scale = add(absolute(corner), cover->scale);
+        float on_plane = ON_PLANE * dot(absolute(cover->normal), scale);
+        if (height > on_plane - list->radius[at])
             return 0;
     }
     return 1;
@@ -135,7 +142,7 @@ static int drop_hidden(const Search *search, CandidateList *list, const Cover *c
     for (int i = 0; i < count; i++) {
         int id = list->id[i];
         int is_surface = id >= 0 && surfaces->surface[id] == cover->surface;
-        if (!is_surface && is_behind(search, list, i, cover))
+        if (!is_surface && is_behind(list, i, cover))
             continue;
         others += !is_surface;
         candidate_copy(list, i, list);

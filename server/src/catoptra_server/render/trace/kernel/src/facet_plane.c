@@ -61,7 +61,11 @@ void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *
     const Texture *texture =
         state->scene->textures + state->scene->mesh->arrays.texture[triangle];
     float u[BLOCK_RAYS], v[BLOCK_RAYS];
+    TexelSquare squares[BLOCK_RAYS];
     find_coordinates(plane, rays, u, v);
+    /* All texels are requested before the first is used. */
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        result[lane] = multiply(radiance, sample_texture(texture, u[lane], v[lane]));
+        squares[lane] = find_texels(texture, u[lane], v[lane]);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        result[lane] = multiply(radiance, mix_texels(state->scene->linear_table, &squares[lane]));
 }

@@ -220,8 +220,9 @@ static void apply_texture(const FrameState *state, int triangle, float u, float 
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     const float *uv = mesh->uv + 6 * (size_t)triangle;
     const Texture *texture = state->scene->textures + mesh->texture[triangle];
-    *radiance = multiply(*radiance, sample_texture(texture, uv[0] + u * uv[2] + v * uv[4],
-                                                   uv[1] + u * uv[3] + v * uv[5]));
+    TexelSquare square = find_texels(texture, uv[0] + u * uv[2] + v * uv[4],
+                                     uv[1] + u * uv[3] + v * uv[5]);
+    *radiance = multiply(*radiance, mix_texels(state->scene->linear_table, &square));
 }
 
 /* Radiance from the tables; which other rays' radiance has to be computed, and how. */

@@ -47,6 +47,10 @@ static inline void invert_transposed(const float *matrix, float *inverse_transpo
     }
 }
 
+static inline Vec3 absolute(Vec3 a) {
+    return (Vec3){a.x < 0 ? -a.x : a.x, a.y < 0 ? -a.y : a.y, a.z < 0 ? -a.z : a.z};
+}
+
 static inline float max_abs(Vec3 a) {
     float x = a.x < 0 ? -a.x : a.x, y = a.y < 0 ? -a.y : a.y, z = a.z < 0 ? -a.z : a.z;
     float xy = x > y ? x : y;
