@@ -1,0 +1,237 @@
+"""The kernel's proof that one surface fills a part of an image, against tracing every ray.
+
+C code: `src/coverage.c`. Where light is constant over facets both images are equal to the byte.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.config.world_file import read_world
+from catoptra_server.render.renderer import FaceCamera
+from catoptra_server.render.trace.ray_table import RayTable, face_ray_table, lens_ray_table
+from catoptra_server.scene.world_description import (
+    Box,
+    HemisphereLight,
+    Item,
+    Material,
+    PointLight,
+    Rectangle,
+    Ring,
+    Shape,
+    SphereBand,
+    World,
+)
+from helpers.dynamic_objects import TWO_ROBOTS, place_cube
+from helpers.image_comparison import level_differences
+from helpers.random_worlds import make_random_exposure
+from helpers.trace_kernels import make_omni_table, open_kernel, render_filled_and_traced
+from helpers.worlds import (
+    CAMERA_STATE,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_test_world,
+    write_smooth_texture,
+)
+from measurements import scenes
+
+RED = Material((0.8, 0.1, 0.1), unlit=True)
+GREEN = Material((0.1, 0.8, 0.1), unlit=True)
+BLUE = Material((0.1, 0.1, 0.8), unlit=True)
+ABOVE_FLOOR = CameraState(Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3)))
+
+# Widths that are no multiple of a tile, an upright and a wide image.
+TABLES = {
+    "omni": make_omni_table(width_px=72),
+    "omni, 4 samples": make_omni_table(width_px=58, samples=2),
+    "omni, 16 samples": make_omni_table(width_px=32, samples=4),
+    "rim at 150": make_omni_table(width_px=90, rim_deg=150.0),
+    "rim at 170": make_omni_table(width_px=72, rim_deg=170.0),
+    "face ahead": face_ray_table(FaceCamera(Face.N, 61), 1),
+    "face below, 4 samples": face_ray_table(FaceCamera(Face.C, 40), 2),
+    "perspective": lens_ray_table(PerspectiveCamera(80, 37, 1.2), 1),
+}
+WORLDS_PER_TABLE = 28
+
+
+def make_item(shape: Shape, pose: Pose, material: Material = RED) -> Item:
+    return Item("i", shape, pose, material)
+
+
+def make_unlit_world(*items: Item) -> World:
+    return World("w", items, background=(0.2, 0.3, 0.9))
+
+
+def lines_on(floor: Shape, *others: Item) -> World:
+    """Lines of 5 cm, a millimetre above a floor."""
+    lines = [
+        make_item(
+            Rectangle((3.0, 0.05)),
+            Pose.from_rpy((0.1 * k, 0.4 * k, -1e-3), (0.0, 0.0, 0.2 + k)),
+            GREEN,
+        )
+        for k in range(-3, 4)
+    ]
+    return make_unlit_world(make_item(floor, Pose.identity()), *lines, *others)
+
+
+def count_differences(world: World, state: CameraState, table: RayTable) -> int:
+    """Number of pixels that differ between both ways."""
+    with open_kernel(world) as engine:
+        filled, traced, _ = render_filled_and_traced(engine, engine.prepare(table), state)
+    return int(np.count_nonzero(level_differences(filled, traced)))
+
+
+@pytest.mark.parametrize("table", TABLES, ids=str)
+def test_image_of_random_worlds_when_filled_is_the_traced_one(table: str) -> None:
+    first = list(TABLES).index(table) * WORLDS_PER_TABLE
+    different, filled_tiles, tiles = [], 0.0, 0
+    for seed in range(first, first + WORLDS_PER_TABLE):
+        world, state = make_random_exposure(seed)
+        with open_kernel(world) as engine:
+            rays = engine.prepare(TABLES[table])
+            filled, traced, share = render_filled_and_traced(engine, rays, state)
+        different += [seed] if (filled != traced).any() else []
+        filled_tiles, tiles = filled_tiles + share, tiles + 1
+    assert different == []
+    # Else the comparison would compare nothing.
+    assert filled_tiles / tiles > 0.25
+
+
+@pytest.mark.parametrize("table", ["omni", "omni, 4 samples"])
+@pytest.mark.parametrize("name", ["field", "balls"])
+def test_image_of_a_world_when_filled_is_the_traced_one(name: str, table: str) -> None:
+    world = scenes.make_worlds()[name]
+    for objects in ((), TWO_ROBOTS, (place_cube(0.5, 0.3, -0.6, size_m=0.3),)):
+        state = replace(scenes.CAMERA_STATE, objects=objects)
+        assert count_differences(world, state, TABLES[table]) == 0
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4])
+def test_image_when_textures_or_lamps_vary_differs_by_one_level_from_the_traced_one(
+    tmp_path: Path, samples: int
+) -> None:
+    texture = write_smooth_texture(tmp_path / "waves.png")
+    table = make_omni_table(width_px=72, samples=samples)
+    worlds = (
+        make_test_world(texture=texture, lights=(HEMISPHERE_LIGHT, POINT_LIGHT)),
+        make_test_world(texture=texture),
+        read_world(scenes.CORRIDOR)[0],
+    )
+    for world in worlds:
+        with open_kernel(world) as engine:
+            filled, traced, share = render_filled_and_traced(
+                engine, engine.prepare(table), CAMERA_STATE
+            )
+        assert level_differences(filled, traced).max() <= 1
+        assert share > 0.2
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_image_with_shadows_when_filled_differs_by_one_level_from_the_traced_one(
+    samples: int,
+) -> None:
+    table = make_omni_table(width_px=72, samples=samples)
+    lamp = PointLight((0.4, -0.5, -1.4), (0.9, 0.7, 0.4))
+    world = replace(make_test_world(), lights=(*make_test_world().lights, lamp))
+    for objects in ((), TWO_ROBOTS):
+        state = replace(CAMERA_STATE, objects=objects, has_shadows=True)
+        with open_kernel(world) as engine:
+            filled, traced, _ = render_filled_and_traced(engine, engine.prepare(table), state)
+        assert level_differences(filled, traced).max() <= 1
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_light_when_filled_is_the_traced_one(samples: int) -> None:
+    # Brighter than white, which sRGB would hide.
+    bright = HemisphereLight((4.0, 3.0, 2.0), (1.0, 1.0, 1.0))
+    table = make_omni_table(width_px=72, samples=samples)
+    with open_kernel(make_test_world(lights=(bright,))) as engine:
+        rays = engine.prepare(table)
+        filled = rays.render_linear(CAMERA_STATE)
+        assert rays.last_counts.num_filled_tiles > 0
+        engine._scene.surfaces.num_surfaces = 0
+        traced = rays.render_linear(CAMERA_STATE)
+    np.testing.assert_array_equal(filled, traced)
+    assert filled.max() > 1.0
+
+
+@pytest.mark.parametrize("side_m", [20.0, 1e3, 5e3, 2e4])
+def test_line_on_a_floor_when_the_floor_is_large_is_not_hidden(side_m: float) -> None:
+    world = lines_on(Rectangle((side_m, side_m)))
+    assert count_differences(world, ABOVE_FLOOR, TABLES["omni"]) == 0
+
+
+@pytest.mark.parametrize("radius_m", [100.0, 1e3, 2e4])
+def test_line_on_a_floor_when_a_dome_is_far_is_not_hidden(radius_m: float) -> None:
+    dome = make_item(SphereBand(radius_m, 0.0, 3.1, 24, 12), Pose.identity(), BLUE)
+    world = lines_on(Rectangle((20.0, 20.0)), dome)
+    assert count_differences(world, ABOVE_FLOOR, TABLES["omni"]) == 0
+
+
+def test_surface_when_it_occurs_twice_ends_at_its_border() -> None:
+    floor = make_item(Rectangle((2.0, 1.3)), Pose.identity())
+    assert count_differences(make_unlit_world(floor, floor), ABOVE_FLOOR, TABLES["omni"]) == 0
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 1e-7, 1e-6])
+def test_viewpoint_when_it_lies_on_a_surface_proves_nothing_by_its_rounding(
+    aside_m: float,
+) -> None:
+    turned = Pose.from_rpy((0.0, 0.0, aside_m), (0.0, 0.0, 0.3))
+    sheet = make_item(Rectangle((3.0, 2.0)), CAMERA_STATE.world_from_mirror @ turned, GREEN)
+    floor = make_item(Rectangle((9.0, 9.0)), Pose.identity())
+    world = make_unlit_world(floor, sheet)
+    assert count_differences(world, CAMERA_STATE, TABLES["rim at 150"]) == 0
+
+
+@pytest.mark.parametrize("material", [RED, BLUE], ids=["same colour", "other colour"])
+def test_neighbours_in_one_plane_are_told_apart_by_their_edge(material: Material) -> None:
+    left = make_item(Rectangle((2.0, 2.0)), Pose.from_rpy((0.0, -1.0, 0.0)))
+    right = make_item(Rectangle((2.0, 2.0)), Pose.from_rpy((0.0, 1.0, 0.0)), material)
+    assert count_differences(make_unlit_world(left, right), ABOVE_FLOOR, TABLES["omni"]) == 0
+
+
+def test_hole_in_a_surface_shows_what_lies_behind() -> None:
+    ring = make_item(Ring(0.02, 5.0, sectors=40), Pose.from_rpy((0.3, 0.2, -0.1)))
+    floor = make_item(Rectangle((12.0, 12.0)), Pose.identity(), BLUE)
+    assert count_differences(make_unlit_world(ring, floor), ABOVE_FLOOR, TABLES["omni"]) == 0
+
+
+def test_object_when_it_surrounds_the_viewpoint_hides_all() -> None:
+    state = replace(ABOVE_FLOOR, objects=(place_cube(0.31, 0.17, -0.6),))
+    world = lines_on(Rectangle((9.0, 9.0)))
+    with open_kernel(world) as engine:
+        filled, traced, share = render_filled_and_traced(
+            engine, engine.prepare(TABLES["omni"]), state
+        )
+    assert share == 0.0
+    np.testing.assert_array_equal(filled, traced)
+    assert set(np.unique(filled[..., 1])) == {0}
+
+
+@pytest.mark.parametrize(("samples", "share"), [(1, 0.75), (2, 0.85)])
+def test_field_is_filled_for_the_most_part(samples: int, share: float) -> None:
+    with open_kernel(scenes.make_worlds()["field"]) as engine:
+        rays = engine.prepare(make_omni_table(width_px=640, samples=samples))
+        rays.render_srgb(scenes.CAMERA_STATE)
+        counts = rays.last_counts
+    assert counts.num_filled_tiles / counts.num_tiles > share
+
+
+def test_box_from_inside_is_filled_but_for_its_edges() -> None:
+    room = make_unlit_world(make_item(Box((4.0, 3.0, 2.0)), Pose.identity()))
+    with open_kernel(room) as engine:
+        filled, traced, share = render_filled_and_traced(
+            engine, engine.prepare(TABLES["rim at 150"]), CAMERA_STATE
+        )
+    np.testing.assert_array_equal(filled, traced)
+    assert share > 0.4
