@@ -74,7 +74,7 @@ async def serve(
         OSError: if a port cannot be opened.
     """
     startup = await asyncio.to_thread(_read_startup_config, options)
-    await asyncio.to_thread(load_request_modules)
+    await asyncio.to_thread(load_request_modules, options.renderer)
     server = ServerThreads(_apply_accuracy_target(startup, options), options, on_failure=stop.set)
     async with server.run():
         await _open_ports(server, announce, stop)
