@@ -107,3 +107,14 @@ def test_replacement_of_an_alternative_leaves_the_default() -> None:
 @pytest.mark.parametrize("settings", [{"named": True}, {"may_replace": False}], ids=str)
 def test_renderer_by_name_or_under_lockstep_is_not_replaced(settings: dict[str, bool]) -> None:
     assert make_pool([], **settings).find_replacement(TRACE) is None
+
+
+def test_usable_renderers_are_those_that_exist_or_can_be_created_and_were_not_replaced() -> None:
+    pool = make_pool([])
+    assert [pool.is_usable(kind) for kind in (TRACE, RASTER)] == [True, True]
+    assert [pool.has_renderer(kind) for kind in (TRACE, RASTER)] == [True, False]
+    assert pool.describe(RASTER) == "raster"
+    assert pool.has_renderer(RASTER)
+    pool.replace(TRACE, RASTER)
+    assert [pool.is_usable(kind) for kind in (TRACE, RASTER)] == [False, True]
+    assert not make_pool([], named=True).is_usable(RASTER)

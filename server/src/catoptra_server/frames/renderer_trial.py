@@ -149,7 +149,7 @@ class RendererTrials:
         log.info("%s could be slower than %s: frames of both are drawn", kind.value, rival.value)
         pool = self._planner.renderers
         other = PlannedCamera(spec, self._planner.plan_by(spec, rival), BudgetMonitor(0.0))
-        return _Trial(spec, camera_state, other, planned, is_rival_new=not pool.is_created(rival))
+        return _Trial(spec, camera_state, other, planned, is_rival_new=not pool.has_renderer(rival))
 
     def _take_step(self, trial: _Trial) -> None:
         begin_s = self._clock()

@@ -52,7 +52,7 @@ class RendererPool:
         """Rule that measured frames may overrule; None where the choice is final."""
         return self._choice.rule
 
-    def is_created(self, kind: RendererKind) -> bool:
+    def has_renderer(self, kind: RendererKind) -> bool:
         """Whether there is a renderer of a kind."""
         return kind in self._renderers
 
