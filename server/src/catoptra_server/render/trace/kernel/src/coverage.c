@@ -19,6 +19,9 @@ enum { MAX_SEARCHED = 64 };
 /* Nor is a plane proven whose side of the viewpoint is not certain. */
 #define MIN_ROUNDINGS 16.0f
 
+/* Distances that differ by less, relatively, are not told apart. */
+#define SAME_DISTANCE 1e-5f
+
 typedef struct {
     int surface;
     int32_t triangle; /* the surface's representative */
@@ -122,7 +125,7 @@ static int covers(const Search *search, const CandidateList *list, const BeamSid
     return 1;
 }
 
-static int is_behind(const CandidateList *list, int at, const Cover *cover) {
+static int is_below_plane(const CandidateList *list, int at, const Cover *cover) {
     for (int i = 0; i < 3; i++) {
         Vec3 corner = candidate_corner(list, at, i);
         float height = dot(cover->normal, corner) + cover->distance;
@@ -134,15 +137,41 @@ static int is_behind(const CandidateList *list, int at, const Cover *cover) {
     return 1;
 }
 
+/* Whether the plane of a triangle is farther than the cover's along all rays of the beam. The
+ * inverse of a plane's distance is linear in the direction: the beam's edges decide. */
+static int is_farther(const CandidateList *list, int at, const Cover *cover,
+                      const BeamSides *sides) {
+    Vec3 first = candidate_corner(list, at, 0);
+    Vec3 normal = cross(subtract(candidate_corner(list, at, 1), first),
+                        subtract(candidate_corner(list, at, 2), first));
+    float height = dot(normal, first);
+    for (int i = 0; i < 4; i++) {
+        /* Both inverse distances, times two heights of which the cover's is above zero. */
+        float here = dot(normal, sides->edge[i]) * cover->distance;
+        float cover_here = -dot(cover->normal, sides->edge[i]) * height;
+        float margin = SAME_DISTANCE * fabsf(cover_here);
+        if (!(height < 0.0f ? here > cover_here + margin : here < cover_here - margin))
+            return 0;
+    }
+    return height != 0.0f;
+}
+
+static int is_behind(const CandidateList *list, int at, const Cover *cover,
+                     const BeamSides *sides) {
+    return is_below_plane(list, at, cover) ||
+           (list->radius[at] == 0.0f && is_farther(list, at, cover, sides));
+}
+
 /* Drop what a covering surface hides; 1 if nothing but the surface is left. */
-static int drop_hidden(const Search *search, CandidateList *list, const Cover *cover) {
+static int drop_hidden(const Search *search, CandidateList *list, const Cover *cover,
+                       const BeamSides *sides) {
     const Surfaces *surfaces = &search->state->scene->surfaces;
     int count = list->count, others = 0;
     list->count = 0;
     for (int i = 0; i < count; i++) {
         int id = list->id[i];
         int is_surface = id >= 0 && surfaces->surface[id] == cover->surface;
-        if (!is_surface && is_behind(list, i, cover))
+        if (!is_surface && is_behind(list, i, cover, sides))
             continue;
         others += !is_surface;
         candidate_copy(list, i, list);
@@ -172,7 +201,7 @@ static int32_t find_cover(const Search *search, CandidateList *list, const BeamS
     if (list->count > MAX_SEARCHED || !find_first_surface(search, list, sides->axis, &cover) ||
         !covers(search, list, sides, cover.surface))
         return SURFACE_UNKNOWN;
-    return drop_hidden(search, list, &cover) ? cover.triangle : SURFACE_UNKNOWN;
+    return drop_hidden(search, list, &cover, sides) ? cover.triangle : SURFACE_UNKNOWN;
 }
 
 /* A part of the image, and what is known of it. */
