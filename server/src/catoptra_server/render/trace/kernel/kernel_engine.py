@@ -251,5 +251,4 @@ def scene_centre(scene: SceneMesh) -> Floats:
     """(3,) centre of the box around a scene; the world's origin for an empty one."""
     if len(scene) == 0:
         return np.zeros(3)
-    low, high = scene.corners.min(axis=(0, 1)), scene.corners.max(axis=(0, 1))
-    return np.asarray(0.5 * (low + high))
+    return np.asarray(0.5 * (scene.box_min + scene.box_max))

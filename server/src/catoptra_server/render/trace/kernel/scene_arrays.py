@@ -72,32 +72,35 @@ def scene_arrays(scene: SceneMesh, centre: Floats) -> Owned:
         uv=_uv_frames(scene.uv) if scene.textures else None,
         texture=scene.texture_index.astype(np.int32) if scene.textures else None,
     )
-    return _mesh_arrays(scene.corners - centre, scene.normals, scene.albedo, flags, optional)
+    return _mesh_arrays(scene.corners, centre, scene.normals, scene.albedo, flags, optional)
 
 
 def object_arrays(mesh: ObjectMesh) -> Owned:
     """Triangles of a dynamic object, in its own frame."""
     flags = mesh.unlit * FACET_UNLIT
-    return _mesh_arrays(mesh.corners, mesh.normals, mesh.albedo, flags)
+    return _mesh_arrays(mesh.corners, np.zeros(3), mesh.normals, mesh.albedo, flags)
 
 
 def caster_arrays(scene: SceneMesh, centre: Floats) -> Owned:
     """Triangles that occlude lights; nothing of them is ever seen."""
     casters = scene.casts_shadows
-    corners, normals = scene.corners[casters] - centre, scene.normals[casters]
-    flags = np.zeros(len(corners))
-    return _mesh_arrays(corners, normals, np.zeros_like(normals), flags)
+    normals = scene.normals[casters]
+    flags = np.zeros(len(normals))
+    return _mesh_arrays(scene.corners[casters], centre, normals, np.zeros_like(normals), flags)
 
 
 def _mesh_arrays(
     corners: Floats,
+    centre: Floats,
     normals: Floats,
     albedo: Floats,
     flags: npt.NDArray[Any],
     optional: _Optional = _NOTHING,
 ) -> Owned:
     padded = np.zeros(corners.size + _CORNER_PADDING, dtype=np.float32)
-    padded[: corners.size] = corners.reshape(-1)
+    # Subtracted in float64, stored in float32, without an array of the one in between.
+    relative = padded[: corners.size].reshape(corners.shape)
+    np.subtract(corners, centre, out=relative, casting="same_kind")
     arrays = {
         "corners": padded,
         "normals": _float32(normals),
