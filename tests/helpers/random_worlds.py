@@ -111,13 +111,17 @@ def _thin_bars(rng: np.random.Generator, viewpoint: object) -> Items:
 
 
 def _marks_on_the_floor(rng: np.random.Generator, viewpoint: object) -> Items:
-    """A line and a ring 1 mm above the floor, a crate that stands on it."""
+    """A line and a ring 1 and 2 mm above the floor, a crate sunk into it by a centimetre.
+
+    Its bottom on the floor's own plane could be seen from inside: of two surfaces in one place
+    either may be the first.
+    """
     x, y = rng.uniform(-1.5, 1.5, 2)
     heading = (0.0, 0.0, float(rng.uniform(-3.0, 3.0)))
     return [
         (Rectangle((3.0, 0.05)), Pose.from_rpy((x, y, -1e-3), heading)),
         (Ring(0.5, 0.55, sectors=24), Pose.from_rpy((x, y, -2e-3))),
-        (Box((0.3, 0.2, 0.4)), Pose.from_rpy((x + 0.7, y, -0.2), heading)),
+        (Box((0.3, 0.2, 0.4)), Pose.from_rpy((x + 0.7, y, -0.19), heading)),
     ]
 
 
@@ -148,11 +152,13 @@ def _around_the_viewpoint(rng: np.random.Generator, viewpoint: object) -> Items:
 
 
 def _grazing(rng: np.random.Generator, viewpoint: np.ndarray[tuple[int]]) -> Items:
-    """A rectangle whose plane passes the viewpoint at 0 to 10 mm."""
-    aside = float(rng.choice((0.0, 1e-5, 1e-4, 1e-3, 1e-2)))
+    """A rectangle whose plane holds the viewpoint, beside it, or passes it at 0.1 to 10 mm."""
+    aside = float(rng.choice((0.0, 1e-4, 1e-3, 1e-2)))
+    # Within the rectangle itself a viewpoint has no side of it.
+    ahead = float(rng.uniform(2.1, 3.0)) if aside == 0.0 else float(rng.uniform(-2.0, 2.0))
     angles = tuple(rng.uniform(-3.0, 3.0, 3)) if rng.uniform() < 0.5 else (0.0, 0.0, 0.3)
     turn = Pose.from_rpy((0.0, 0.0, 0.0), angles)
-    at = Pose.from_rpy(tuple(viewpoint)) @ turn @ Pose.from_rpy((*rng.uniform(-2, 2, 2), aside))
+    at = Pose.from_rpy(tuple(viewpoint)) @ turn @ Pose.from_rpy((ahead, 0.3, aside))
     return [(Rectangle(tuple(rng.uniform(0.5, 4.0, 2))), at)]
 
 

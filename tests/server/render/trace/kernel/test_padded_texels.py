@@ -1,24 +1,31 @@
-"""Texels with their border, looked up as the kernel does, against the float64 twin."""
+"""Texels with their border, and the table that decodes them."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from catoptra_server.render.trace.kernel.padded_texels import pad_texels
+from catoptra_server.render.trace.kernel.padded_texels import linear_table, pad_texels
 from catoptra_server.scene.colour import linear_from_srgb
 
 RNG = np.random.default_rng(3)
 
 
-def test_texels_inside_are_linear_light_of_the_image() -> None:
+def test_texels_inside_are_the_image_s() -> None:
     image = RNG.integers(0, 256, (5, 7, 3)).astype(np.uint8)
     texels = pad_texels(image)
     assert texels.shape == (7, 9, 4)
-    assert texels.dtype == np.float32
-    np.testing.assert_allclose(texels[1:-1, 1:-1, :3], linear_from_srgb(image / 255.0), atol=1e-7)
+    assert texels.dtype == np.uint8
+    np.testing.assert_array_equal(texels[1:-1, 1:-1, :3], image)
     assert not texels[..., 3].any()
     assert texels.flags.c_contiguous
+
+
+def test_linear_table_decodes_every_byte() -> None:
+    expected = linear_from_srgb(np.arange(256) / 255.0)
+    np.testing.assert_allclose(linear_table(), expected, atol=1e-7)
+    assert linear_table().dtype == np.float32
+    assert not linear_table().flags.writeable
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (1, 1), (1, 4), (6, 1), (2, 2)])
