@@ -53,8 +53,8 @@ class _FakeRenderer:
 def test_calibration_has_medians_of_all_stages_and_of_the_time_between() -> None:
     renderer = _FakeRenderer()
     found = measure_costs(renderer, TRACE, CAMERA, PerPixel(), STATES, clock=renderer.clock)  # type: ignore[arg-type]
-    assert [one.plan.samples for one in found] == [1, 2, 4]
-    assert [one.stage_ms["trace"] for one in found] == [1.0, 4.0, 16.0]
+    assert [one.plan.samples for one in found] == [1, 2, 5]
+    assert [one.stage_ms["trace"] for one in found] == [1.0, 4.0, 25.0]
     assert all(one.stage_ms[OTHER_STAGES] == pytest.approx(0.5) for one in found)
     assert renderer.num_closed == 3
     assert set(renderer.camera_states) == set(STATES)

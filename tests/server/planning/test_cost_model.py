@@ -80,3 +80,15 @@ def test_cost_group_separates_renderers() -> None:
 def test_prediction_for_an_unmeasured_group_raises() -> None:
     with pytest.raises(KeyError, match="trace"):
         TRUE_MODEL.predict_frame_ms(make_plan(RendererKind.TRACE, 1))
+
+
+@pytest.mark.parametrize("rates", [(1.0, 20.0, 0.0), (1.0, 0.0, 9.0), (0.5, 12.0, 3.0)])
+def test_model_of_trace_predicts_between_all_samples_and_those_of_edges(
+    rates: tuple[float, ...],
+) -> None:
+    true = CostModel(CAMERA, {"trace": {"trace": rates}})
+    plans = [make_plan(RendererKind.TRACE, samples) for samples in range(1, 9)]
+    measured = [PlanTiming(plans[i], true.predict_stage_ms(plans[i])) for i in (0, 1, 4)]
+    model = fit_cost_model(CAMERA, measured)
+    for plan in plans:
+        assert model.predict_frame_ms(plan) == pytest.approx(true.predict_frame_ms(plan))

@@ -23,7 +23,7 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 log = logging.getLogger(__name__)
 
 # Increased when the meaning of a rate or the name of a stage changes.
-_FORMAT_VERSION = 3
+_FORMAT_VERSION = 4
 _CPU_INFO = Path("/proc/cpuinfo")
 
 

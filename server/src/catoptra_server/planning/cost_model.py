@@ -5,7 +5,8 @@ sample, a texel. Rates hold for one scene, one camera and one renderer on one ma
 
 | renderer | stage  | time grows with                                                    |
 |----------|--------|--------------------------------------------------------------------|
-| trace    | trace  | samples of the image                                               |
+| trace    | trace  | samples, and their number along a side: along an edge of a surface |
+|          |        | pixels take all samples, inside a surface the kernel takes few     |
 | raster   | faces  | the scene's triangles (constant), texels, further samples a texel  |
 | raster   | mirror | samples of the image, and texels: a larger atlas exceeds the cache |
 | any      | other  | samples: averaging, read-back, time between the stages             |
@@ -74,6 +75,8 @@ def cost_features(stage: str, plan: RenderPlan, camera: OmniCamera) -> tuple[flo
     samples = _PER_MILLION * camera.width_px * camera.height_px * plan.samples**2
     texels = _PER_MILLION * sum(region.num_texels for region in plan.face_regions)
     match stage:
+        case "trace":
+            return 1.0, samples / plan.samples, samples
         case "faces":
             # The first sample of a texel is in `texels`: multisampling shades once, stores more.
             return 1.0, texels, texels * (plan.face_samples - 1)
