@@ -11,7 +11,7 @@ from ctypes import c_char_p, c_int32, c_int64, c_void_p
 from functools import cache
 from pathlib import Path
 
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
     FrameCounts,
@@ -51,8 +51,11 @@ class KernelDevice:
             packet_width: One of PACKET_WIDTHS; 0 for the widest that the instruction set has.
 
         Raises:
+            DomainError: No such packet width.
             KernelUnavailableError: The library or the instruction set is missing.
         """
+        if packet_width not in (0, *PACKET_WIDTHS):
+            raise DomainError(f"a packet has {PACKET_WIDTHS} rays, or 0 for auto: {packet_width}")
         self._library = _load_library(kernel_library_path())
         self._address: int | None = None
         error = ctypes.create_string_buffer(_ERROR_BYTES)
@@ -68,7 +71,7 @@ class KernelDevice:
     def commit_mesh(self, arrays: MeshArrays) -> int:
         """Commit triangles for ray queries."""
         error = ctypes.create_string_buffer(_ERROR_BYTES)
-        mesh = self._library.catoptra_commit_mesh(self._address, ctypes.byref(arrays), error)
+        mesh = self._library.catoptra_commit_mesh(self._require_open(), ctypes.byref(arrays), error)
         return _require(mesh, error)
 
     def release_mesh(self, mesh: int) -> None:
@@ -78,9 +81,8 @@ class KernelDevice:
     def prepare(self, rays: RayTableStruct) -> int:
         """Prepare the rays of a view."""
         error = ctypes.create_string_buffer(_ERROR_BYTES)
-        return _require(
-            self._library.catoptra_prepare(self._address, ctypes.byref(rays), error), error
-        )
+        view = self._library.catoptra_prepare(self._require_open(), ctypes.byref(rays), error)
+        return _require(view, error)
 
     def view_bytes(self, view: int) -> int:
         """Size of a view, without the rays."""
@@ -92,6 +94,7 @@ class KernelDevice:
 
     def build_light_maps(self, scene: SceneStruct) -> int | None:
         """Maps of where nothing occludes a scene's directional lights; None if memory is short."""
+        self._require_open()  # the scene's mesh belongs to the device
         address: int | None = self._library.catoptra_build_light_maps(ctypes.byref(scene))
         return address
 
@@ -104,7 +107,7 @@ class KernelDevice:
         """Render a frame into its outputs."""
         error, counts = ctypes.create_string_buffer(_ERROR_BYTES), FrameCounts()
         arguments = (ctypes.byref(scene), view, ctypes.byref(frame), ctypes.byref(counts))
-        if self._library.catoptra_render(self._address, *arguments, error):
+        if self._library.catoptra_render(self._require_open(), *arguments, error):
             raise KernelError(f"no frame: {error.value.decode(errors='replace')}")
         return counts
 
@@ -112,7 +115,13 @@ class KernelDevice:
         """Trace a view's rays without any use of the hits: the bare packet rate."""
         error = ctypes.create_string_buffer(_ERROR_BYTES)
         arguments = (ctypes.byref(scene), view, ctypes.byref(frame))
-        self._library.catoptra_trace(self._address, *arguments, error)
+        self._library.catoptra_trace(self._require_open(), *arguments, error)
+
+    def _require_open(self) -> int:
+        """Address of the device, which the kernel does not check."""
+        if self._address is None:
+            raise KernelError("the device is closed: nothing can be rendered with it")
+        return self._address
 
     def close(self) -> None:
         """End the threads and free the device."""

@@ -162,7 +162,7 @@ static int is_behind(const CandidateList *list, int at, const Cover *cover,
            (list->radius[at] == 0.0f && is_farther(list, at, cover, sides));
 }
 
-/* Drop what a covering surface hides; 1 if nothing but the surface is left. */
+/* Drop what a covering surface hides; 1 if nothing but the surface and objects is left. */
 static int drop_hidden(const Search *search, CandidateList *list, const Cover *cover,
                        const BeamSides *sides) {
     const Surfaces *surfaces = &search->state->scene->surfaces;
@@ -173,7 +173,7 @@ static int drop_hidden(const Search *search, CandidateList *list, const Cover *c
         int is_surface = id >= 0 && surfaces->surface[id] == cover->surface;
         if (!is_surface && is_behind(list, i, cover, sides))
             continue;
-        others += !is_surface;
+        others += !is_surface && id != OBJECT_BOX;
         candidate_copy(list, i, list);
     }
     return !others;
@@ -193,10 +193,17 @@ static int has_objects(const CandidateList *list) {
     return 0;
 }
 
-/* Triangle of the surface that fills a beam, the background, or SURFACE_UNKNOWN. */
+static int has_scene(const CandidateList *list) {
+    for (int i = 0; i < list->count; i++)
+        if (list->id[i] != OBJECT_BOX)
+            return 1;
+    return 0;
+}
+
+/* Triangle of the surface that fills a beam, the background, or SURFACE_UNKNOWN; objects apart. */
 static int32_t find_cover(const Search *search, CandidateList *list, const BeamSides *sides) {
     Cover cover;
-    if (!list->count)
+    if (!has_scene(list))
         return SURFACE_BACKGROUND;
     if (list->count > MAX_SEARCHED || !find_first_surface(search, list, sides->axis, &cover) ||
         !covers(search, list, sides, cover.surface))
@@ -216,8 +223,8 @@ static void prove_part(Search *search, const Beam *beam, Part *part) {
     CandidateList *kept = &search->levels[part->level];
     find_sides(search->state, beam, &sides);
     keep_inside(part->candidates, &sides, search->marks, kept);
-    part->content.may_show_objects = has_objects(kept);
     part->content.triangle = find_cover(search, kept, &sides);
+    part->content.may_show_objects = has_objects(kept);
     /* Nothing but small things: no quarter of it can be proven. */
     int is_hopeless = part->level <= search->finest_proven || !has_surfaces(kept);
     part->candidates = is_hopeless ? NULL : kept;
@@ -231,11 +238,14 @@ static void render_beam(Search *search, const View *view, Part part) {
     const Beam *beam = &parts->beams[index];
     if (beam->kind == BEAM_EMPTY)
         return;
-    if (part.content.triangle == SURFACE_UNKNOWN && part.candidates && beam->kind == BEAM_NARROW)
+    /* A part whose surface is known is searched on while objects may be before it. */
+    int is_open = part.content.triangle == SURFACE_UNKNOWN || part.content.may_show_objects;
+    if (is_open && part.candidates && beam->kind == BEAM_NARROW)
         prove_part(search, beam, &part);
     if (part.level == 0) {
         render_tile(search->state, view->tile_at[index], &part.content);
-        search->num_filled += part.content.triangle != SURFACE_UNKNOWN;
+        search->num_filled += part.content.triangle != SURFACE_UNKNOWN &&
+                              !(search->state->objects && part.content.may_show_objects);
         return;
     }
     for (int quarter = 0; quarter < 4; quarter++)

@@ -39,6 +39,15 @@ FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
     };
 }
 
+void find_distances(const FacetPlane *plane, const RayBlock *rays, float distances[BLOCK_RAYS]) {
+    Vec3 origin = {rays->origin[0][0], rays->origin[1][0], rays->origin[2][0]};
+    float height = dot(plane->normal, subtract(plane->first, origin));
+    Vec3 n = plane->normal;
+    for (int i = 0; i < BLOCK_RAYS; i++)
+        distances[i] = height / (n.x * rays->direction[0][i] + n.y * rays->direction[1][i] +
+                                 n.z * rays->direction[2][i]);
+}
+
 /* Texture coordinates of rays from one origin: all vector code. */
 static void find_coordinates(const FacetPlane *plane, const RayBlock *rays, float *u,
                              float *v) {

@@ -20,6 +20,9 @@ Vec3 constant_radiance(const FrameState *state, int32_t triangle, int is_unshado
 
 FacetPlane find_facet_plane(const FrameState *state, int32_t triangle);
 
+/* Distances at which rays from one origin meet the plane. */
+void find_distances(const FacetPlane *plane, const RayBlock *rays, float distances[BLOCK_RAYS]);
+
 /* Multiply (16,) radiance by the facet's texture where the rays meet its plane. */
 void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
                    const RayBlock *rays, Vec3 radiance, Vec3 result[BLOCK_RAYS]);

@@ -71,22 +71,26 @@ static void clear_hits(HitBlock *hits) {
     memset(hits->object, 0xff, sizeof hits->object);
 }
 
+/* The hits of rays that all meet one facet's plane; their distances limit the rays. */
+static void set_hits(const FrameState *state, RayBlock *rays, HitBlock *hits, int32_t triangle) {
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        hits->triangle[lane] = triangle;
+        hits->object[lane] = OBJECT_STATIC;
+    }
+    FacetPlane plane = find_facet_plane(state, triangle);
+    find_distances(&plane, rays, rays->limit);
+}
+
 static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
                       const TileContent *content) {
+    int may_show_objects = state->objects && content->may_show_objects;
     clear_hits(hits);
-    if (content->triangle == SURFACE_BACKGROUND)
-        return;
-    if (content->triangle >= 0) {
-        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-            hits->triangle[lane] = content->triangle;
-            hits->object[lane] = OBJECT_STATIC;
-        }
-        return;
-    }
-    if (state->scene->mesh->scene)
+    if (content->triangle == SURFACE_UNKNOWN && state->scene->mesh->scene)
         intersect_block(state->device, state->scene->mesh->scene, 0, rays, hits);
+    else if (content->triangle >= 0)
+        set_hits(state, rays, hits, content->triangle);
     /* The scene's hits limit the rays: only nearer objects overwrite them. */
-    if (state->objects && content->may_show_objects)
+    if (may_show_objects)
         intersect_block(state->device, state->objects, 1, rays, hits);
 }
 
@@ -367,9 +371,9 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
     }
     int32_t triangle = content->triangle;
     int is_unshadowed = is_tile_lit(state, tile, triangle);
-    int64_t entry = triangle == SURFACE_UNKNOWN || !is_wholly_valid(state, tile)
-                        ? -1
-                        : find_single_radiance(state, triangle, is_unshadowed);
+    int may_fill = triangle != SURFACE_UNKNOWN && is_wholly_valid(state, tile) &&
+                   !(state->objects && content->may_show_objects);
+    int64_t entry = may_fill ? find_single_radiance(state, triangle, is_unshadowed) : -1;
     if (entry >= 0)
         fill_tile(state, tile, (size_t)entry);
     else

@@ -9,8 +9,8 @@ enum { SURFACE_BACKGROUND = -1, SURFACE_UNKNOWN = -2 };
 
 /* What is known of a tile. */
 typedef struct {
-    int32_t triangle;     /* triangle whose plane all rays meet first, or one of the above */
-    int may_show_objects; /* 0: no ray meets a dynamic object */
+    int32_t triangle;     /* whose plane all rays meet first in the static scene, or as above */
+    int may_show_objects; /* 0: no ray meets a dynamic object first */
 } TileContent;
 
 #define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, 1})
