@@ -65,3 +65,12 @@ def test_calibration_plans_cover_every_cost_group(kind: RendererKind) -> None:
     plans = list(generate_calibration_plans(kind, CAMERA, PerPixel()))
     assert len({cost_group(plan) for plan in plans}) == 1
     assert len({plan.samples for plan in plans}) > 1
+
+
+def test_calibration_plans_of_a_large_image_stay_within_memory() -> None:
+    camera = make_omni_camera(width_px=2048)
+    for kind in RendererKind:
+        plans = list(generate_calibration_plans(kind, camera, PerPixel()))
+        assert {1, 2} <= {plan.samples for plan in plans}
+        large = [p for p in plans if plan_view_size(camera, p).num_bytes > DEFAULT_LIMIT_BYTES]
+        assert {(plan.samples, plan.face_samples) for plan in large} <= {(1, 1)}

@@ -7,6 +7,7 @@ robot's file that has one describes its mirror.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
@@ -68,9 +69,14 @@ def _candidate_settings(surface: MirrorSurface, kind: RendererKind) -> Iterator[
 def generate_calibration_plans(
     kind: RendererKind, camera: OmniCamera, surface: MirrorSurface
 ) -> Iterator[RenderPlan]:
-    """Yield the plans whose times determine the rates of all candidates of one renderer."""
+    """Yield the plans whose times determine the rates of all candidates of one renderer.
+
+    One that would take too much memory has fewer samples, as candidates have.
+    """
     for settings in _calibration_settings(kind, surface):
-        yield plan_from_settings(settings, camera, kind=kind, reason="calibration")
+        plan = plan_from_settings(settings, camera, kind=kind, reason="calibration")
+        fewer = (replace(plan, samples=samples) for samples in range(plan.samples, 0, -1))
+        yield from itertools.islice(_fitting_plans(camera, fewer), 1)
 
 
 def _calibration_settings(kind: RendererKind, surface: MirrorSurface) -> Iterator[RenderSettings]:
