@@ -1,5 +1,6 @@
 #include "coverage.h"
 
+#include "light_map.h"
 #include "tiles.h"
 
 #include <math.h>
@@ -230,6 +231,24 @@ static void prove_part(Search *search, const Beam *beam, Part *part) {
     part->candidates = is_hopeless ? NULL : kept;
 }
 
+/* Whether nothing occludes a light on the part of a known plane that a beam sees. */
+static int is_beam_lit(const FrameState *state, const BeamSides *sides, int32_t triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    Vec3 viewpoint = vec3(state->frame->camera->translation);
+    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
+    float height = dot(normal, subtract(vec3(mesh->corners + 9 * (size_t)triangle), viewpoint));
+    Vec3 corners[4];
+    for (int i = 0; i < 4; i++)
+        corners[i] = add(viewpoint, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
+    return is_quad_lit(state, triangle, corners);
+}
+
+static void prove_light(const Search *search, const Beam *beam, TileContent *content) {
+    BeamSides sides;
+    find_sides(search->state, beam, &sides);
+    content->is_unshadowed = is_beam_lit(search->state, &sides, content->triangle);
+}
+
 static void render_beam(Search *search, const View *view, Part part) {
     const BeamLevel *parts = &view->levels[part.level];
     if (part.row >= parts->rows || part.column >= parts->columns)
@@ -242,6 +261,9 @@ static void render_beam(Search *search, const View *view, Part part) {
     int is_open = part.content.triangle == SURFACE_UNKNOWN || part.content.may_show_objects;
     if (is_open && part.candidates && beam->kind == BEAM_NARROW)
         prove_part(search, beam, &part);
+    if (search->state->frame->has_shadows && part.content.triangle >= 0 &&
+        !part.content.is_unshadowed && beam->kind == BEAM_NARROW)
+        prove_light(search, beam, &part.content);
     if (part.level == 0) {
         render_tile(search->state, view->tile_at[index], &part.content);
         search->num_filled += part.content.triangle != SURFACE_UNKNOWN &&

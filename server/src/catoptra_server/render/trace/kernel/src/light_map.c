@@ -22,7 +22,7 @@ typedef struct {
 typedef struct {
     int is_built;
     Vec3 towards, x_axis, y_axis;
-    float left, top, per_cell, tolerance;
+    float left, top, cell_side, cells_per_metre, tolerance;
     Cell *cells; /* (SIDE, SIDE) */
 } LightMap;
 
@@ -39,8 +39,8 @@ static MapPoint project(const LightMap *map, Vec3 point) {
     return (MapPoint){dot(map->x_axis, point), dot(map->y_axis, point), dot(map->towards, point)};
 }
 
-static int cell_of(float coordinate, float first, float per_cell) {
-    float cell = (coordinate - first) / per_cell;
+static int cell_of(float coordinate, float first, float cells_per_metre) {
+    float cell = (coordinate - first) * cells_per_metre;
     return cell > 0.0f ? cell < (float)(SIDE - 1) ? (int)cell : SIDE - 1 : 0;
 }
 
@@ -78,7 +78,8 @@ static void set_extent(LightMap *map, const MeshArrays *mesh) {
     map->left = low[0] - map->tolerance;
     map->top = low[1] - map->tolerance;
     float side = fmaxf(high[0] - low[0], high[1] - low[1]) + 2.0f * map->tolerance;
-    map->per_cell = fmaxf(side / SIDE, 1e-6f);
+    map->cell_side = fmaxf(side / SIDE, 1e-6f);
+    map->cells_per_metre = 1.0f / map->cell_side;
 }
 
 static void insert(Cell *cell, int32_t surface, float height) {
@@ -147,16 +148,16 @@ static float highest_in_cell(const LightMap *map, const Caster *caster, float x,
 static void add_caster(LightMap *map, const float *corners, int32_t surface) {
     Caster caster = project_caster(map, corners);
     const MapPoint *p = caster.corners;
-    float margin = map->tolerance, half = 0.5f * map->per_cell + margin;
+    float margin = map->tolerance, half = 0.5f * map->cell_side + margin;
     float left = fminf(p[0].x, fminf(p[1].x, p[2].x)), right = fmaxf(p[0].x, fmaxf(p[1].x, p[2].x));
     float top = fminf(p[0].y, fminf(p[1].y, p[2].y)), bottom = fmaxf(p[0].y, fmaxf(p[1].y, p[2].y));
-    int last_row = cell_of(bottom + margin, map->top, map->per_cell);
-    int last_column = cell_of(right + margin, map->left, map->per_cell);
-    int first_column = cell_of(left - margin, map->left, map->per_cell);
-    for (int row = cell_of(top - margin, map->top, map->per_cell); row <= last_row; row++)
+    int last_row = cell_of(bottom + margin, map->top, map->cells_per_metre);
+    int last_column = cell_of(right + margin, map->left, map->cells_per_metre);
+    int first_column = cell_of(left - margin, map->left, map->cells_per_metre);
+    for (int row = cell_of(top - margin, map->top, map->cells_per_metre); row <= last_row; row++)
         for (int column = first_column; column <= last_column; column++) {
-            float x = map->left + ((float)column + 0.5f) * map->per_cell;
-            float y = map->top + ((float)row + 0.5f) * map->per_cell;
+            float x = map->left + ((float)column + 0.5f) * map->cell_side;
+            float y = map->top + ((float)row + 0.5f) * map->cell_side;
             if (!is_beside_cell(&caster, x, y, half))
                 insert(&map->cells[row * SIDE + column], surface,
                        highest_in_cell(map, &caster, x, y, half));
@@ -212,10 +213,10 @@ static const LightMap *map_of(const FrameState *state, int light) {
 static void mark_object(const LightMap *map, Vec3 centre, float radius, uint8_t *marks) {
     MapPoint point = project(map, centre);
     float reach = radius + map->tolerance;
-    int last_row = cell_of(point.y + reach, map->top, map->per_cell);
-    int last_column = cell_of(point.x + reach, map->left, map->per_cell);
-    int first_column = cell_of(point.x - reach, map->left, map->per_cell);
-    for (int row = cell_of(point.y - reach, map->top, map->per_cell); row <= last_row; row++)
+    int last_row = cell_of(point.y + reach, map->top, map->cells_per_metre);
+    int last_column = cell_of(point.x + reach, map->left, map->cells_per_metre);
+    int first_column = cell_of(point.x - reach, map->left, map->cells_per_metre);
+    for (int row = cell_of(point.y - reach, map->top, map->cells_per_metre); row <= last_row; row++)
         memset(marks + row * SIDE + first_column, 1, (size_t)(last_column - first_column + 1));
 }
 
@@ -259,18 +260,18 @@ int is_lit_by_map(const FrameState *state, int light, int32_t triangle, Vec3 poi
         return 0;
     const LightMaps *maps = state->scene->light_maps;
     MapPoint at = project(map, point);
-    int cell = cell_of(at.y, map->top, map->per_cell) * SIDE +
-               cell_of(at.x, map->left, map->per_cell);
+    int cell = cell_of(at.y, map->top, map->cells_per_metre) * SIDE +
+               cell_of(at.x, map->left, map->cells_per_metre);
     return is_cell_lit(state, map, light, cell, maps->surface_of[triangle], at.height);
 }
 
 static int is_box_lit(const FrameState *state, int light, int32_t surface, const MapPoint *low,
                       const MapPoint *high) {
     const LightMap *map = map_of(state, light);
-    int top = cell_of(low->y, map->top, map->per_cell);
-    int bottom = cell_of(high->y, map->top, map->per_cell);
-    int left = cell_of(low->x, map->left, map->per_cell);
-    int right = cell_of(high->x, map->left, map->per_cell);
+    int top = cell_of(low->y, map->top, map->cells_per_metre);
+    int bottom = cell_of(high->y, map->top, map->cells_per_metre);
+    int left = cell_of(low->x, map->left, map->cells_per_metre);
+    int right = cell_of(high->x, map->left, map->cells_per_metre);
     if ((bottom - top + 1) * (right - left + 1) > MAX_FOOTPRINT)
         return 0;
     for (int row = top; row <= bottom; row++)

@@ -279,26 +279,18 @@ static Vec3 meet_plane(const FrameState *state, const FacetPlane *plane, size_t 
     return add(origin, scale(height / dot(plane->normal, direction), direction));
 }
 
-/* Whether no light is occluded anywhere on a square of blocks that a facet's plane fills. */
-static int is_lit(const FrameState *state, int32_t triangle, size_t first, size_t side,
-                  size_t row) {
+/* Whether no light is occluded anywhere on a block that a facet's plane fills. */
+static int is_block_lit(const FrameState *state, int32_t triangle, size_t block) {
     if (!state->frame->has_shadows || !state->scene->light_maps || triangle < 0)
         return 0;
     FacetPlane plane = find_facet_plane(state, triangle);
-    size_t last = first + row * (side - 1);
     Vec3 corners[4] = {
-        meet_plane(state, &plane, first, 0),
-        meet_plane(state, &plane, first + side - 1, TILE_PX - 1),
-        meet_plane(state, &plane, last, BLOCK_RAYS - TILE_PX),
-        meet_plane(state, &plane, last + side - 1, BLOCK_RAYS - 1),
+        meet_plane(state, &plane, block, 0),
+        meet_plane(state, &plane, block, TILE_PX - 1),
+        meet_plane(state, &plane, block, BLOCK_RAYS - TILE_PX),
+        meet_plane(state, &plane, block, BLOCK_RAYS - 1),
     };
     return is_quad_lit(state, triangle, corners);
-}
-
-static int is_tile_lit(const FrameState *state, int tile, int32_t triangle) {
-    size_t side = (size_t)state->rays->samples;
-    return is_wholly_valid(state, tile) &&
-           is_lit(state, triangle, (size_t)tile * side * side, side, side);
 }
 
 static void set_all(Vec3 *radiance, Vec3 value) {
@@ -317,7 +309,7 @@ static int32_t find_common_triangle(const RayBlock *rays, const HitBlock *hits) 
 static void shade(const FrameState *state, size_t block, const RayBlock *rays,
                   const HitBlock *hits, int is_unshadowed, Vec3 *radiance) {
     int32_t triangle = state->has_one_origin ? find_common_triangle(rays, hits) : SURFACE_UNKNOWN;
-    is_unshadowed = is_unshadowed || is_lit(state, triangle, block, 1, 1);
+    is_unshadowed = is_unshadowed || is_block_lit(state, triangle, block);
     if (triangle < 0 || !has_constant_light(state, triangle, is_unshadowed)) {
         shade_block(state, rays, hits, radiance);
         return;
@@ -331,8 +323,7 @@ static void shade(const FrameState *state, size_t block, const RayBlock *rays,
     }
 }
 
-static void render_samples(const FrameState *state, int tile, const TileContent *content,
-                           int is_unshadowed) {
+static void render_samples(const FrameState *state, int tile, const TileContent *content) {
     int blocks = state->rays->samples * state->rays->samples;
     SampleGrid grid;
     for (int block = 0; block < blocks; block++) {
@@ -346,7 +337,7 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
             write_table_colours(state, tile, rays.active, &hits);
             return;
         }
-        shade(state, index, &rays, &hits, is_unshadowed, radiance);
+        shade(state, index, &rays, &hits, content->is_unshadowed, radiance);
         store_radiance(state, block, rays.active, radiance, &grid);
     }
     write_pixels(state, tile, &grid);
@@ -370,12 +361,12 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         return;
     }
     int32_t triangle = content->triangle;
-    int is_unshadowed = is_tile_lit(state, tile, triangle);
     int may_fill = triangle != SURFACE_UNKNOWN && is_wholly_valid(state, tile) &&
                    !(state->objects && content->may_show_objects);
-    int64_t entry = may_fill ? find_single_radiance(state, triangle, is_unshadowed) : -1;
+    int64_t entry =
+        may_fill ? find_single_radiance(state, triangle, content->is_unshadowed) : -1;
     if (entry >= 0)
         fill_tile(state, tile, (size_t)entry);
     else
-        render_samples(state, tile, content, is_unshadowed);
+        render_samples(state, tile, content);
 }
