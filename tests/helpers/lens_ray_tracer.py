@@ -24,7 +24,7 @@ from catoptra_server.render.trace.reference.affine import interpolate_poses
 from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
 from catoptra_server.render.trace.reference.placed_mesh import (
     PlacedMesh,
-    Rays,
+    WorldRays,
     find_first_hits,
     trace_scene,
 )
@@ -147,7 +147,7 @@ def render_through_lens(
         normal = quadric.normal(hits)
         away = direction - 2.0 * (direction * normal).sum(axis=1, keepdims=True) * normal
         away /= np.linalg.norm(away, axis=1, keepdims=True)
-        rays = Rays(pose.transform_points(hits) - centre, pose.rotate_directions(away))
+        rays = WorldRays(pose.transform_points(hits) - centre, pose.rotate_directions(away))
         radiance = shade_hits(meshes, rays, find_first_hits(meshes, rays), lighting)
         light = np.zeros((len(on_mirror), 3))
         light[on_mirror] = np.clip(radiance, 0.0, max_radiance)

@@ -1,5 +1,5 @@
 // Provides the mirror's image: the mean of SAMPLES x SAMPLES atlas look-ups of each pixel.
-// Twin: catoptra_server.render.trace.ray_samples.omni_rays, then the mean over a pixel's rays.
+// Twin: catoptra_server.render.trace.ray_table.omni_ray_table, then the mean over a pixel's rays.
 #include "include/colour.glsl"
 uniform sampler2D atlas;
 uniform sampler2D lookup_map;        // atlas coordinates of the samples; negative off the mirror

@@ -14,7 +14,7 @@ from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
 from catoptra_server.render.trace.reference.placed_mesh import (
     FirstHits,
     PlacedMesh,
-    Rays,
+    WorldRays,
     find_first_hits,
     trace_scene,
 )
@@ -53,7 +53,7 @@ def shade(
     """Radiance from the viewpoint, and the hits."""
     mesh = trace_scene(scene, CENTRE, world.lights)
     placed = [PlacedMesh(mesh, interpolate_poses((Pose.identity(),), None))]
-    rays = Rays(np.tile(VIEWPOINT - CENTRE, (len(directions), 1)), directions)
+    rays = WorldRays(np.tile(VIEWPOINT - CENTRE, (len(directions), 1)), directions)
     hits = find_first_hits(placed, rays)
     lighting = Lighting(CENTRE, world.background, has_shadows)
     return shade_hits(placed, rays, hits, lighting), hits

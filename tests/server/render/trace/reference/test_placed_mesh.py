@@ -10,7 +10,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.reference.affine import interpolate_poses
 from catoptra_server.render.trace.reference.placed_mesh import (
     PlacedMesh,
-    Rays,
+    WorldRays,
     find_first_hits,
     trace_object,
     trace_scene,
@@ -33,7 +33,7 @@ def place_cubes(*poses: Pose) -> list[PlacedMesh]:
 
 def test_first_hit_is_the_nearest_of_all_meshes() -> None:
     cubes = place_cubes(*(Pose.from_rpy((x, 0.0, 0.0)) for x in (3.0, 2.0, 4.0)))
-    hits = find_first_hits(cubes, Rays(np.zeros((2, 3)), AHEAD))
+    hits = find_first_hits(cubes, WorldRays(np.zeros((2, 3)), AHEAD))
     assert hits.object.tolist() == [1, NOTHING]
     assert hits.triangle[1] == NOTHING
     np.testing.assert_allclose(hits.distance, (1.8, np.inf))
@@ -41,7 +41,7 @@ def test_first_hit_is_the_nearest_of_all_meshes() -> None:
 
 def test_first_hit_of_meshes_at_one_place_is_the_earlier_one_s() -> None:
     cubes = place_cubes(*[Pose.from_rpy((3.0, 0.0, 0.0))] * 2)
-    assert find_first_hits(cubes, Rays(np.zeros((2, 3)), AHEAD)).object[0] == 0
+    assert find_first_hits(cubes, WorldRays(np.zeros((2, 3)), AHEAD)).object[0] == 0
 
 
 def test_albedo_of_a_textured_mesh_is_that_of_the_shading_model(tmp_path) -> None:  # type: ignore[no-untyped-def]

@@ -44,7 +44,7 @@ class EmbreeMesh:
         triangle = self._run(origins, directions)
         distance, weights = np.full(len(origins), np.inf), np.zeros((len(origins), 2))
         rays = np.flatnonzero(triangle >= 0)
-        corners = self._corners[triangle[rays]]
+        corners = self._corners.take(triangle[rays], axis=0)
         distance[rays], weights[rays] = hit_triangles(origins[rays], directions[rays], corners)
         return MeshHits(distance, triangle, weights)
 

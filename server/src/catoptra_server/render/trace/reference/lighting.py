@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render.trace.reference.placed_mesh import FirstHits, PlacedMesh, Rays
+from catoptra_server.render.trace.reference.placed_mesh import FirstHits, PlacedMesh, WorldRays
 from catoptra_server.scene import shading
 from catoptra_server.scene.shading import ShadowCastingLight
 from catoptra_server.scene.world_description import Rgb
@@ -47,11 +47,11 @@ class _Points:
     """(n,) distances of shadow rays from their facets."""
 
 
-Record = TypeVar("Record", Rays, FirstHits, _Points)
+Record = TypeVar("Record", WorldRays, FirstHits, _Points)
 
 
 def shade_hits(
-    meshes: Sequence[PlacedMesh], rays: Rays, hits: FirstHits, lighting: Lighting
+    meshes: Sequence[PlacedMesh], rays: WorldRays, hits: FirstHits, lighting: Lighting
 ) -> Floats:
     """(n, 3) linear radiance along rays."""
     radiance: Floats = np.full(rays.origins.shape, lighting.background, dtype=np.float64)
@@ -67,12 +67,12 @@ def shade_hits(
 
 def _take(record: Record, rays: RayIndices) -> Record:
     """Some of the rows of a record of arrays."""
-    rows = {field.name: getattr(record, field.name)[rays] for field in fields(record)}
+    rows = {field.name: getattr(record, field.name).take(rays, axis=0) for field in fields(record)}
     return replace(record, **rows)
 
 
 def _shade_mesh(
-    meshes: Sequence[PlacedMesh], number: int, rays: Rays, hits: FirstHits, lighting: Lighting
+    meshes: Sequence[PlacedMesh], number: int, rays: WorldRays, hits: FirstHits, lighting: Lighting
 ) -> Floats:
     """(n, 3) radiance of rays that all meet one mesh."""
     mesh = meshes[number].mesh
@@ -82,10 +82,10 @@ def _shade_mesh(
     return mesh.albedo_at(hits.triangle, hits.weights) * irradiance
 
 
-def _lit_points(placed: PlacedMesh, rays: Rays, hits: FirstHits) -> _Points:
+def _lit_points(placed: PlacedMesh, rays: WorldRays, hits: FirstHits) -> _Points:
     """Positions and normals of hits."""
     positions = rays.origins + hits.distance[:, None] * rays.directions
-    normals = placed.world_from_mesh.normals(placed.mesh.facets.normals[hits.triangle])
+    normals = placed.world_from_mesh.normals(placed.mesh.facets.normals.take(hits.triangle, axis=0))
     largest = np.maximum(np.abs(positions), np.abs(rays.origins)).max(axis=-1)
     return _Points(positions, normals, SHADOW_BIAS * largest)
 

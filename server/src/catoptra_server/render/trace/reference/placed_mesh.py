@@ -46,12 +46,15 @@ class TracedMesh:
 
     def albedo_at(self, triangle: Indices, weights: Floats) -> Floats:
         """(n, 3) albedo at (n, 2) barycentric weights of (n,) triangles, by a texture if any."""
-        albedo = self.facets.albedo[triangle]
+        albedo = self.facets.albedo.take(triangle, axis=0)
         if self.corner_albedo is not None:
-            albedo = _interpolate(self.corner_albedo[triangle], weights)
+            albedo = _interpolate(self.corner_albedo.take(triangle, axis=0), weights)
         if self.texture_index is None or self.uv is None:
             return albedo
-        texture, uv = self.texture_index[triangle], _interpolate(self.uv[triangle], weights)
+        texture, uv = (
+            self.texture_index[triangle],
+            _interpolate(self.uv.take(triangle, axis=0), weights),
+        )
         for number, texels in enumerate(self.textures):
             rays = np.flatnonzero(texture == number)
             # Float64 by its coordinates, whatever the texels are.
@@ -107,7 +110,7 @@ class PlacedMesh:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rays:
+class WorldRays:
     """Rays in the world's axes, relative to the scene's centre."""
 
     origins: Floats
@@ -130,7 +133,7 @@ class FirstHits:
     """(n, 2) barycentric weights of corners 1 and 2."""
 
 
-def find_first_hits(meshes: Sequence[PlacedMesh], rays: Rays) -> FirstHits:
+def find_first_hits(meshes: Sequence[PlacedMesh], rays: WorldRays) -> FirstHits:
     """First hits on any of the meshes; of equal distances the earlier mesh's."""
     count = len(rays.origins)
     nothing = np.full(count, NOTHING, dtype=np.int32)

@@ -18,8 +18,8 @@ from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
 from catoptra_server.render.trace.reference.placed_mesh import (
     FirstHits,
     PlacedMesh,
-    Rays,
     TracedMesh,
+    WorldRays,
     find_first_hits,
     trace_object,
     trace_scene,
@@ -54,13 +54,13 @@ class _Frame:
     lighting: Lighting
     """Background and shadows."""
 
-    def trace(self, batch: RayBatch) -> tuple[tuple[PlacedMesh, ...], Rays, FirstHits]:
+    def trace(self, batch: RayBatch) -> tuple[tuple[PlacedMesh, ...], WorldRays, FirstHits]:
         """First hits of a batch, with its rays and the meshes at their times."""
         camera = interpolate_poses(self.mirror_poses, batch.times)
         directions = camera.vectors(batch.directions)
         # Between two poses a rotation's entries shorten: distances are metres of unit directions.
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-        rays = Rays(camera.points(batch.origins), directions)
+        rays = WorldRays(camera.points(batch.origins), directions)
         meshes = tuple(
             PlacedMesh(mesh, interpolate_poses(poses, batch.times)) for mesh, poses in self.meshes
         )
