@@ -7,19 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.render.trace.ray_table import omni_ray_table
+from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.reference import ray_batches
-from catoptra_server.render.trace.reference.ray_batches import mean_pixels, split_table
+from catoptra_server.render.trace.reference.ray_batches import (
+    RayBatch,
+    mean_pixels,
+    read_batch,
+    split_tiles,
+)
 from helpers.worlds import make_omni_camera, make_plan
 
 CAMERA = make_omni_camera(width_px=61)
+
+
+def read_batches(table: RayTable) -> list[RayBatch]:
+    return [read_batch(table, tiles) for tiles in split_tiles(table)]
 
 
 @pytest.mark.parametrize("samples", [1, 2])
 def test_batches_have_every_valid_ray_once(monkeypatch: pytest.MonkeyPatch, samples: int) -> None:
     table = omni_ray_table(CAMERA, make_plan(CAMERA, samples=samples))
     monkeypatch.setattr(ray_batches, "_RAYS_PER_BATCH", 1000)
-    batches = list(split_table(table))
+    batches = read_batches(table)
     assert len(batches) > 3
     valid = np.concatenate([16 * samples**2 * batch.tiles.start + batch.rays for batch in batches])
     assert len(valid) == sum(int(bits).bit_count() for bits in table.valid.reshape(-1))
@@ -35,14 +44,14 @@ def test_batches_have_the_origins_and_times_of_their_rays() -> None:
     shape = (*table.valid.shape, 16)
     times = np.random.default_rng(1).uniform(size=shape).astype(np.float32)
     table = replace(table, times=times, origins=np.repeat(times[:, :, None], 3, axis=2))
-    for batch in split_table(table):
+    for batch in read_batches(table):
         assert batch.times is not None
         np.testing.assert_array_equal(batch.times, times[batch.tiles].reshape(-1)[batch.rays])
         np.testing.assert_array_equal(batch.origins, np.repeat(batch.times[:, None], 3, axis=1))
 
 
 def test_rays_without_origins_and_times_begin_at_the_viewpoint() -> None:
-    for batch in split_table(omni_ray_table(CAMERA, make_plan(CAMERA))):
+    for batch in read_batches(omni_ray_table(CAMERA, make_plan(CAMERA))):
         assert batch.times is None
         assert not batch.origins.any()
 

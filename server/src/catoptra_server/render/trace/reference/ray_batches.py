@@ -32,15 +32,15 @@ class RayBatch:
     """(n,) times within the exposure, if the table has times."""
 
 
-def split_table(table: RayTable) -> Iterator[RayBatch]:
-    """Yield all tiles of a table in batches."""
+def split_tiles(table: RayTable) -> Iterator[slice]:
+    """Yield all tiles of a table in parts of one batch each."""
     step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * table.samples**2))
     for first in range(0, len(table.tiles), step):
-        yield _make_batch(table, slice(first, first + step))
+        yield slice(first, first + step)
 
 
-def _make_batch(table: RayTable, tiles: slice) -> RayBatch:
-    """Batch of some tiles."""
+def read_batch(table: RayTable, tiles: slice) -> RayBatch:
+    """The valid rays of some tiles."""
     is_valid = (table.valid[tiles, :, None] >> np.arange(BLOCK_RAYS)) & 1
     rays = np.flatnonzero(is_valid)
     directions = _select_vectors(table.directions[tiles], rays)

@@ -28,7 +28,8 @@ from catoptra_server.render.trace.reference.ray_batches import (
     RayBatch,
     encode_pixels,
     mean_pixels,
-    split_table,
+    read_batch,
+    split_tiles,
 )
 from catoptra_server.render.trace.trace_engine import (
     NOTHING,
@@ -196,9 +197,13 @@ class ReferenceRays:
 
     def _for_all_batches(self, work: Callable[[RayBatch], None]) -> None:
         """Work on all batches; each writes tiles of its own, so the threads share no element."""
+
+        def work_on(tiles: slice) -> None:
+            work(read_batch(self._table, tiles))
+
         # list() waits for all of them and raises the first error of any. Embree and NumPy release
         # the GIL.
-        list(self._pool.map(work, split_table(self._table)))
+        list(self._pool.map(work_on, split_tiles(self._table)))
 
     def close(self) -> None:
         """Do nothing: threads and scene belong to the engine."""
