@@ -11,9 +11,6 @@
 
 #include "frame_state.h"
 
-/* Maps of a scene's directional lights, or NULL if memory is short: then every light takes rays. */
-struct LightMaps *light_maps_build(const Scene *scene);
-
 /* Cells of each light's map that dynamic objects may occlude in a frame; NULL without objects, or
  * if memory is short (`*failed`). */
 uint8_t *mark_objects(const FrameState *state, int *failed);

@@ -1,70 +1,14 @@
 #include "tiles.h"
 
+#include "camera_rays.h"
 #include "facet_plane.h"
 #include "hit_points.h"
 #include "light_map.h"
+#include "pixels.h"
 #include "shading.h"
 
 #include <math.h>
 #include <string.h>
-
-/* Radiance of all samples of a tile, as a grid of (4 samples)^2. */
-typedef struct {
-    Vec3 radiance[TILE_PX * MAX_SAMPLES][TILE_PX * MAX_SAMPLES];
-} SampleGrid;
-
-/* World directions and origins of a block whose rays share one pose. */
-static void place_rays(const FrameState *state, size_t block, RayBlock *rays) {
-    const Pose *pose = state->frame->camera;
-    const float *from = state->rays->directions + block * 3 * BLOCK_RAYS;
-    const float *r = pose->rotation;
-    for (int axis = 0; axis < 3; axis++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            rays->direction[axis][lane] = r[3 * axis] * from[lane] +
-                                          r[3 * axis + 1] * from[BLOCK_RAYS + lane] +
-                                          r[3 * axis + 2] * from[2 * BLOCK_RAYS + lane];
-    for (int axis = 0; axis < 3; axis++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            rays->origin[axis][lane] = pose->translation[axis];
-    memset(rays->time, 0, sizeof rays->time);
-}
-
-/* The same for rays with origins or times of their own. */
-static void place_rays_singly(const FrameState *state, size_t block, RayBlock *rays) {
-    const RayTable *table = state->rays;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        size_t at = block * 3 * BLOCK_RAYS + (size_t)lane;
-        Pose pose;
-        rays->time[lane] = table->times ? table->times[block * BLOCK_RAYS + (size_t)lane] : 0.0f;
-        pose_at(state->frame->camera, state->frame->num_poses, 1, rays->time[lane], &pose);
-        Vec3 direction = {table->directions[at], table->directions[at + BLOCK_RAYS],
-                          table->directions[at + 2 * BLOCK_RAYS]};
-        Vec3 origin = {0, 0, 0};
-        if (table->origins)
-            origin = (Vec3){table->origins[at], table->origins[at + BLOCK_RAYS],
-                            table->origins[at + 2 * BLOCK_RAYS]};
-        direction = rotate(pose.rotation, direction);
-        /* Between two poses a rotation's entries shorten: distances are metres of unit rays. */
-        direction = scale(1.0f / sqrtf(dot(direction, direction)), direction);
-        origin = add(rotate(pose.rotation, origin), vec3(pose.translation));
-        rays->direction[0][lane] = direction.x;
-        rays->direction[1][lane] = direction.y;
-        rays->direction[2][lane] = direction.z;
-        rays->origin[0][lane] = origin.x;
-        rays->origin[1][lane] = origin.y;
-        rays->origin[2][lane] = origin.z;
-    }
-}
-
-static void load_block(const FrameState *state, size_t block, RayBlock *rays) {
-    if (state->rays->origins || state->rays->times)
-        place_rays_singly(state, block, rays);
-    else
-        place_rays(state, block, rays);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        rays->limit[lane] = INFINITY;
-    rays->active = state->rays->valid[block];
-}
 
 static void clear_hits(HitBlock *hits) {
     memset(hits->triangle, 0xff, sizeof hits->triangle);
@@ -119,89 +63,6 @@ static void store_hits(const FrameState *state, size_t block, const RayBlock *ra
         frame->range_m[at] = is_met ? points.distance[lane] : INFINITY;
         frame->triangle[at] = is_met ? hits->triangle[lane] : -1;
         frame->object[at] = is_met ? hits->object[lane] : OBJECT_NONE;
-    }
-}
-
-/* Values between 0 and 1; what is not a number is black. */
-static inline float clip(float value) { return value > 0.0f ? value < 1.0f ? value : 1.0f : 0.0f; }
-
-static inline Vec3 clip3(Vec3 a) { return (Vec3){clip(a.x), clip(a.y), clip(a.z)}; }
-
-static inline uint8_t encode(const FrameState *state, float linear) {
-    return state->scene->srgb_table[(int32_t)(clip(linear) * 65535.0f + 0.5f)];
-}
-
-/* The pixels of a tile within the image: the last row and column of tiles may reach beyond. */
-typedef struct {
-    char *first; /* first channel of the tile's first pixel */
-    size_t row_bytes, pixel_bytes;
-    int rows, columns;
-} TilePixels;
-
-static TilePixels find_pixels(const FrameState *state, int tile) {
-    const RayTable *table = state->rays;
-    int32_t number = table->tiles[tile];
-    int top = number / table->tile_columns * TILE_PX, left = number % table->tile_columns * TILE_PX;
-    size_t pixel_bytes = state->frame->output == OUTPUT_LINEAR ? 3 * sizeof(float) : 3;
-    size_t row_bytes = (size_t)table->width_px * pixel_bytes;
-    int rows = table->height_px - top, columns = table->width_px - left;
-    return (TilePixels){
-        .first = (char *)state->frame->image + (size_t)top * row_bytes + (size_t)left * pixel_bytes,
-        .row_bytes = row_bytes,
-        .pixel_bytes = pixel_bytes,
-        .rows = rows < TILE_PX ? rows : TILE_PX,
-        .columns = columns < TILE_PX ? columns : TILE_PX,
-    };
-}
-
-static inline char *pixel_at(const TilePixels *pixels, int row, int column) {
-    return pixels->first + (size_t)row * pixels->row_bytes + (size_t)column * pixels->pixel_bytes;
-}
-
-static inline void write_mean(const FrameState *state, char *pixel, Vec3 mean) {
-    if (state->frame->output == OUTPUT_LINEAR) {
-        memcpy(pixel, &mean, 3 * sizeof(float));
-        return;
-    }
-    pixel[0] = (char)encode(state, mean.x);
-    pixel[1] = (char)encode(state, mean.y);
-    pixel[2] = (char)encode(state, mean.z);
-}
-
-static inline void write_encoded(char *pixel, uint32_t rgb) {
-    pixel[0] = (char)rgb;
-    pixel[1] = (char)(rgb >> 8);
-    pixel[2] = (char)(rgb >> 16);
-}
-
-/* Mean of a pixel's samples, summed row by row. */
-static Vec3 mean_of_pixel(const SampleGrid *grid, int samples, int row, int column) {
-    Vec3 sum = {0, 0, 0};
-    for (int y = row * samples; y < (row + 1) * samples; y++)
-        for (int x = column * samples; x < (column + 1) * samples; x++)
-            sum = add(sum, grid->radiance[y][x]);
-    return scale(1.0f / (float)(samples * samples), sum);
-}
-
-static void write_pixels(const FrameState *state, int tile, const SampleGrid *grid) {
-    TilePixels pixels = find_pixels(state, tile);
-    for (int row = 0; row < pixels.rows; row++)
-        for (int column = 0; column < pixels.columns; column++)
-            write_mean(state, pixel_at(&pixels, row, column),
-                       mean_of_pixel(grid, state->rays->samples, row, column));
-}
-
-static void store_radiance(const FrameState *state, int block, uint32_t active,
-                           const Vec3 *radiance, SampleGrid *grid) {
-    int samples = state->rays->samples;
-    int top = block / samples * TILE_PX, left = block % samples * TILE_PX;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        Vec3 *sample = &grid->radiance[top + lane / TILE_PX][left + lane % TILE_PX];
-        /* Samples beside the mirror are black; a sensor clips, linear light does not. */
-        if (!(active >> lane & 1))
-            *sample = (Vec3){0, 0, 0};
-        else
-            *sample = state->frame->output == OUTPUT_SRGB ? clip3(radiance[lane]) : radiance[lane];
     }
 }
 
