@@ -68,7 +68,7 @@ KERNEL, REFERENCE, OPENGL = RenderEngine
     [
         (SceneLoad(2840, has_textures=False, num_point_lights=0), 640, 4, KERNEL),
         (SceneLoad(846, has_textures=True, num_point_lights=0), 640, 1, KERNEL),
-        (SceneLoad(846, has_textures=True, num_point_lights=0), 640, 4, OPENGL),
+        (SceneLoad(846, has_textures=True, num_point_lights=0), 640, 4, KERNEL),
         (SceneLoad(2840, has_textures=False, num_point_lights=2), 640, 1, KERNEL),
         (SceneLoad(2840, has_textures=False, num_point_lights=2), 640, 3, OPENGL),
         (SceneLoad(846, has_textures=True, num_point_lights=2), 1024, 2, OPENGL),
