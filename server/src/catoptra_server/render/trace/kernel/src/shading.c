@@ -176,17 +176,8 @@ static uint32_t find_occluded(const FrameState *state, RayBlock *shadow, int is_
     return occluded;
 }
 
-static int is_surely_lit(const FrameState *state, int light, const HitBlock *hits,
-                         const SurfaceBlock *surface, int lane) {
-    return state->scene->lights[light].kind == LIGHT_DIRECTIONAL &&
-           hits->object[lane] == OBJECT_STATIC &&
-           is_lit_by_map(state, light, hits->triangle[lane],
-                         lane_of(surface->points.position, lane));
-}
-
-static void add_light(const FrameState *state, int number, const RayBlock *rays,
+static void add_light(const FrameState *state, const Light *light, const RayBlock *rays,
                       const HitBlock *hits, const SurfaceBlock *surface, Vec3 *radiance) {
-    const Light *light = &state->scene->lights[number];
     float factor[BLOCK_RAYS];
     RayBlock shadow;
     uint32_t facing = 0;
@@ -203,7 +194,7 @@ static void add_light(const FrameState *state, int number, const RayBlock *rays,
         if (!(factor[lane] > 0.0f))
             continue;
         facing |= 1u << lane;
-        if (state->frame->has_shadows && !is_surely_lit(state, number, hits, surface, lane))
+        if (state->frame->has_shadows)
             set_shadow_ray(&shadow, lane, rays, &surface->points, direction, distance);
     }
     if (shadow.active)
@@ -244,6 +235,25 @@ static void look_up(const FrameState *state, const RayBlock *rays, const HitBloc
     }
 }
 
+/* Whether nothing occludes any light at a point of the static scene: then the table of frames
+ * without shadows holds its radiance. */
+static int is_unshadowed(const FrameState *state, const HitBlock *hits,
+                         const SurfaceBlock *surface, int lane) {
+    if (!state->frame->has_shadows || state->has_point_lights ||
+        hits->object[lane] != OBJECT_STATIC ||
+        state->scene->mesh->arrays.flags[hits->triangle[lane]] & FACET_CORNER_COLOURS)
+        return 0;
+    Vec3 normal = lane_of(surface->points.normal, lane);
+    Vec3 position = lane_of(surface->points.position, lane);
+    for (int i = 0; i < state->scene->num_lights; i++) {
+        const Light *light = &state->scene->lights[i];
+        int shines = light->lights_scene && dot(normal, vec3(light->vector)) > 0.0f;
+        if (shines && !is_lit_by_map(state, i, hits->triangle[lane], position))
+            return 0;
+    }
+    return 1;
+}
+
 static void begin_surfaces(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                            SurfaceBlock *surface, Vec3 *radiance) {
     find_hit_points(state, rays, hits, surface->computed, &surface->points);
@@ -251,6 +261,11 @@ static void begin_surfaces(const FrameState *state, const RayBlock *rays, const 
         if (!(surface->computed >> lane & 1))
             continue;
         int object = hits->object[lane], triangle = hits->triangle[lane];
+        if (is_unshadowed(state, hits, surface, lane)) {
+            radiance[lane] = vec3(state->scene->sharp_radiance + 3 * (size_t)triangle);
+            surface->lit &= ~(1u << lane);
+            continue;
+        }
         surface->albedo[lane] = albedo_at(mesh_of(state, object), triangle,
                                           surface->points.u[lane], surface->points.v[lane]);
         radiance[lane] = base_radiance(state, object, triangle, surface->albedo[lane],
@@ -267,7 +282,7 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     begin_surfaces(state, rays, hits, &surface, radiance);
     if (surface.lit)
         for (int light = 0; light < state->scene->num_lights; light++)
-            add_light(state, light, rays, hits, &surface, radiance);
+            add_light(state, &state->scene->lights[light], rays, hits, &surface, radiance);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         if (surface.textured >> lane & 1)
             apply_texture(state, hits->triangle[lane], surface.points.u[lane],
