@@ -200,10 +200,11 @@ def test_error_of_a_missing_opengl_is_a_renderer_unavailable_error() -> None:
     assert issubclass(OpenGLMissingError, RendererUnavailableError)
 
 
-# Beside the renderers themselves: their names, their creation, their settings, their checks.
+# Beside the renderers themselves: their names, creation, settings, stages and checks.
 MODULES_THAT_KNOW_THE_KINDS = {
     "doctor/renderer_devices.py",
     "planning/candidate_plans.py",
+    "planning/cost_model.py",
     "planning/renderer_choice.py",
     "render/renderer_kind.py",
 }
@@ -219,7 +220,7 @@ def names_a_kind(module: Path) -> bool:
     )
 
 
-def test_kinds_of_renderers_are_distinguished_in_four_modules() -> None:
+def test_kinds_of_renderers_are_distinguished_in_five_modules() -> None:
     package = Path(catoptra_server.__file__).parent
     renderers = {package / "render" / kind.value for kind in RendererKind}
     found = {

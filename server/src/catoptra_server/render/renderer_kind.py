@@ -1,7 +1,8 @@
 """Names of renderers and instruction sets, for options. Imported by command lines: no numpy.
 
-The kinds are distinguished in four modules: here, in `planning/renderer_choice.py` (creation), in
-`planning/candidate_plans.py` (settings) and in `doctor/renderer_devices.py` (checks).
+The kinds are distinguished in five modules: here, in `planning/renderer_choice.py` (creation), in
+`planning/candidate_plans.py` (settings), in `planning/cost_model.py` (stages) and in
+`doctor/renderer_devices.py` (checks).
 """
 
 from __future__ import annotations
