@@ -26,7 +26,7 @@ FACE_SAMPLE_COUNTS = (1, 4)
 
 # (samples, texels a pixel, samples a texel): each rate of the raster stages in `cost_model` has a
 # plan that differs from the first in its quantity.
-_RASTER_CALIBRATION = ((1, 0.5, 1), (3, 1.0, 1), (1, 1.5, 1), (1, 1.0, 4))
+_RASTER_CALIBRATION = ((1, 0.5, 1), (4, 1.0, 1), (1, 1.5, 1), (1, 1.0, 4))
 # Samples along a pixel's side: the plans used most, and one with many samples for the third rate.
 _TRACE_CALIBRATION = (1, 2, 5)
 
