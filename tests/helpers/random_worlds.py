@@ -152,8 +152,8 @@ def _around_the_viewpoint(rng: np.random.Generator, viewpoint: object) -> Items:
 
 
 def _grazing(rng: np.random.Generator, viewpoint: np.ndarray[tuple[int]]) -> Items:
-    """A rectangle whose plane holds the viewpoint, beside it, or passes it at 0.1 to 10 mm."""
-    aside = float(rng.choice((0.0, 1e-4, 1e-3, 1e-2)))
+    """A rectangle whose plane holds the viewpoint, beside it, or passes it at 0.1 to 19 mm."""
+    aside = float(rng.choice((0.0, 1e-4, 1e-3, 1e-2)) * rng.uniform(1.0, 1.9))
     # Within the rectangle itself a viewpoint has no side of it.
     ahead = float(rng.uniform(2.1, 3.0)) if aside == 0.0 else float(rng.uniform(-2.0, 2.0))
     angles = tuple(rng.uniform(-3.0, 3.0, 3)) if rng.uniform() < 0.5 else (0.0, 0.0, 0.3)

@@ -189,8 +189,9 @@ def test_viewpoint_when_it_lies_on_a_surface_proves_nothing_by_its_rounding(
     turned = Pose.from_rpy((0.0, 0.0, aside_m), (0.0, 0.0, 0.3))
     sheet = make_item(Rectangle((3.0, 2.0)), CAMERA_STATE.world_from_mirror @ turned, GREEN)
     floor = make_item(Rectangle((9.0, 9.0)), Pose.identity())
-    world = make_unlit_world(floor, sheet)
-    assert count_differences(world, CAMERA_STATE, TABLES["rim at 150"]) == 0
+    for world in (make_unlit_world(floor, sheet), make_unlit_world(sheet)):
+        for table in ("rim at 150", "omni, 16 samples"):
+            assert count_differences(world, CAMERA_STATE, TABLES[table]) == 0
 
 
 @pytest.mark.parametrize("material", [RED, BLUE], ids=["same colour", "other colour"])
@@ -204,6 +205,63 @@ def test_hole_in_a_surface_shows_what_lies_behind() -> None:
     ring = make_item(Ring(0.02, 5.0, sectors=40), Pose.from_rpy((0.3, 0.2, -0.1)))
     floor = make_item(Rectangle((12.0, 12.0)), Pose.identity(), BLUE)
     assert count_differences(make_unlit_world(ring, floor), ABOVE_FLOOR, TABLES["omni"]) == 0
+
+
+def test_edge_when_it_passes_through_the_corner_of_a_beam_is_left_to_rays() -> None:
+    # One tile, whose corner rays are the edges of its pyramid; larger parts bulge beyond theirs.
+    camera = PerspectiveCamera(4, 4, 0.2)
+    table = lens_ray_table(camera, 2)
+    # Rounding decides whether the ray meets such an edge; it must not whether the beam does.
+    assert [
+        seed
+        for seed in range(200)
+        if count_differences(*make_wall_up_to_a_ray(camera, seed), table)
+    ] == []
+
+
+def make_wall_up_to_a_ray(camera: PerspectiveCamera, seed: int) -> tuple[World, CameraState]:
+    """A wall with an oblique edge through the ray of the first sample."""
+    rng = np.random.default_rng(seed)
+    state = CameraState(Pose.from_rpy(tuple(rng.uniform(-1, 1, 3)), tuple(rng.uniform(-3, 3, 3))))
+    towards = camera.direction_from_pixel(np.array((0.25, 0.25)))[0]
+    # Eight metres along and across, at 45 degrees, with the middle of one side on the ray.
+    at = 3.0 * towards / towards[0] + 4.0 * np.sqrt(0.5) * np.array((0.0, 1.0, 1.0))
+    turned = Pose.from_rpy(tuple(at), (0.25 * np.pi, 0.0, 0.0))
+    upright = turned @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.5 * np.pi, 0.0))
+    wall = make_item(Rectangle((8.0, 8.0)), state.world_from_mirror @ upright)
+    return make_unlit_world(wall), state
+
+
+def test_small_triangles_that_pierce_a_floor_from_below_are_seen() -> None:
+    # The spheres around the caps have their centres below the floor.
+    rng = np.random.default_rng(5)
+    balls = [
+        make_item(
+            SphereBand(0.15, 0.0, 3.1, 40, 30),
+            Pose.from_rpy((*rng.uniform(-1.5, 1.5, 2), float(rng.uniform(0.12, 0.149)))),
+            GREEN,
+        )
+        for _ in range(16)
+    ]
+    floor = make_item(Rectangle((9.0, 9.0)), Pose.identity())
+    world = make_unlit_world(floor, *balls)
+    for table in ("omni", "rim at 150", "omni, 4 samples"):
+        assert count_differences(world, ABOVE_FLOOR, TABLES[table]) == 0
+
+
+def test_confetti_far_from_the_centres_of_its_spheres_is_seen() -> None:
+    rng = np.random.default_rng(6)
+    confetti = [
+        make_item(
+            Box(tuple(rng.uniform(0.01, 0.03, 3))),
+            Pose.from_rpy((*rng.uniform(-2.0, 2.0, 2), float(rng.uniform(-0.4, -0.1)))),
+            GREEN,
+        )
+        for _ in range(600)
+    ]
+    world = make_unlit_world(make_item(Rectangle((9.0, 9.0)), Pose.identity()), *confetti)
+    for table in ("omni", "rim at 150", "omni, 4 samples"):
+        assert count_differences(world, ABOVE_FLOOR, TABLES[table]) == 0
 
 
 def test_object_when_it_surrounds_the_viewpoint_hides_all() -> None:

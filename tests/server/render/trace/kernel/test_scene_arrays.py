@@ -240,3 +240,8 @@ def test_radiance_of_facets_is_that_of_the_shading_model_and_ends_with_the_backg
 def test_encoded_radiance_has_red_in_the_lowest_byte_and_is_clipped() -> None:
     radiance = np.array([(1.0, 0.0, 0.2158605), (7.0, -1.0, 0.0)], dtype=np.float32)
     assert encoded_table(radiance).tolist() == [0x8000FF, 0x0000FF]
+
+
+def test_encoded_radiance_when_no_number_is_black() -> None:
+    radiance = np.array([(np.nan, np.inf, -np.inf)], dtype=np.float32)
+    assert encoded_table(radiance).tolist() == [0x00FF00]

@@ -15,7 +15,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.trace.kernel.exposure_arrays import ObjectTable, exposure_arrays
 from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
+from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.kernel.kernel_structs import (
     OUTPUT_HITS,
     OUTPUT_LINEAR,
@@ -38,7 +38,12 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
 )
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
 from catoptra_server.render.trace.srgb_encoding import srgb_table
-from catoptra_server.render.trace.trace_engine import RayHits, TracedExposure, camera_states
+from catoptra_server.render.trace.trace_engine import (
+    RayHits,
+    TracedExposure,
+    camera_states,
+    scene_centre,
+)
 from catoptra_server.scene import shading
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import Light, World
@@ -222,7 +227,8 @@ class KernelRays:
         self.last_counts = self._engine.render(self._require_view(), exposure, output, *arrays)
 
     def _require_view(self) -> int:
-        assert self._view is not None, "the view is closed"
+        if self._view is None:
+            raise KernelError("the view is closed: nothing can be rendered with it")
         return self._view
 
     def close(self) -> None:
@@ -245,10 +251,3 @@ def _table_struct(table: RayTable) -> RayTableStruct:
         origins=None if table.origins is None else table.origins.ctypes.data,
         times=None if table.times is None else table.times.ctypes.data,
     )
-
-
-def scene_centre(scene: SceneMesh) -> Floats:
-    """(3,) centre of the box around a scene; the world's origin for an empty one."""
-    if len(scene) == 0:
-        return np.zeros(3)
-    return np.asarray(0.5 * (scene.box_min + scene.box_max))
