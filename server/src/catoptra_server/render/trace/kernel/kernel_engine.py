@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.trace.kernel.exposure_arrays import ObjectTable, exposure_arrays
 from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
