@@ -90,6 +90,16 @@ def use(store: ViewStore, *samples: int) -> None:
         store.trim()
 
 
+def test_view_that_was_closed_is_prepared_anew_although_it_was_used_last() -> None:
+    renderer = SizedRenderer()
+    store, planned = make_store(renderer), plan_camera(2)
+    one = store.get(planned)
+    assert store.get(planned) is one
+    store.close_views_of(TRACE)
+    assert store.get(planned) is not one
+    assert renderer.num_prepared == 2
+
+
 def test_views_used_longest_ago_are_closed_beyond_the_memory_limit() -> None:
     renderer = SizedRenderer()
     store = make_store(renderer, max_bytes=9)

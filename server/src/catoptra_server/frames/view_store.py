@@ -55,6 +55,7 @@ class ViewStore:
         self._max_bytes = max_bytes
         self._max_views = max_views
         self._views: dict[ViewKey, _StoredView] = {}  # the last used at the end
+        self._newest: tuple[ViewKey, _StoredView] | None = None
 
     def __len__(self) -> int:
         """Number of prepared views."""
@@ -68,9 +69,13 @@ class ViewStore:
     def get(self, planned: PlannedCamera) -> View:
         """View of a camera by its plan, prepared at the first use."""
         key = planned.view_key
+        # By identity first: hashing camera and plan takes longer than all else here.
+        if self._newest is not None and self._newest[0] is key:
+            return self._newest[1].view
         # Removed and inserted again: dicts keep the order of insertion.
         stored = self._views.pop(key, None) or self._prepare(planned)
         self._views[key] = stored
+        self._newest = key, stored
         return stored.view
 
     def _prepare(self, planned: PlannedCamera) -> _StoredView:
@@ -107,6 +112,7 @@ class ViewStore:
             self._close(key)
 
     def _close(self, key: ViewKey) -> None:
+        self._newest = None
         try:
             self._views.pop(key).view.close()
         except Exception:

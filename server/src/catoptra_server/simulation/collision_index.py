@@ -108,6 +108,9 @@ class CollisionIndex:
         scene_obstacles = self._static_obstacles[robot.class_name]
         if not robot.is_rolling:  # most robots, most of the time
             return scene_obstacles
+        robots = tuple(robots)
+        if len(robots) < 2:  # a footprint takes a quarter of a tick
+            return scene_obstacles
         own, drive = self._footprint(robot), robot.description.drive
         reach_m = own.radius_m + _MAX_TICK_S * drive.max_speed_rad_s * drive.wheel_radius_m
         footprints = [self._footprints.get(other) or self._footprint(other) for other in robots]
