@@ -154,7 +154,11 @@ void *catoptra_build_light_maps(const Scene *scene) {
     if (!maps)
         return NULL;
     maps->surface_of = number_surfaces(scene);
-    for (int light = 0; maps->surface_of && light < scene->num_lights; light++)
+    if (!maps->surface_of) {
+        free(maps);
+        return NULL;
+    }
+    for (int light = 0; light < scene->num_lights; light++)
         if (scene->lights[light].kind == LIGHT_DIRECTIONAL && scene->mesh->arrays.num_triangles)
             build_map(&maps->maps[light], scene, &scene->lights[light], maps->surface_of);
     return maps;
