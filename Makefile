@@ -60,9 +60,11 @@ format: $(READY) ## Format the sources and apply ruff's automatic fixes
 	$(BIN)/ruff check --fix $(SOURCES) $(BUILD_SCRIPTS) tests
 	$(BIN)/ruff format $(SOURCES) $(BUILD_SCRIPTS) tests
 
-bench: $(READY) ## Measure frames per second on this machine; writes out/bench/bench.json
+bench: $(READY) ## Measure frames, rays and serving against their bars on this machine; writes out/bench
 	$(BIN)/python tests/cost/bench.py
 	$(BIN)/python tests/cost/latency.py
+	PYTHONPATH=tests $(BIN)/python -m cost.trace_speed
+	-PYTHONPATH=tests $(BIN)/python -m cost.serving
 
 cost: $(READY) ## Measure what accuracy costs in time; writes server/COST.md, README's table, out/cost: [QUICK=yes] [MACHINE=text]
 	$(BIN)/catoptra-studies cost --output out/cost --report server/COST.md --readme README.md \

@@ -18,7 +18,7 @@ DEFAULT_LIMIT_BYTES = 1024 * MIB
 # A tebibyte: a larger number is taken for bytes.
 MAX_LIMIT_MIB = 2**20
 
-# A triangle in NumPy arrays and in the structures of the renderer that takes more, raster: 590, with
+# A triangle in NumPy arrays and in the structures of raster, which takes more than trace: 590, with
 # colours at its corners 670; texture coordinates add 60.
 BYTES_PER_TRIANGLE = 750
 # Three bytes, three linear float32 of the trace renderer, and four more while Pillow decodes: 23.

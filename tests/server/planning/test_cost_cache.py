@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from catoptra_server.planning.cost_cache import CostCache, default_cache_folder, hash_scene
@@ -58,6 +59,11 @@ def test_cache_without_a_folder_stores_nothing() -> None:
 
 def test_digest_of_a_scene_follows_its_content() -> None:
     assert hash_scene(SCENE) == hash_scene(build_scene(make_test_world()))
+
+
+def test_digest_of_a_scene_follows_the_colours_of_its_corners() -> None:
+    coloured = replace(SCENE, corner_albedo=np.zeros_like(SCENE.corners))
+    assert hash_scene(coloured) != hash_scene(SCENE)
 
 
 def test_default_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

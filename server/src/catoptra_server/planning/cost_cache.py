@@ -98,9 +98,11 @@ class CostCache:
 def hash_scene(scene: SceneMesh) -> str:
     """Digest of everything visible in a scene."""
     digest = hashlib.sha256()
-    for array in (scene.corners, scene.albedo, scene.unlit, scene.texture_index, *scene.textures):
-        digest.update(repr(array.shape).encode())
-        digest.update(array.tobytes())
+    arrays = (scene.corners, scene.albedo, scene.unlit, scene.texture_index, *scene.textures)
+    for array in (*arrays, scene.corner_albedo):
+        if array is not None:
+            digest.update(repr(array.shape).encode())
+            digest.update(array.tobytes())
     return digest.hexdigest()
 
 
