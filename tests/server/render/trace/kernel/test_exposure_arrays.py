@@ -11,10 +11,15 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.render.trace.kernel.exposure_arrays import ObjectTable, exposure_arrays
+from catoptra_server.render.trace.kernel.exposure_arrays import (
+    ObjectTable,
+    exposure_arrays,
+    ray_table_struct,
+)
 from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct, MeshArrays
 from catoptra_server.render.trace.trace_engine import MovingExposure, TracedExposure
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
+from helpers.trace_kernels import make_omni_table
 
 FAR = np.array((20e3, -15e3, 300.0))
 MIRROR = Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3))
@@ -128,3 +133,17 @@ def test_mesh_is_committed_once_and_freed_with_the_table(
     assert device.meshes == {}
     assert len(table) == 0
     table.close()
+
+
+def test_rays_are_the_table_s_own_arrays() -> None:
+    table = make_omni_table(width_px=30, samples=2)
+    struct = ray_table_struct(table)
+    assert (struct.width_px, struct.height_px, struct.samples) == (30, 30, 2)
+    assert (struct.num_tiles, struct.tile_columns) == (len(table.tiles), 8)
+    assert struct.tiles == table.tiles.ctypes.data
+    assert struct.directions == table.directions.ctypes.data
+    assert struct.valid == table.valid.ctypes.data
+    assert (struct.origins, struct.times) == (None, None)
+    times = np.zeros((*table.valid.shape, 16), dtype=np.float32)
+    moving = ray_table_struct(replace(table, origins=table.directions, times=times))
+    assert (moving.origins, moving.times) == (table.directions.ctypes.data, times.ctypes.data)

@@ -17,7 +17,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.kernel import kernel_engine
-from catoptra_server.render.trace.kernel.kernel_library import KernelError
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
+from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.ray_table import face_ray_table, lens_ray_table
 from catoptra_server.render.trace.trace_engine import NOTHING
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
@@ -180,8 +181,8 @@ def test_view_when_memory_is_short_is_refused(monkeypatch: pytest.MonkeyPatch) -
         struct.tile_columns = 2**25
         return struct
 
-    real = kernel_engine._table_struct
-    monkeypatch.setattr(kernel_engine, "_table_struct", huge)
+    real = kernel_engine.ray_table_struct
+    monkeypatch.setattr(kernel_engine, "ray_table_struct", huge)
     with open_kernel(FLOOR) as engine, pytest.raises(KernelError, match="out of memory"):
         engine.prepare(BELOW)
 
@@ -244,6 +245,20 @@ def use_engine() -> None:
 def count_resources() -> tuple[int, int]:
     """Threads and open files of this process."""
     return len(list(Path("/proc/self/task").iterdir())), len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_engine_when_its_scene_cannot_be_committed_leaves_no_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(device: KernelDevice, arrays: object) -> int:
+        raise KernelError("out of memory")
+
+    use_engine()
+    before = count_resources()
+    monkeypatch.setattr(KernelDevice, "commit_mesh", fail)
+    with pytest.raises(KernelError, match="out of memory"):
+        KernelEngine(build_scene(FLOOR), FLOOR, threads=4, scene_lights=())
+    assert count_resources() == before
 
 
 def test_engines_when_many_are_closed_leave_no_threads_files_or_memory() -> None:

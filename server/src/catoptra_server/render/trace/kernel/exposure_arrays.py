@@ -1,4 +1,4 @@
-"""An exposure as the kernel's structure: poses of the camera and of the dynamic objects."""
+"""Exposures and rays as the kernel's structures: poses of camera and objects, tables of rays."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
-from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct
+from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct, RayTableStruct
 from catoptra_server.render.trace.kernel.scene_arrays import Owned, object_arrays
+from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TracedExposure, camera_states
 from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh
 
@@ -90,3 +91,19 @@ def _box_array(objects: Sequence[DynamicObject]) -> npt.NDArray[np.float32]:
         # Float32 rounds corners: the box grows by as much.
         row[3:] = placed.mesh.half_size_m * (1.0 + 1e-5) + 1e-6
     return array
+
+
+def ray_table_struct(table: RayTable) -> RayTableStruct:
+    """Rays of a camera; the kernel reads the table's own arrays."""
+    return RayTableStruct(
+        width_px=table.width_px,
+        height_px=table.height_px,
+        samples=table.samples,
+        num_tiles=len(table.tiles),
+        tile_columns=table.num_tile_columns,
+        tiles=table.tiles.ctypes.data,
+        directions=table.directions.ctypes.data,
+        valid=table.valid.ctypes.data,
+        origins=None if table.origins is None else table.origins.ctypes.data,
+        times=None if table.times is None else table.times.ctypes.data,
+    )

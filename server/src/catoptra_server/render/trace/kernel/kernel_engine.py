@@ -12,7 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_server.render.renderer import Image, LinearImage
-from catoptra_server.render.trace.kernel.exposure_arrays import ObjectTable, exposure_arrays
+from catoptra_server.render.trace.kernel.exposure_arrays import (
+    ObjectTable,
+    exposure_arrays,
+    ray_table_struct,
+)
 from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.kernel.kernel_structs import (
@@ -20,7 +24,6 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     OUTPUT_LINEAR,
     OUTPUT_SRGB,
     FrameCounts,
-    RayTableStruct,
     SceneStruct,
 )
 from catoptra_server.render.trace.kernel.padded_texels import linear_table
@@ -85,8 +88,13 @@ class KernelEngine:
         self._owners: list[object] = []
         self._meshes: list[int] = []
         self._objects = ObjectTable(self._device, self._centre)
-        self._scene = self._make_scene()
         self._has_shadow_tables = False
+        try:
+            self._scene = self._make_scene()
+        except BaseException:
+            # Nobody else knows the device: its threads would stay.
+            self._device.close()
+            raise
 
     @property
     def num_object_meshes(self) -> int:
@@ -184,7 +192,7 @@ class KernelRays:
         self._table = table
         self._device = device
         self._engine = engine
-        self._view: int | None = device.prepare(_table_struct(table))
+        self._view: int | None = device.prepare(ray_table_struct(table))
         self.last_counts = FrameCounts()
         """Tiles of the last frame: all, and those that one surface was proven to fill."""
 
@@ -235,18 +243,3 @@ class KernelRays:
         if self._view is not None:
             self._device.release_view(self._view)
         self._view = None
-
-
-def _table_struct(table: RayTable) -> RayTableStruct:
-    return RayTableStruct(
-        width_px=table.width_px,
-        height_px=table.height_px,
-        samples=table.samples,
-        num_tiles=len(table.tiles),
-        tile_columns=table.num_tile_columns,
-        tiles=table.tiles.ctypes.data,
-        directions=table.directions.ctypes.data,
-        valid=table.valid.ctypes.data,
-        origins=None if table.origins is None else table.origins.ctypes.data,
-        times=None if table.times is None else table.times.ctypes.data,
-    )

@@ -1,0 +1,108 @@
+"""The kernel's maps of where nothing occludes a light, against shadow rays everywhere.
+
+C code: `src/light_map.c`, `src/height_map.c`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.trace.ray_table import RayTable
+from catoptra_server.scene.world_description import (
+    Box,
+    DirectionalLight,
+    HemisphereLight,
+    Item,
+    Light,
+    Material,
+    Rectangle,
+    World,
+)
+from helpers.dynamic_objects import place_cube
+from helpers.random_worlds import make_random_exposure
+from helpers.trace_kernels import make_omni_table, open_kernel
+
+AMBIENT = HemisphereLight((0.2, 0.2, 0.2), (0.1, 0.1, 0.1))
+GREY = Material((0.5, 0.5, 0.5))
+TABLES = {
+    "omni": make_omni_table(width_px=72),
+    "4 samples": make_omni_table(width_px=48, samples=2),
+    "rim at 150": make_omni_table(width_px=72, rim_deg=150.0),
+}
+WORLDS_PER_TABLE = 40
+
+
+def make_random_lights(rng: np.random.Generator) -> tuple[Light, ...]:
+    """One or two oblique lights, the first from above."""
+    directions = rng.normal(size=(2, 3))
+    directions[0, 2] = abs(directions[0, 2])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    first, second = (DirectionalLight(tuple(d), (0.5, 0.4, 0.3)) for d in directions)
+    return (AMBIENT, first, second) if rng.uniform() < 0.3 else (AMBIENT, first)
+
+
+def make_shadowed_exposure(seed: int) -> tuple[World, CameraState]:
+    """A random world of lit surfaces, some of which let light through."""
+    world, state = make_random_exposure(seed)
+    rng = np.random.default_rng(seed + 10**6)
+    items = tuple(
+        replace(
+            item,
+            material=None if item.material is None else Material(item.material.albedo),
+            casts_shadows=bool(seed % 4 or rng.uniform() < 0.7),
+        )
+        for item in world.items
+    )
+    lit = replace(world, items=items, lights=make_random_lights(rng))
+    return lit, replace(state, has_shadows=True)
+
+
+def count_differences(world: World, state: CameraState, table: RayTable) -> int:
+    """Number of pixels that differ between maps and rays by more than half a grey level."""
+    with open_kernel(world) as engine:
+        rays = engine.prepare(table)
+        mapped = rays.render_linear(state)
+        maps = engine._scene.light_maps
+        assert maps, "the engine built no maps"
+        engine._scene.light_maps = None
+        traced = rays.render_linear(state)
+        engine._scene.light_maps = maps  # for its release
+    return int((np.abs(mapped - traced).max(axis=-1) > 1e-3).sum())
+
+
+@pytest.mark.parametrize("table", TABLES, ids=str)
+def test_shadows_of_random_worlds_by_maps_are_those_by_rays(table: str) -> None:
+    first = list(TABLES).index(table) * WORLDS_PER_TABLE
+    seeds = range(first, first + WORLDS_PER_TABLE)
+    assert [s for s in seeds if count_differences(*make_shadowed_exposure(s), TABLES[table])] == []
+
+
+@pytest.mark.parametrize("height_m", [1e-3, 0.01, 0.3])
+def test_shadow_of_a_plate_near_the_floor_is_seen(height_m: float) -> None:
+    floor = Item("floor", Rectangle((6.0, 6.0)), Pose.identity(), GREY)
+    plate = Item("plate", Box((0.5, 0.3, 1e-3)), Pose.from_rpy((0.3, 0.2, -height_m)), GREY)
+    light = DirectionalLight((0.6, 0.0, 0.8), (0.5, 0.5, 0.5))
+    world = World("w", (floor, plate), lights=(AMBIENT, light))
+    state = CameraState(Pose.from_rpy((0.0, 0.0, -0.6)), has_shadows=True)
+    for table in TABLES.values():
+        assert count_differences(world, state, table) == 0
+
+
+@pytest.mark.parametrize("height_m", [0.1, 1.0, 50.0])
+def test_shadow_of_an_object_outside_the_scene_is_seen(height_m: float) -> None:
+    floor = Item("floor", Rectangle((2.0, 2.0)), Pose.identity(), GREY)
+    light = DirectionalLight((0.6, 0.0, 0.8), (0.5, 0.5, 0.5))
+    world = World("w", (floor,), lights=(AMBIENT, light))
+    cube = place_cube(-0.75 * height_m, 0.1, -height_m)
+    state = CameraState(Pose.from_rpy((0.5, 0.5, -0.6)), (cube,), has_shadows=True)
+    table = TABLES["omni"]
+    assert count_differences(world, state, table) == 0
+    with open_kernel(world) as engine:
+        rays = engine.prepare(table)
+        shadowed, lit = rays.render_srgb(state), rays.render_srgb(replace(state, objects=()))
+    assert (shadowed != lit).any()
