@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
@@ -16,6 +18,7 @@ from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedExposure
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
+from helpers.image_comparison import level_differences
 from helpers.worlds import make_omni_camera, make_plan
 
 
@@ -52,3 +55,10 @@ def render_filled_and_traced(
     surfaces.num_surfaces = num_surfaces
     assert rays.last_counts.num_filled_tiles == 0
     return filled, traced, share
+
+
+def count_differences(world: World, state: CameraState, table: RayTable) -> int:
+    """Number of pixels that differ between filled and traced tiles."""
+    with open_kernel(world) as engine:
+        filled, traced, _ = render_filled_and_traced(engine, engine.prepare(table), state)
+    return int(np.count_nonzero(level_differences(filled, traced)))

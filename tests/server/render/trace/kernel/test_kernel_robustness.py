@@ -1,12 +1,8 @@
-"""Bad scenes, bad numbers, extreme sizes, and what engines leave behind when they are closed."""
+"""Bad scenes, bad numbers and extreme sizes."""
 
 from __future__ import annotations
 
-import gc
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +12,6 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.kernel import kernel_engine
-from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.ray_table import face_ray_table, lens_ray_table
 from catoptra_server.render.trace.trace_engine import NOTHING
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
@@ -30,8 +23,7 @@ from catoptra_server.scene.world_description import (
     Rectangle,
     World,
 )
-from helpers.dynamic_objects import TWO_ROBOTS, place_cube
-from helpers.memory import resident_mb
+from helpers.dynamic_objects import place_cube
 from helpers.trace_kernels import make_omni_table, open_kernel
 from helpers.worlds import CAMERA_STATE, make_test_world
 
@@ -169,106 +161,3 @@ def test_pose_when_no_number_gives_an_image_of_the_right_size(value: float) -> N
             for has_shadows in (False, True):
                 image = engine.prepare(TABLE).render_srgb(replace(state, has_shadows=has_shadows))
                 assert image.shape == (40, 40, 3)
-
-
-# Memory and threads.
-
-
-def test_view_when_memory_is_short_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    def huge(table: object) -> object:
-        struct = real(table)  # type: ignore[arg-type]
-        struct.width_px, struct.height_px = 4 * 2**25, 4 * 2**14
-        struct.tile_columns = 2**25
-        return struct
-
-    real = kernel_engine.ray_table_struct
-    monkeypatch.setattr(kernel_engine, "ray_table_struct", huge)
-    with open_kernel(FLOOR) as engine, pytest.raises(KernelError, match="out of memory"):
-        engine.prepare(BELOW)
-
-
-def test_engine_when_closed_refuses_frames_and_closes_again() -> None:
-    for has_shadows in (False, True):
-        with open_kernel(make_test_world(), threads=2) as engine:
-            rays = engine.prepare(TABLE)
-            engine.close()
-            state = replace(CAMERA_STATE, objects=TWO_ROBOTS, has_shadows=has_shadows)
-            for use in (rays.render_srgb, rays.find_hits, rays.trace_bare):
-                with pytest.raises(KernelError, match="closed"):
-                    use(state)
-            with pytest.raises(KernelError, match="closed"):
-                engine.prepare(TABLE)
-            rays.close()
-            rays.close()
-
-
-def test_rays_when_closed_refuse_frames_and_the_engine_goes_on() -> None:
-    with open_kernel(FLOOR) as engine:
-        rays, others = engine.prepare(TABLE), engine.prepare(TABLE)
-        before = others.render_srgb(CAMERA_STATE)
-        rays.close()
-        with pytest.raises(KernelError, match="the view is closed"):
-            rays.render_srgb(CAMERA_STATE)
-        np.testing.assert_array_equal(others.render_srgb(CAMERA_STATE), before)
-
-
-def test_memory_of_rays_is_that_of_the_table_and_of_the_tiles_beams() -> None:
-    with open_kernel(FLOOR) as engine:
-        rays = engine.prepare(TABLE)
-        beams = rays.memory_bytes - TABLE.memory_bytes
-        assert 0 < beams < 400 * (10 * 10)
-        rays.close()
-        assert rays.memory_bytes == TABLE.memory_bytes
-
-
-def test_frames_of_several_threads_at_once_have_the_same_bytes() -> None:
-    states = [replace(CAMERA_STATE, objects=TWO_ROBOTS[:n], has_shadows=n > 0) for n in (0, 1, 2)]
-    with open_kernel(make_test_world(), threads=2) as engine:
-        rays = [engine.prepare(TABLE) for _ in states]
-        alone = [r.render_srgb(s) for r, s in zip(rays, states, strict=True)]
-        with ThreadPoolExecutor(3) as pool:
-            for _ in range(10):
-                together = list(pool.map(lambda r, s: r.render_srgb(s), rays, states))
-                for one, other in zip(alone, together, strict=True):
-                    np.testing.assert_array_equal(one, other)
-
-
-def use_engine() -> None:
-    """Create, use and close an engine."""
-    with open_kernel(make_test_world(), threads=3) as engine:
-        rays = engine.prepare(BELOW)
-        rays.render_srgb(replace(CAMERA_STATE, objects=TWO_ROBOTS, has_shadows=True))
-        rays.find_hits(CAMERA_STATE)
-        rays.close()
-
-
-def count_resources() -> tuple[int, int]:
-    """Threads and open files of this process."""
-    return len(list(Path("/proc/self/task").iterdir())), len(list(Path("/proc/self/fd").iterdir()))
-
-
-def test_engine_when_its_scene_cannot_be_committed_leaves_no_threads(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def fail(device: KernelDevice, arrays: object) -> int:
-        raise KernelError("out of memory")
-
-    use_engine()
-    before = count_resources()
-    monkeypatch.setattr(KernelDevice, "commit_mesh", fail)
-    with pytest.raises(KernelError, match="out of memory"):
-        KernelEngine(build_scene(FLOOR), FLOOR, threads=4, scene_lights=())
-    assert count_resources() == before
-
-
-def test_engines_when_many_are_closed_leave_no_threads_files_or_memory() -> None:
-    for _ in range(20):
-        use_engine()
-    gc.collect()
-    resources, memory = count_resources(), resident_mb(os.getpid())
-    for _ in range(200):
-        use_engine()
-    gc.collect()
-    assert count_resources() == resources
-    # An engine of this scene takes 3 MB, a leak of a tenth of it 60 MB.
-    assert resident_mb(os.getpid()) < memory + 30.0
