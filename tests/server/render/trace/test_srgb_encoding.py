@@ -26,3 +26,8 @@ def test_table_rises_from_black_to_white_and_is_shared() -> None:
     assert set(table) == set(range(256))
     assert table is srgb_table()
     assert not table.flags.writeable
+
+
+def test_light_that_is_no_number_is_black() -> None:
+    light = np.array([np.nan, -np.inf, np.inf], dtype=np.float32)
+    assert encode_srgb(light).tolist() == [0, 0, 255]

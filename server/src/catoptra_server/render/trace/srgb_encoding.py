@@ -17,8 +17,10 @@ MAX_LEVEL = 2**16 - 1
 
 
 def encode_srgb(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    """uint8 sRGB of linear light; light outside [0, 1] is clipped."""
-    levels = (np.clip(light, 0.0, 1.0) * np.float32(MAX_LEVEL) + np.float32(0.5)).astype(np.int32)
+    """uint8 sRGB of linear light, clipped to [0, 1]; black where it is not a number."""
+    # Black where it is not a number: fmax prefers numbers.
+    clipped = np.minimum(np.fmax(light, np.float32(0.0)), np.float32(1.0))
+    levels = (clipped * np.float32(MAX_LEVEL) + np.float32(0.5)).astype(np.int32)
     return srgb_table().take(levels)
 
 

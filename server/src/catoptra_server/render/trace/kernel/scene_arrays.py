@@ -202,6 +202,5 @@ def radiance_table(
 def encoded_table(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
     """(n + 1,) sRGB of a radiance table, R in the lowest byte."""
     packed = np.zeros((len(radiance), 4), dtype=np.uint8)
-    # Black where it is not a number, as the kernel's own encoding: fmax prefers numbers.
-    packed[:, :3] = encode_srgb(np.fmax(radiance, np.float32(0.0)))
+    packed[:, :3] = encode_srgb(radiance)
     return packed.view("<u4").reshape(-1)

@@ -60,7 +60,8 @@ static void store_hits(const FrameState *state, size_t block, const RayBlock *ra
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         size_t at = block * BLOCK_RAYS + (size_t)lane;
         int is_met = met >> lane & 1;
-        frame->range_m[at] = is_met ? points.distance[lane] : INFINITY;
+        /* Rounding can put a plane that holds the viewpoint behind it. */
+        frame->range_m[at] = is_met ? fmaxf(points.distance[lane], 0.0f) : INFINITY;
         frame->triangle[at] = is_met ? hits->triangle[lane] : -1;
         frame->object[at] = is_met ? hits->object[lane] : OBJECT_NONE;
     }
