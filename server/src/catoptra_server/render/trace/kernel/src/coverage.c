@@ -249,25 +249,48 @@ static void prove_light(const Search *search, const Beam *beam, TileContent *con
     content->is_unshadowed = is_beam_lit(search->state, &sides, content->triangle);
 }
 
+static int is_unproven(const Part *part) {
+    return part->candidates &&
+           (part->content.triangle == SURFACE_UNKNOWN || part->content.may_show_objects);
+}
+
+static int is_unlit(const Search *search, const Part *part) {
+    return search->state->frame->has_shadows && part->content.triangle >= 0 &&
+           !part->content.is_unshadowed;
+}
+
+/* Render the tiles of a part of which all is known: without its beams, which memory is slow to
+ * deliver. */
+static void render_closed(Search *search, const View *view, const Part *part) {
+    int side = 1 << part->level, columns = view->levels[0].columns;
+    int bottom = (part->row + 1) * side, right = (part->column + 1) * side;
+    bottom = bottom < view->tile_rows ? bottom : view->tile_rows;
+    right = right < columns ? right : columns;
+    int is_filled = part->content.triangle != SURFACE_UNKNOWN &&
+                    !(search->state->objects && part->content.may_show_objects);
+    for (int row = part->row * side; row < bottom; row++)
+        for (int column = part->column * side; column < right; column++) {
+            int tile = view->tile_at[row * columns + column];
+            if (tile < 0)
+                continue;
+            render_tile(search->state, tile, &part->content);
+            search->num_filled += is_filled;
+        }
+}
+
 static void render_beam(Search *search, const View *view, Part part) {
     const BeamLevel *parts = &view->levels[part.level];
     if (part.row >= parts->rows || part.column >= parts->columns)
         return;
-    int index = part.row * parts->columns + part.column;
-    const Beam *beam = &parts->beams[index];
+    const Beam *beam = &parts->beams[part.row * parts->columns + part.column];
     if (beam->kind == BEAM_EMPTY)
         return;
-    /* A part whose surface is known is searched on while objects may be before it. */
-    int is_open = part.content.triangle == SURFACE_UNKNOWN || part.content.may_show_objects;
-    if (is_open && part.candidates && beam->kind == BEAM_NARROW)
+    if (beam->kind == BEAM_NARROW && is_unproven(&part))
         prove_part(search, beam, &part);
-    if (search->state->frame->has_shadows && part.content.triangle >= 0 &&
-        !part.content.is_unshadowed && beam->kind == BEAM_NARROW)
+    if (beam->kind == BEAM_NARROW && is_unlit(search, &part))
         prove_light(search, beam, &part.content);
-    if (part.level == 0) {
-        render_tile(search->state, view->tile_at[index], &part.content);
-        search->num_filled += part.content.triangle != SURFACE_UNKNOWN &&
-                              !(search->state->objects && part.content.may_show_objects);
+    if (part.level == 0 || !(is_unproven(&part) || is_unlit(search, &part))) {
+        render_closed(search, view, &part);
         return;
     }
     for (int quarter = 0; quarter < 4; quarter++)
