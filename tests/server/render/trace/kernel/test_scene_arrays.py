@@ -155,7 +155,7 @@ def test_textures_have_their_size_without_border(textured: SceneMesh) -> None:
     sizes = [(struct.width, struct.height) for struct in owned.struct]
     assert sizes == [(64, 64), (5, 3)]
     np.testing.assert_array_equal(
-        read_array(owned.struct[1].texels, (5, 7, 4), np.uint8), owned.owners[1]
+        read_array(owned.struct[1].texels, (5, 7, 4), np.uint16), owned.owners[1]
     )
 
 

@@ -26,7 +26,6 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     FrameCounts,
     SceneStruct,
 )
-from catoptra_server.render.trace.kernel.padded_texels import linear_table
 from catoptra_server.render.trace.kernel.scene_arrays import (
     Owned,
     caster_arrays,
@@ -107,7 +106,7 @@ class KernelEngine:
         encoded = encoded_table(radiance)
         textures = self._keep(texture_array(self._mesh))
         lights, num_lights = light_array(self._world.lights, self._scene_lights, self._centre)
-        # Both tables of colours are cached for the life of the process.
+        # The table of greys is cached for the life of the process.
         self._owners += [radiance, encoded, lights]
         return SceneStruct(
             mesh=self._commit(scene_arrays(self._mesh, self._centre)),
@@ -120,7 +119,6 @@ class KernelEngine:
             lights=ctypes.addressof(lights),
             hemisphere=hemisphere_struct(self._world.lights),
             srgb_table=srgb_table().ctypes.data,
-            linear_table=linear_table().ctypes.data,
             surfaces=self._keep(surfaces_struct(self._mesh, self._centre)),
         )
 

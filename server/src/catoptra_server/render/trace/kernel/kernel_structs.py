@@ -33,7 +33,7 @@ class MeshArrays(ctypes.Structure):
 
 
 class TextureStruct(ctypes.Structure):
-    """sRGB texels with a border."""
+    """Linear texels with a border."""
 
     _fields_: ClassVar[Fields] = [("width", c_int32), ("height", c_int32), ("texels", c_void_p)]
 
@@ -85,7 +85,6 @@ class SceneStruct(ctypes.Structure):
         ("lights", c_void_p),
         ("hemisphere", HemisphereStruct),
         ("srgb_table", c_void_p),
-        ("linear_table", c_void_p),
         ("caster_triangles", c_void_p),
         ("light_maps", c_void_p),
         ("surfaces", SurfacesStruct),

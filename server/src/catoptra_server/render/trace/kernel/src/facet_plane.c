@@ -76,5 +76,5 @@ void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         squares[lane] = find_texels(texture, u[lane], v[lane]);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        result[lane] = multiply(radiance, mix_texels(state->scene->linear_table, &squares[lane]));
+        result[lane] = multiply(radiance, mix_texels(&squares[lane]));
 }

@@ -40,10 +40,10 @@ typedef struct {
     const int32_t *texture;      /* (n,) index into textures, -1 for none; or NULL */
 } MeshArrays;
 
-/* sRGB texels with a border of one texel repeated from the other side. */
+/* Linear texels with a border of one texel repeated from the other side. */
 typedef struct {
     int32_t width, height; /* without border */
-    const uint8_t *texels; /* (height + 2, width + 2, 4), the fourth channel unused */
+    const uint16_t *texels; /* (height + 2, width + 2, 4), 65535 = white, the fourth unused */
 } Texture;
 
 typedef struct {
@@ -82,7 +82,6 @@ typedef struct {
     const Light *lights;
     Hemisphere hemisphere;
     const uint8_t *srgb_table;   /* (65536,) sRGB of linear light */
-    const float *linear_table;   /* (256,) linear light of sRGB */
     const int32_t *caster_triangles; /* triangle of `mesh` of each of `casters`; NULL without */
     void *light_maps; /* of catoptra_build_light_maps; NULL until the first frame with shadows */
     Surfaces surfaces;

@@ -213,7 +213,7 @@ static void apply_texture(const FrameState *state, int triangle, float u, float 
     const Texture *texture = state->scene->textures + mesh->texture[triangle];
     TexelSquare square = find_texels(texture, uv[0] + u * uv[2] + v * uv[4],
                                      uv[1] + u * uv[3] + v * uv[5]);
-    *radiance = multiply(*radiance, mix_texels(state->scene->linear_table, &square));
+    *radiance = multiply(*radiance, mix_texels(&square));
 }
 
 /* Radiance from the tables; which other rays' radiance has to be computed, and how. */
