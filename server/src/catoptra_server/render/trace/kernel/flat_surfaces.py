@@ -54,7 +54,7 @@ def find_flat_surfaces(scene: SceneMesh) -> FlatSurfaces:
     side = _cluster_side(scene.corners, longest)
     large, small = np.flatnonzero(longest > side), np.flatnonzero(longest <= side)
     pairs, outer_edges = _join_triangles(scene, large)
-    surface, _ = _connected_components(len(large), pairs)
+    surface = _connected_components(len(large), pairs)
     return FlatSurfaces(
         triangles=large.astype(np.int32),
         surface=surface,
@@ -186,10 +186,8 @@ def uv_planes(scene: SceneMesh, triangle: npt.NDArray[np.integer]) -> tuple[Floa
     return offset, gradient
 
 
-def _connected_components(
-    count: int, pairs: npt.NDArray[np.intp]
-) -> tuple[Indices, npt.NDArray[np.intp]]:
-    """(count,) group of each element joined by (p, 2) pairs, and one element of each group."""
+def _connected_components(count: int, pairs: npt.NDArray[np.intp]) -> Indices:
+    """(count,) group of each element joined by (p, 2) pairs, numbered from 0."""
     label = np.arange(count)
     while True:
         smallest = label.copy()
@@ -199,5 +197,4 @@ def _connected_components(
         if (smallest == label).all():
             break
         label = smallest
-    representative, group = np.unique(label, return_inverse=True)
-    return group.astype(np.int32), representative
+    return np.unique(label, return_inverse=True)[1].astype(np.int32)

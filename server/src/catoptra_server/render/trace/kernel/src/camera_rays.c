@@ -37,12 +37,8 @@ static void place_rays_singly(const FrameState *state, size_t block, RayBlock *r
         /* Between two poses a rotation's entries shorten: distances are metres of unit rays. */
         direction = scale(1.0f / sqrtf(dot(direction, direction)), direction);
         origin = add(rotate(pose.rotation, origin), vec3(pose.translation));
-        rays->direction[0][lane] = direction.x;
-        rays->direction[1][lane] = direction.y;
-        rays->direction[2][lane] = direction.z;
-        rays->origin[0][lane] = origin.x;
-        rays->origin[1][lane] = origin.y;
-        rays->origin[2][lane] = origin.z;
+        set_lane(rays->direction, lane, direction);
+        set_lane(rays->origin, lane, origin);
     }
 }
 

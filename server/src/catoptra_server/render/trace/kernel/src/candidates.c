@@ -16,7 +16,6 @@ int candidates_allocate(CandidateList *list, int capacity) {
         list->corner[i] = values + i * length;
     list->radius = values + 9 * length;
     list->id = (int32_t *)(values + 10 * length);
-    list->capacity = capacity;
     list->count = 0;
     return 1;
 }

@@ -12,7 +12,7 @@
 enum { CLUSTER = -1, OBJECT_BOX = -2 };
 
 typedef struct {
-    int count, capacity;
+    int count;
     float *corner[9]; /* a sphere is a triangle of one point */
     float *radius;    /* 0 for triangles */
     int32_t *id;      /* index into the scene's surfaces, or one of the above */

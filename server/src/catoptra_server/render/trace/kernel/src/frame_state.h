@@ -19,6 +19,12 @@ typedef struct {
     int is_constant; /* the static scene has one radiance a facet: no texture, no point light */
 } FrameState;
 
+/* Triangles of the static scene, or of a dynamic object by its number in hits. */
+static inline const MeshArrays *mesh_of(const FrameState *state, int object) {
+    return object == OBJECT_STATIC ? &state->scene->mesh->arrays
+                                   : &state->frame->objects[object - 1]->arrays;
+}
+
 /* Pose between the two nearest of `count` poses, `stride` apart, at a time from 0 to 1. */
 void pose_at(const Pose *poses, int count, int stride, float time, Pose *pose);
 

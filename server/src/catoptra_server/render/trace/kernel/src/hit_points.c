@@ -12,16 +12,6 @@ typedef struct {
     float edge_v[3][BLOCK_RAYS];
 } PlaneQueries;
 
-static void set_lane(float components[3][BLOCK_RAYS], int lane, Vec3 value) {
-    components[0][lane] = value.x;
-    components[1][lane] = value.y;
-    components[2][lane] = value.z;
-}
-
-static Vec3 get_lane(const float components[3][BLOCK_RAYS], int lane) {
-    return (Vec3){components[0][lane], components[1][lane], components[2][lane]};
-}
-
 static void set_triangle(PlaneQueries *queries, int lane, const float *corners) {
     Vec3 first = vec3(corners);
     set_lane(queries->first, lane, first);
@@ -54,8 +44,7 @@ static void gather_lane(const FrameState *state, const RayBlock *rays, const Hit
                         int lane, PlaneQueries *queries, HitPoints *points) {
     int object = hits->object[lane];
     size_t triangle = (size_t)hits->triangle[lane];
-    const MeshArrays *mesh = object == OBJECT_STATIC ? &state->scene->mesh->arrays
-                                                     : &state->frame->objects[object - 1]->arrays;
+    const MeshArrays *mesh = mesh_of(state, object);
     set_triangle(queries, lane, mesh->corners + 9 * triangle);
     if (object == OBJECT_STATIC)
         set_lane(points->normal, lane, vec3(mesh->normals + 3 * triangle));

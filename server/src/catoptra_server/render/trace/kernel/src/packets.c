@@ -93,7 +93,7 @@ static uint32_t occlude_packet1(const Device *device, RTCScene scene, const RayB
     return (uint32_t)(ray.tfar < 0.0f) << lane;
 }
 
-static uint32_t packet_bits(int width) { return width == 32 ? ~0u : (1u << width) - 1u; }
+static uint32_t packet_bits(int width) { return (1u << width) - 1u; }
 
 void intersect_block(const Device *device, RTCScene scene, int has_instances, RayBlock *rays,
                      HitBlock *hits) {

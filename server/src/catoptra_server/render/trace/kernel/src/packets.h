@@ -7,6 +7,7 @@
 #define CATOPTRA_PACKETS_H
 
 #include "device.h"
+#include "vectors.h"
 
 typedef struct {
     _Alignas(64) float origin[3][BLOCK_RAYS];
@@ -20,6 +21,17 @@ typedef struct {
     _Alignas(64) int32_t triangle[BLOCK_RAYS];
     int32_t object[BLOCK_RAYS];
 } HitBlock;
+
+/* One ray's vector of a block that is stored by component. */
+static inline Vec3 get_lane(const float components[3][BLOCK_RAYS], int lane) {
+    return (Vec3){components[0][lane], components[1][lane], components[2][lane]};
+}
+
+static inline void set_lane(float components[3][BLOCK_RAYS], int lane, Vec3 value) {
+    components[0][lane] = value.x;
+    components[1][lane] = value.y;
+    components[2][lane] = value.z;
+}
 
 /* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit. Object
  * numbers are `object` plus the number of the instance, if the scene has instances. */

@@ -26,15 +26,6 @@ typedef struct {
     uint32_t textured; /* those with a texture */
 } SurfaceBlock;
 
-static const MeshArrays *mesh_of(const FrameState *state, int object) {
-    return object == OBJECT_STATIC ? &state->scene->mesh->arrays
-                                   : &state->frame->objects[object - 1]->arrays;
-}
-
-static Vec3 lane_of(const float components[3][BLOCK_RAYS], int lane) {
-    return (Vec3){components[0][lane], components[1][lane], components[2][lane]};
-}
-
 static Vec3 albedo_at(const MeshArrays *mesh, int triangle, float u, float v) {
     if (!(mesh->flags[triangle] & FACET_CORNER_COLOURS))
         return vec3(mesh->albedo + 3 * (size_t)triangle);
@@ -149,16 +140,12 @@ static float light_cosine(const Light *light, Vec3 position, Vec3 normal, Vec3 *
 
 static void set_shadow_ray(RayBlock *shadow, int lane, const RayBlock *rays,
                            const HitPoints *points, Vec3 direction, float distance) {
-    Vec3 position = lane_of(points->position, lane);
-    float here = max_abs(position), there = max_abs(lane_of(rays->origin, lane));
+    Vec3 position = get_lane(points->position, lane);
+    float here = max_abs(position), there = max_abs(get_lane(rays->origin, lane));
     float bias = SHADOW_BIAS * (here > there ? here : there);
-    Vec3 origin = add(position, scale(bias, lane_of(points->normal, lane)));
-    shadow->origin[0][lane] = origin.x;
-    shadow->origin[1][lane] = origin.y;
-    shadow->origin[2][lane] = origin.z;
-    shadow->direction[0][lane] = direction.x;
-    shadow->direction[1][lane] = direction.y;
-    shadow->direction[2][lane] = direction.z;
+    Vec3 origin = add(position, scale(bias, get_lane(points->normal, lane)));
+    set_lane(shadow->origin, lane, origin);
+    set_lane(shadow->direction, lane, direction);
     shadow->limit[lane] = distance;
     shadow->time[lane] = rays->time[lane];
     shadow->active |= 1u << lane;
@@ -188,8 +175,8 @@ static void add_light(const FrameState *state, const Light *light, const RayBloc
             continue;
         Vec3 direction;
         float distance;
-        factor[lane] = light_cosine(light, lane_of(surface->points.position, lane),
-                                    lane_of(surface->points.normal, lane), &direction, &distance);
+        factor[lane] = light_cosine(light, get_lane(surface->points.position, lane),
+                                    get_lane(surface->points.normal, lane), &direction, &distance);
         /* Facets turned away from a light are dark without a ray. */
         if (!(factor[lane] > 0.0f))
             continue;
@@ -243,8 +230,8 @@ static int is_unshadowed(const FrameState *state, const HitBlock *hits,
         hits->object[lane] != OBJECT_STATIC ||
         state->scene->mesh->arrays.flags[hits->triangle[lane]] & FACET_CORNER_COLOURS)
         return 0;
-    Vec3 normal = lane_of(surface->points.normal, lane);
-    Vec3 position = lane_of(surface->points.position, lane);
+    Vec3 normal = get_lane(surface->points.normal, lane);
+    Vec3 position = get_lane(surface->points.position, lane);
     for (int i = 0; i < state->scene->num_lights; i++) {
         const Light *light = &state->scene->lights[i];
         int shines = light->lights_scene && dot(normal, vec3(light->vector)) > 0.0f;
@@ -269,7 +256,7 @@ static void begin_surfaces(const FrameState *state, const RayBlock *rays, const 
         surface->albedo[lane] = albedo_at(mesh_of(state, object), triangle,
                                           surface->points.u[lane], surface->points.v[lane]);
         radiance[lane] = base_radiance(state, object, triangle, surface->albedo[lane],
-                                       lane_of(surface->points.normal, lane));
+                                       get_lane(surface->points.normal, lane));
     }
 }
 
