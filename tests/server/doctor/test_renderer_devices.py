@@ -99,3 +99,14 @@ def test_trace_when_it_cannot_run_is_a_fault() -> None:
     )
     assert found.level is Level.FAULT
     assert "embreex" in found.remedy
+
+
+@pytest.mark.parametrize("renderer", ["trace", "raster"])
+def test_self_test_when_the_description_names_the_renderer_shows_the_name_once(
+    renderer: str,
+) -> None:
+    named = CheckResult({**GOOD_RESULT.values, "renderer": f"{renderer}: 2 threads, 9 triangles"})
+    run_check = fake_run_check(devices=ONE, trace=named, raster=(named,))
+    *_, finding = check_renderers(renderer, run_check)
+    assert str(finding).count(f"{renderer}: ") <= 1
+    assert ": 2 threads, 9 triangles: a disc" in str(finding)

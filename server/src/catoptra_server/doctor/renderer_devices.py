@@ -94,7 +94,8 @@ def _make_self_test_finding(
     if result.error:
         return make_finding(topic, f"the {renderer} renderer cannot run: {result.error}", remedy)
     error_px, bound_px = result.values["error_px"], result.values["bound_px"]
-    description = result.values["renderer"]
+    # The topic names the renderer already.
+    description = result.values["renderer"].removeprefix(f"{renderer}: ")
     measured = f"a disc is displaced by {error_px:.3f} px from the camera model"
     # Negated, so that the infinite error of a dark frame and NaN fail too.
     if not error_px <= bound_px:
