@@ -9,7 +9,7 @@ SOURCES := protocol/src server/src client/src studies/src
 BUILD_SCRIPTS := server/build_kernel.py server/setup.py
 # Idle BLAS threads spin and nearly double a traced frame on two cores; nothing here multiplies large matrices.
 export OPENBLAS_NUM_THREADS := 1
-# The compiler of the kernel compiles its runtime library (6 s) and unchanged sources once.
+# The compiler of the kernel compiles unchanged sources once.
 export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
@@ -102,5 +102,5 @@ compose: ## Run the experiment with server and client in containers; writes out/
 
 clean: ## Remove all generated files
 	rm -rf out out-fresh $(VENV)
-	rm -f $(KERNEL)/libcatoptra_trace.* $(KERNEL)/not_built.txt
+	rm -f $(KERNEL)/libcatoptra_trace* $(KERNEL)/not_built.txt
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

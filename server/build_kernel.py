@@ -1,4 +1,4 @@
-"""Build of the trace renderer's native kernel: C11 sources to one shared library.
+"""Build of the trace renderer's native kernel: C11 sources to a shared library for each processor.
 
 The compiler is the package `ziglang`; the system needs none. `setup.py` runs this in every build of
 the server, `make setup` alone when a source changed. Where no kernel can be built, the reason is
@@ -26,32 +26,31 @@ from pathlib import Path
 KERNEL_PACKAGE = Path("catoptra_server/render/trace/kernel")
 PACKAGE_ROOT = Path(__file__).resolve().parent / "src"
 SOURCE_FOLDER = PACKAGE_ROOT / KERNEL_PACKAGE / "src"
-LIBRARY_NAME = "libcatoptra_trace.so"
+# The same sources for every x86-64 processor since 2009 and for those with AVX2, on which a frame
+# takes 0.92 to 0.95 times as long; library_files.py chooses. Neither fuses multiplications, so both
+# give the same bytes.
+PROCESSOR_OF_LIBRARY = {
+    "libcatoptra_trace.so": "x86_64_v2",
+    "libcatoptra_trace_avx2.so": "x86_64_v3",
+}
 # Read by library_files.py: pip shows no output of a build that succeeds.
 REASON_NAME = "not_built.txt"
 
 # Without a target the compiler takes the build machine's C library and processor. 2.17 is the C
 # library of manylinux2014, which is the tag of the wheel.
 TARGET = ("-target", "x86_64-linux-gnu.2.17")
-# A source of another suffix is for every x86-64 processor since 2009; a variant for a newer one is
-# chosen by the kernel at run time.
-BASE_PROCESSOR = "x86_64_v2"
-PROCESSOR_OF_SUFFIX = {
-    "_avx2": "x86_64_v3",
-    "_avx512": "x86_64_v4",
-}
 # Functions are inlined across files: a frame takes 0.85 times as long.
-# No fused multiply-add: results must not depend on the variant. No errno: square roots in one
+# No fused multiply-add: results must not depend on the processor. No errno: square roots in one
 # instruction. -g0: no path of the build machine, so that the same sources give the same bytes.
 COMPILE_FLAGS = (
     *("-std=c11", "-O3", "-g0", "-fPIC", "-pthread", "-fvisibility=hidden", "-flto"),
     *("-ffp-contract=off", "-fno-math-errno", "-fno-sanitize=undefined"),
     *("-Wall", "-Wextra", "-Werror"),
 )
-# An undefined symbol fails the build instead of the server. No -nostdlib, though compiling zig's
-# runtime library takes 6 s: functions in variants for several processors (target_clones) need it.
-LINK_FLAGS = ("-O3", "-flto", "-shared", "-s", "-Wl,-z,defs")
-LIBRARIES = ("-lm", "-lpthread", "-ldl")
+# An undefined symbol fails the build instead of the server. -nostdlib leaves out zig's runtime
+# library, which takes 5 s to compile and holds nothing that the kernel calls.
+LINK_FLAGS = ("-O3", "-flto", "-shared", "-s", "-nostdlib", "-Wl,-z,defs")
+LIBRARIES = ("-lc", "-lm", "-lpthread", "-ldl")
 
 
 class KernelBuildError(Exception):
@@ -59,16 +58,16 @@ class KernelBuildError(Exception):
 
 
 def build_or_explain(folder: Path, *, sources: Path = SOURCE_FOLDER) -> bool:
-    """Build the library in a folder, or write there why not; whether it was built.
+    """Build the libraries in a folder, or write there why not; whether they were built.
 
     Raises:
         SystemExit: CATOPTRA_REQUIRE_KERNEL is set and no kernel was built.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (LIBRARY_NAME, REASON_NAME):
+    for name in (*PROCESSOR_OF_LIBRARY, REASON_NAME):
         (folder / name).unlink(missing_ok=True)
     try:
-        build_library(folder / LIBRARY_NAME, sources=sources)
+        build_libraries(folder, sources=sources)
     except KernelBuildError as error:
         _explain(str(error), folder)
         return False
@@ -86,16 +85,15 @@ def _explain(reason: str, folder: Path) -> None:
 
 
 def is_current(folder: Path, *, sources: Path = SOURCE_FOLDER) -> bool:
-    """Whether the library in a folder is newer than every source, their list and this file."""
-    library = folder / LIBRARY_NAME
+    """Whether the libraries in a folder are newer than every source, their list and this file."""
+    libraries = [folder / name for name in PROCESSOR_OF_LIBRARY]
     inputs = [sources, *sources.glob("*.[ch]"), Path(__file__)]
-    return library.is_file() and all(
-        path.stat().st_mtime_ns < library.stat().st_mtime_ns for path in inputs
-    )
+    newest_ns = max(path.stat().st_mtime_ns for path in inputs)
+    return all(path.is_file() and path.stat().st_mtime_ns > newest_ns for path in libraries)
 
 
-def build_library(library: Path, *, sources: Path) -> None:
-    """Compile all C files of a folder and link them.
+def build_libraries(folder: Path, *, sources: Path) -> None:
+    """Compile all C files of a folder and link them, for each processor.
 
     Raises:
         KernelBuildError: the machine, the compiler or a source does not allow it.
@@ -107,43 +105,42 @@ def build_library(library: Path, *, sources: Path) -> None:
         raise KernelBuildError(f"{sources} holds no C source")
     started_ns = time.time_ns()
     with tempfile.TemporaryDirectory(prefix="catoptra-kernel-") as name:
-        objects = _compile_all(files, Path(name))
-        linked = Path(name) / LIBRARY_NAME
-        _run_zig(
-            *(*TARGET, f"-mcpu={BASE_PROCESSOR}", *LINK_FLAGS),
-            *(*map(str, objects), *LIBRARIES, "-o", str(linked)),
-            cache=Path(name),
-        )
-        # As old as the start: a source saved during the build is newer.
-        os.utime(linked, ns=(started_ns, started_ns))
-        _move(linked, library)
+        linked = [
+            _link(library, _compile_all(files, processor, Path(name)), Path(name))
+            for library, processor in PROCESSOR_OF_LIBRARY.items()
+        ]
+        for library in linked:
+            # As old as the start: a source saved during the build is newer.
+            os.utime(library, ns=(started_ns, started_ns))
+            _move(library, folder / library.name)
 
 
-def _compile_all(files: Sequence[Path], folder: Path) -> list[Path]:
+def _compile_all(files: Sequence[Path], processor: str, folder: Path) -> list[Path]:
     """Object files of C files, compiled side by side."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(partial(compile_source, folder=folder), files))
+        return list(pool.map(partial(compile_source, processor=processor, folder=folder), files))
 
 
-def compile_source(source: Path, *, folder: Path) -> Path:
-    """Object file of one C file, in a folder."""
-    compiled = folder / f"{source.stem}.o"
-    flags = (*TARGET, f"-mcpu={processor_of(source)}", *COMPILE_FLAGS)
+def compile_source(source: Path, *, processor: str, folder: Path) -> Path:
+    """Object file of one C file for a processor, as zig names it, in a folder."""
+    compiled = folder / f"{source.stem}.{processor}.o"
+    flags = (*TARGET, f"-mcpu={processor}", *COMPILE_FLAGS)
     _run_zig(*flags, "-c", str(source), "-o", str(compiled), cache=folder)
     return compiled
 
 
-def processor_of(source: Path) -> str:
-    """Oldest processor for which a C file is compiled, as zig names it."""
-    for suffix, processor in PROCESSOR_OF_SUFFIX.items():
-        if source.stem.endswith(suffix):
-            return processor
-    return BASE_PROCESSOR
+def _link(library: str, objects: Sequence[Path], folder: Path) -> Path:
+    """Library of object files, in a folder."""
+    linked = folder / library
+    processor = f"-mcpu={PROCESSOR_OF_LIBRARY[library]}"
+    words = (*TARGET, processor, *LINK_FLAGS, *map(str, objects), *LIBRARIES)
+    _run_zig(*words, "-o", str(linked), cache=folder)
+    return linked
 
 
 def _run_zig(*words: str, cache: Path) -> None:
-    # The home folder may be missing or read-only. A user's own cache saves the 6 s that compiling
-    # zig's runtime library takes.
+    # The home folder may be missing or read-only. A user's own cache saves compiling unchanged
+    # sources and the C library's stubs again.
     caches = {"ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
     ended = subprocess.run(
         [sys.executable, "-m", "ziglang", "cc", *words],

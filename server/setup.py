@@ -15,8 +15,8 @@ from setuptools.command.install import install
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from build_kernel import (
     KERNEL_PACKAGE,
-    LIBRARY_NAME,
     PACKAGE_ROOT,
+    PROCESSOR_OF_LIBRARY,
     REASON_NAME,
     SOURCE_FOLDER,
     build_or_explain,
@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parent
 
 
 class BuildKernel(Command):
-    """Step of `build`: the kernel's library beside the package's modules."""
+    """Step of `build`: the kernel's libraries beside the package's modules."""
 
     description = "compile the native kernel of the trace renderer"
     user_options: ClassVar = [("build-lib=", "d", "folder of the built package")]
@@ -42,7 +42,7 @@ class BuildKernel(Command):
         self.build_lib = self.build_lib or self.get_finalized_command("build").build_lib
 
     def run(self) -> None:
-        """Build the library, in the source tree for an editable install."""
+        """Build the libraries, in the source tree for an editable install."""
         root = PACKAGE_ROOT if self.editable_mode else Path(self.build_lib)
         self.built = build_or_explain(root / KERNEL_PACKAGE)
 
@@ -53,8 +53,8 @@ class BuildKernel(Command):
 
     def get_outputs(self) -> list[str]:
         """Paths of the files that this step writes into the built package."""
-        name = LIBRARY_NAME if self.built else REASON_NAME
-        return [str(Path(self.build_lib) / KERNEL_PACKAGE / name)]
+        names = PROCESSOR_OF_LIBRARY if self.built else (REASON_NAME,)
+        return [str(Path(self.build_lib) / KERNEL_PACKAGE / name) for name in names]
 
     def get_output_mapping(self) -> dict[str, str]:
         """No output is a copy of a source."""

@@ -6,6 +6,7 @@ import ctypes
 import importlib.util
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -33,10 +34,11 @@ def load_build_script() -> ModuleType:
 build_kernel = load_build_script()
 
 WHY_NOT = build_kernel.unsupported_platform() or build_kernel.missing_compiler()
+LIBRARY_NAMES = list(build_kernel.PROCESSOR_OF_LIBRARY)
 needs_compiler = pytest.mark.skipif(bool(WHY_NOT), reason=f"no kernel here: {WHY_NOT}")
 
 EXPORT = '__attribute__((visibility("default")))'
-# A header, a second file, threads, and variants of a function for newer processors.
+# A header, a second file, threads and functions of the C library.
 HEADER = "double scale(double value);\n"
 FIRST = f"""#include "scale.h"
 #include <pthread.h>
@@ -55,7 +57,7 @@ static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 """
 SECOND = """#include "scale.h"
 #include <math.h>
-__attribute__((target_clones("avx2", "default"))) double scale(double value) {
+double scale(double value) {
     return sin(value);
 }
 """
@@ -71,7 +73,7 @@ def write_sources(folder: Path) -> Path:
 
 @pytest.fixture(scope="module", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """One cache of the compiler for all tests: its runtime library takes 6 s to compile."""
+    """One cache of the compiler for all tests: the C library's stubs take seconds."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"):
             if name not in os.environ:
@@ -94,12 +96,12 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The small library, built once."""
+    """The small library for every processor, built once."""
     if WHY_NOT:
         pytest.skip(f"no kernel here: {WHY_NOT}")
     folder = tmp_path_factory.mktemp("built")
     assert build_kernel.build_or_explain(folder, sources=write_sources(folder / "sources"))
-    return folder / build_kernel.LIBRARY_NAME
+    return folder / LIBRARY_NAMES[0]
 
 
 def reason_in(package: Path) -> str:
@@ -109,7 +111,7 @@ def reason_in(package: Path) -> str:
 
 
 def test_names_of_the_files_are_those_that_the_server_looks_for() -> None:
-    assert build_kernel.LIBRARY_NAME == library_files.LIBRARY_NAME
+    assert set(LIBRARY_NAMES) == set(library_files.LIBRARY_OF_INSTRUCTION_SET.values())
     assert build_kernel.REASON_NAME == library_files.REASON_NAME
     assert (build_kernel.PACKAGE_ROOT / build_kernel.KERNEL_PACKAGE) == Path(
         library_files.__file__
@@ -152,8 +154,9 @@ def test_library_when_built_elsewhere_has_the_same_bytes(
     built: Path, package: Path, sources: Path
 ) -> None:
     build_kernel.build_or_explain(package, sources=sources)
-    assert [path.name for path in package.iterdir()] == [build_kernel.LIBRARY_NAME]
-    assert (package / build_kernel.LIBRARY_NAME).read_bytes() == built.read_bytes()
+    assert sorted(path.name for path in package.iterdir()) == LIBRARY_NAMES
+    for name in LIBRARY_NAMES:
+        assert (package / name).read_bytes() == (built.parent / name).read_bytes()
 
 
 @needs_compiler
@@ -164,20 +167,21 @@ def test_compiler_when_home_cannot_be_written_keeps_its_cache_beside_the_objects
         monkeypatch.delenv(name, raising=False)
     # A file, since an administrator may write into any folder.
     monkeypatch.setenv("HOME", str(sources / "first.c"))
-    assert build_kernel.compile_source(sources / "second.c", folder=tmp_path).is_file()
+    assert build_kernel.compile_source(
+        sources / "second.c", processor="x86_64_v2", folder=tmp_path
+    ).is_file()
 
 
-@pytest.mark.parametrize(
-    ("name", "processor"),
-    [
-        ("frame.c", "x86_64_v2"),
-        ("frame_avx2.c", "x86_64_v3"),
-        ("frame_avx512.c", "x86_64_v4"),
-        ("avx2.c", "x86_64_v2"),
-    ],
-)
-def test_processor_of_a_source_follows_from_its_suffix(name: str, processor: str) -> None:
-    assert build_kernel.processor_of(Path(name)) == processor
+def disassemble(library: Path) -> str:
+    """Instructions of a library."""
+    command = ("objdump", "--disassemble", str(library))
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+@pytest.mark.skipif(shutil.which("objdump") is None, reason="no objdump here")
+def test_libraries_have_wide_registers_for_the_newer_processor_alone(built: Path) -> None:
+    wide = {name: "%ymm" in disassemble(built.parent / name) for name in LIBRARY_NAMES}
+    assert wide == {"libcatoptra_trace.so": False, "libcatoptra_trace_avx2.so": True}
 
 
 BROKEN = {
@@ -193,7 +197,8 @@ def test_build_when_a_source_is_broken_removes_the_old_library_and_says_why(
     text: str, package: Path, sources: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     package.mkdir()
-    (package / build_kernel.LIBRARY_NAME).touch()
+    for name in LIBRARY_NAMES:
+        (package / name).touch()
     (sources / "third.c").write_text(text, encoding="utf-8")
     assert not build_kernel.build_or_explain(package, sources=sources)
     assert re.match(r"the compiler failed: .*(missing|unused)", reason_in(package))
@@ -274,19 +279,20 @@ def test_library_is_current_until_a_source_the_list_or_the_build_changes(
     script = sources.parent / "script.py"
     monkeypatch.setattr(build_kernel, "__file__", str(script))
     package.mkdir()
-    library = package / build_kernel.LIBRARY_NAME
+    libraries = [package / name for name in LIBRARY_NAMES]
     inputs = [script, *sources.iterdir(), sources]
-    for path in (script, library):
+    for path in (script, *libraries):
         path.touch()
     for path in inputs:
         set_age(path, 10)
-    set_age(library, 5)
+    for path in libraries:
+        set_age(path, 5)
     assert build_kernel.is_current(package, sources=sources)
     for path in inputs:
         set_age(path, 0)
         assert not build_kernel.is_current(package, sources=sources), path
         set_age(path, 10)
-    library.unlink()
+    libraries[1].unlink()
     assert not build_kernel.is_current(package, sources=sources)
 
 

@@ -65,7 +65,8 @@ def test_wheel_when_built_without_compiler_installs_and_states_the_reason(
     assert "warning: no native kernel: the package ziglang" in built.stdout + built.stderr
     wheel = find_wheel("catoptra_server", tmp_path)
     assert wheel.name == "catoptra_server-0.1.0-py3-none-any.whl"
-    assert f"{KERNEL}/libcatoptra_trace.so" not in list_wheel_files("catoptra_server", tmp_path)
+    files = list_wheel_files("catoptra_server", tmp_path)
+    assert [name for name in files if "libcatoptra_trace" in name] == []
     environment = source_build.environment
     installed = environment.run("python", "-m", "pip", "install", "--no-deps", str(wheel))
     assert installed.returncode == 0, installed.stderr
@@ -74,7 +75,7 @@ def test_wheel_when_built_without_compiler_installs_and_states_the_reason(
         "import importlib.util, pathlib, runpy\n"
         "package = pathlib.Path(importlib.util.find_spec('catoptra_server').origin).parents[1]\n"
         f"module = runpy.run_path(package / '{KERNEL}/library_files.py')\n"
-        "module['kernel_library_path']()"
+        "module['kernel_library_path']('sse4.2')"
     )
     asked = environment.run("python", "-c", code)
     assert asked.returncode == 1
@@ -110,4 +111,4 @@ def test_source_distribution_holds_what_the_kernel_is_built_from(
     expected = {path.relative_to(REPOSITORY / "server").as_posix() for path in sources}
     assert expected
     assert names >= expected | {"setup.py", "build_kernel.py", "pyproject.toml"}
-    assert f"src/{KERNEL}/libcatoptra_trace.so" not in names
+    assert [name for name in names if "libcatoptra_trace" in name] == []

@@ -138,7 +138,7 @@ def test_wheel_when_built_with_the_kernel_is_for_its_platform_and_every_python()
     described = zipfile.ZipFile(wheel).read("catoptra_server-0.1.0.dist-info/WHEEL").decode()
     assert "Root-Is-Purelib: false" in described
     files = list_wheel_files("catoptra_server")
-    assert f"{KERNEL}/libcatoptra_trace.so" in files
+    assert {f"{KERNEL}/libcatoptra_trace{suffix}.so" for suffix in ("", "_avx2")} <= set(files)
     assert [name for name in files if name.endswith((".c", ".h", "not_built.txt"))] == []
 
 
@@ -146,8 +146,10 @@ def test_kernel_when_installed_loads(server: VirtualEnvironment) -> None:
     code = (
         "import ctypes\n"
         "from catoptra_server.render.trace.kernel.library_files import kernel_library_path\n"
-        "assert 'site-packages' in str(kernel_library_path())\n"
-        "assert ctypes.CDLL(str(kernel_library_path())).catoptra_abi(0) > 0"
+        "for instruction_set in ('sse4.2', 'avx2'):\n"
+        "    path = str(kernel_library_path(instruction_set))\n"
+        "    assert 'site-packages' in path\n"
+        "    assert ctypes.CDLL(path).catoptra_abi(0) > 0"
     )
     loaded = server.run("python", "-c", code)
     assert loaded.returncode == 0, loaded.stderr

@@ -31,14 +31,14 @@ INSTRUCTION_SET = available_instruction_sets()[0]
 
 def replace_library(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
     """Let the kernel's library be another file."""
-    monkeypatch.setattr(kernel_library, "kernel_library_path", lambda: path)
+    monkeypatch.setattr(kernel_library, "kernel_library_path", lambda instruction_set: path)
 
 
 @pytest.fixture(autouse=True)
 def _kernel() -> None:
     """Skip where no kernel can run."""
     try:
-        kernel_library_path()
+        kernel_library_path(INSTRUCTION_SET)
         embree_library_path()
     except KernelUnavailableError as error:
         pytest.skip(str(error))
@@ -71,14 +71,14 @@ def test_library_when_of_another_release_names_the_structure(
     changed = (*STRUCTURES[:number], Longer, *STRUCTURES[number + 1 :])
     monkeypatch.setattr(kernel_library, "STRUCTURES", changed)
     # A name of its own: libraries are checked once each.
-    (tmp_path / "kernel.so").symlink_to(kernel_library_path())
+    (tmp_path / "kernel.so").symlink_to(kernel_library_path(INSTRUCTION_SET))
     replace_library(monkeypatch, tmp_path / "kernel.so")
     with pytest.raises(KernelUnavailableError, match="another release, by its Longer; install"):
         KernelDevice(INSTRUCTION_SET, 1)
 
 
 def test_library_knows_the_sizes_of_these_structures_alone() -> None:
-    library = ctypes.CDLL(str(kernel_library_path()))
+    library = ctypes.CDLL(str(kernel_library_path(INSTRUCTION_SET)))
     assert [library.catoptra_abi(number) for number in (-1, len(STRUCTURES), 2**31 - 1)] == [-1] * 3
 
 
@@ -93,7 +93,8 @@ def test_device_when_embree_is_missing_is_unavailable(
 def test_device_when_embree_is_another_library_names_the_missing_function(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(kernel_library, "embree_library_path", kernel_library_path)
+    path = kernel_library_path(INSTRUCTION_SET)
+    monkeypatch.setattr(kernel_library, "embree_library_path", lambda: path)
     with pytest.raises(KernelUnavailableError, match="has no function rtcNewDevice"):
         KernelDevice(INSTRUCTION_SET, 1)
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.render.trace.kernel import library_files
+from catoptra_server.render.trace.kernel.instruction_sets import INSTRUCTION_SETS
 from catoptra_server.render.trace.kernel.library_files import (
-    LIBRARY_NAME,
+    LIBRARY_OF_INSTRUCTION_SET,
     REASON_NAME,
     KernelUnavailableError,
     embree_library_path,
@@ -42,21 +43,24 @@ def list_files(monkeypatch: pytest.MonkeyPatch, folder: Path, *names: str) -> No
     monkeypatch.setattr(importlib.metadata, "files", lambda package: files)
 
 
-def test_kernel_library_when_it_exists_is_beside_the_module(package: Path) -> None:
-    (package / LIBRARY_NAME).touch()
-    assert kernel_library_path() == package / LIBRARY_NAME
+def test_kernel_library_when_it_exists_is_that_of_the_instruction_set(package: Path) -> None:
+    for name in LIBRARY_OF_INSTRUCTION_SET.values():
+        (package / name).touch()
+    paths = [kernel_library_path(name).name for name in INSTRUCTION_SETS]
+    newer, older = "libcatoptra_trace_avx2.so", "libcatoptra_trace.so"
+    assert paths == [newer, newer, older]
 
 
 def test_kernel_library_when_it_is_missing_names_file_and_remedy(package: Path) -> None:
     with pytest.raises(KernelUnavailableError, match="install catoptra-server again") as caught:
-        kernel_library_path()
-    assert str(package / LIBRARY_NAME) in str(caught.value)
+        kernel_library_path("avx2")
+    assert str(package / LIBRARY_OF_INSTRUCTION_SET["avx2"]) in str(caught.value)
 
 
 def test_kernel_library_when_it_was_not_built_states_the_reason_of_the_build(package: Path) -> None:
     (package / REASON_NAME).write_text("the compiler failed: a.c:1: error\n", encoding="utf-8")
     with pytest.raises(KernelUnavailableError) as caught:
-        kernel_library_path()
+        kernel_library_path("avx2")
     assert caught.value.reason == (
         "none was built at installation: the compiler failed: a.c:1: error"
     )
@@ -65,13 +69,13 @@ def test_kernel_library_when_it_was_not_built_states_the_reason_of_the_build(pac
 def test_kernel_library_when_switched_off_is_unavailable(
     package: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (package / LIBRARY_NAME).touch()
+    (package / LIBRARY_OF_INSTRUCTION_SET["avx2"]).touch()
     monkeypatch.setenv("CATOPTRA_KERNEL", "off")
     with pytest.raises(KernelUnavailableError, match="CATOPTRA_KERNEL=off"):
-        kernel_library_path()
+        kernel_library_path("avx2")
     # Read at each call, not at import.
     monkeypatch.delenv("CATOPTRA_KERNEL")
-    assert kernel_library_path() == package / LIBRARY_NAME
+    assert kernel_library_path("avx2") == package / LIBRARY_OF_INSTRUCTION_SET["avx2"]
 
 
 def test_embree_library_when_embreex_is_installed_exports_packets() -> None:

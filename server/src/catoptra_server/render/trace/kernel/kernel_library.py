@@ -56,7 +56,7 @@ class KernelDevice:
         """
         if packet_width not in (0, *PACKET_WIDTHS):
             raise DomainError(f"a packet has {PACKET_WIDTHS} rays, or 0 for auto: {packet_width}")
-        self._library = _load_library(kernel_library_path())
+        self._library = _load_library(kernel_library_path(instruction_set))
         self._address: int | None = None
         error = ctypes.create_string_buffer(_ERROR_BYTES)
         path = str(embree_library_path()).encode()

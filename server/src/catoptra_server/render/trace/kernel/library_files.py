@@ -1,4 +1,4 @@
-"""Files of the two native libraries that trace: the kernel and Embree. Nothing is loaded here.
+"""Files of the native libraries that trace: the kernel and Embree. Nothing is loaded here.
 
 Where one of them is missing the server traces with its reference, and `KernelUnavailableError` is
 the reason.
@@ -12,8 +12,12 @@ from pathlib import Path
 
 from catoptra_protocol.errors import CatoptraError
 
-# Both names are those of build_kernel.py, which compiles the kernel.
-LIBRARY_NAME = "libcatoptra_trace.so"
+# These names are those of build_kernel.py, which compiles the kernel once for each processor.
+LIBRARY_OF_INSTRUCTION_SET = {
+    "sse4.2": "libcatoptra_trace.so",
+    "avx2": "libcatoptra_trace_avx2.so",
+    "avx512": "libcatoptra_trace_avx2.so",
+}
 REASON_NAME = "not_built.txt"
 # The wheels of embreex name their copy of Embree by a hash, which changes from version to version.
 EMBREE_PATTERN = "libembree4*.so*"
@@ -27,26 +31,26 @@ class KernelUnavailableError(CatoptraError):
         self.reason = reason
 
 
-def kernel_library_path() -> Path:
-    """Path of the kernel's library.
+def kernel_library_path(instruction_set: str) -> Path:
+    """Path of the kernel's library for an instruction set, as Embree names it.
 
     Raises:
         KernelUnavailableError: CATOPTRA_KERNEL=off, or the installation brought no library.
     """
     if os.environ.get("CATOPTRA_KERNEL") == "off":
         raise KernelUnavailableError("CATOPTRA_KERNEL=off; unset it to trace with the kernel")
-    folder = Path(__file__).parent
-    if not (folder / LIBRARY_NAME).is_file():
-        raise KernelUnavailableError(_missing_library(folder))
-    return folder / LIBRARY_NAME
+    path = Path(__file__).parent / LIBRARY_OF_INSTRUCTION_SET[instruction_set]
+    if not path.is_file():
+        raise KernelUnavailableError(_missing_library(path))
+    return path
 
 
-def _missing_library(folder: Path) -> str:
+def _missing_library(path: Path) -> str:
     """Reason that the build left beside the place of the library, or its plain absence."""
     try:
-        reason = (folder / REASON_NAME).read_text(encoding="utf-8").strip()
+        reason = (path.parent / REASON_NAME).read_text(encoding="utf-8").strip()
     except OSError:
-        return f"{folder / LIBRARY_NAME} does not exist; install catoptra-server again"
+        return f"{path} does not exist; install catoptra-server again"
     return f"none was built at installation: {reason}"
 
 
