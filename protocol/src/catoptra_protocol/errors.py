@@ -14,8 +14,9 @@ CatoptraError
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
+
+from catoptra_protocol.slotted_dataclass import dataclass
 
 
 class CatoptraError(Exception):

@@ -11,11 +11,12 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.limits import MAX_LANDMARK_FILE_BYTES, MAX_LANDMARKS
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.text_files import read_text_file
 
 BAND_COLOURS = ("cyan", "magenta", "yellow")

@@ -11,10 +11,11 @@ import gc
 import logging
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.reports import Greeting
 from catoptra_server.config.server_file import ServerSettings, resolve_settings
 from catoptra_server.config.tile_memory import require_tiles_fit

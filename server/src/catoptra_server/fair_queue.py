@@ -12,8 +12,10 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Generic, TypeVar
+
+from catoptra_protocol.slotted_dataclass import dataclass
 
 Key = TypeVar("Key", bound=Hashable)
 Item = TypeVar("Item")

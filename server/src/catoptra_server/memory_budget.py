@@ -8,9 +8,9 @@ are peaks of the resident size, start included, in tests/measurements/memory_per
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.slotted_dataclass import dataclass
 
 MIB = 2**20
 # A camera of 2048 px at 2 x 2 samples, or a world of 1.3 million triangles, fits.

@@ -8,12 +8,12 @@ nearly conformal.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 
 # Scales are smooth in the radius: 128 steps find their largest value to 1e-4.
 _NUM_RINGS = 129

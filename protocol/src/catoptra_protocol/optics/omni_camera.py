@@ -8,7 +8,6 @@ the rim, pixels on the mirror's disc; each function returns a mask beside its va
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors.central_mirror import CentralMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 
 _MIN_NORMAL = float(np.finfo(np.float64).tiny)
 

@@ -10,9 +10,9 @@ default where peers of an earlier release do not send it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.vectors import Vector3
 

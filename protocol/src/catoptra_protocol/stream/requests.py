@@ -10,10 +10,10 @@ in transports/stream/stream_server.py (all clients) or stream_peer.py (one robot
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.vectors import Vector3
 
 

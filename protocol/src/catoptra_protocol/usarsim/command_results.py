@@ -5,9 +5,9 @@ Time has 2 decimals, as UnrealScript prints a float; that of our STEP has 4.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import strict_fields
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups

@@ -12,10 +12,10 @@ its row in SPEC.md; then its case in the simulation.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.commands_drive import (
     ControlOrder,

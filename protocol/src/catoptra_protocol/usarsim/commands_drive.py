@@ -7,12 +7,12 @@ MAX_COMMAND_JOINTS joints or links: such a command is ignored whole.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import ClassVar
 
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.limits import MAX_COMMAND_JOINTS
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups
 from catoptra_protocol.usarsim.value_format import format_exact

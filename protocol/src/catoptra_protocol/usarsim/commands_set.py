@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.limits import MAX_COMMAND_NUMBER
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 from catoptra_protocol.usarsim.value_format import number_from_text, numbers_from_text

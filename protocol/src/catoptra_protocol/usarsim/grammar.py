@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_LINE_BLOCKS, MAX_LINE_BYTES
+from catoptra_protocol.slotted_dataclass import dataclass
 
 Pairs = tuple[tuple[str, str], ...]
 

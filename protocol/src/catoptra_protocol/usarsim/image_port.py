@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass
 from enum import IntEnum
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_IMAGE_PAYLOAD_BYTES, MAX_IMAGE_SIDE_PX
+from catoptra_protocol.slotted_dataclass import dataclass
 
 _FRAME_HEADER = struct.Struct(">BI")
 _RAW_HEADER = struct.Struct(">HH")

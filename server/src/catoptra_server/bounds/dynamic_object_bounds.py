@@ -6,11 +6,10 @@ to frame, so nothing but the boxes in the object's own frame is cached.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.image_rings import ImageRings, box_distance_bounds
 from catoptra_server.effects.scene_summary import NUM_RINGS
 from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh

@@ -8,13 +8,13 @@ or lies on one of the band's two borders. Every value is a lower bound.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.scene_summary import NUM_RINGS
 
 # Boxes grow by this fraction of their distance on all sides: frames are rendered in float32, so a

@@ -8,12 +8,11 @@ counts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.image_rings import (
     ImageRings,
     box_distance_bounds,

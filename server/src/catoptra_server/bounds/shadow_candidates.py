@@ -9,12 +9,12 @@ those of the scene's box, which reaches farther.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.facets import bounding_box
 from catoptra_server.scene.row_blocks import select_rows
 from catoptra_server.scene.scene_mesh import SceneMesh

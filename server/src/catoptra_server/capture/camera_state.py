@@ -6,9 +6,8 @@ same and belong to a view. Effects, bounds and renderers all read this one descr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.noise_seed import ZERO_SEED, NoiseSeed
 from catoptra_server.capture.shutter import Shutter
 from catoptra_server.scene.dynamic_object import DynamicObject

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.random_sources import RandomSource
 
 

@@ -15,10 +15,12 @@ slot is off by up to half a slot, so the displacement during the readout counts 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+
+from catoptra_protocol.slotted_dataclass import dataclass
 
 # One time sample alone would be a sharp image, however far objects move.
 _MIN_TIME_SAMPLES, MAX_TIME_SAMPLES = 2, 64

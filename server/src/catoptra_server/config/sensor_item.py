@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.robot.mount import Mount
 

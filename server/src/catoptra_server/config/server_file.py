@@ -12,10 +12,10 @@ lacks is absent from its `ServerOptions`, so that the options of several sources
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypedDict
 
 from catoptra_protocol.errors import DomainError, LocalProtocolError
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader

@@ -10,10 +10,10 @@ the keys is in `robot_file`, `world_file` and `server_file`.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.text_files import read_text_file
 
 _OPERATORS = "+.-!"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from enum import Enum
+
+from catoptra_protocol.slotted_dataclass import dataclass
 
 
 class Level(Enum):

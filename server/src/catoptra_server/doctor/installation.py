@@ -6,9 +6,9 @@ import platform
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib import metadata
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.doctor.finding import Finding, fault, ok
 
 DISTRIBUTION = "catoptra-server"

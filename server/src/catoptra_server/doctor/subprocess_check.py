@@ -12,8 +12,10 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
+
+from catoptra_protocol.slotted_dataclass import dataclass
 
 # The slowest check, a self-test on two busy processors, takes some seconds.
 TIMEOUT_S = 60.0

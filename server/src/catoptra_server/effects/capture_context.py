@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.noise_seed import ZERO_SEED, NoiseSeed
 
 

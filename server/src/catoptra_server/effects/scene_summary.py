@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.twist import AT_REST, Twist, Vector3
 
 # Rings of equal width from the image centre to the mirror's rim. Distances differ by ring: the

@@ -7,8 +7,8 @@ must not take the time of those that work.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.frames.frame_request import Channel
 
 _FIRST_PAUSE_S = 1.0

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.effects.effect_plan import EffectDecision

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel
 
 

@@ -6,10 +6,11 @@ the frame is rendered. One frame may consist of several views, one for each tile
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from catoptra_protocol.camera_conf import Pairs
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.planning.camera_spec import CameraSpec

@@ -12,7 +12,7 @@ the Qt client counts its four tiles a row in the same way.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.limits import MAX_IMAGE_PAYLOAD_BYTES, MAX_IMAGE_SIDE_PX
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.renderer import Image
 
 # UDK's largest layout in use has 4 x 4 tiles. Each tile is a camera of its own.

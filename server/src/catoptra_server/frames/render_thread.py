@@ -13,9 +13,9 @@ import threading
 import time
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
-from dataclasses import dataclass
 from typing import Protocol
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.fair_queue import FairQueue
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.channel_backoff import ChannelBackoff

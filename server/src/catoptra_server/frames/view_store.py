@@ -7,9 +7,9 @@ robots of one class. Belongs to the thread of the renderers.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.planned_camera import PlannedCamera, ViewKey
 from catoptra_server.planning.camera_spec import OmniCameraSpec

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from catoptra_protocol.slotted_dataclass import dataclass
 
 WINDOW_S = 1.0
 # Different lines of one template per window. Sixteen robots that connect at once log all their

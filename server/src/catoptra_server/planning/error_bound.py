@@ -29,10 +29,10 @@ To add a component: a function that returns a GeometricError, and its line in
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.face_lookup_error import (
     face_lookup_error,
     max_edge_displacement_texels,

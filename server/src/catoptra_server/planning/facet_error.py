@@ -16,7 +16,6 @@ in 1/k and smaller by a facet's angle: pi / S of 1/k is added for them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -25,6 +24,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_scale import shows_whole_rim
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, half_angle_tangent
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.geometric_error import GeometricError
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+
+from catoptra_protocol.slotted_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

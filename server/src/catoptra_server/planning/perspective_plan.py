@@ -5,9 +5,8 @@ A perspective image needs no faces and no mirror, so nothing else is left to dec
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.explicit_plan import DEFAULT_SAMPLES
 from catoptra_server.render.renderer_kind import RendererKind
 

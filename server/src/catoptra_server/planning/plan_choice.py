@@ -9,9 +9,10 @@ sees the price of a little more accuracy, and the gain of a little less.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.robot.render_settings import AccuracyTarget

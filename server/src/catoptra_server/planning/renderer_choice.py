@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from glob import iglob
 from typing import TYPE_CHECKING
 
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.light_culling import cull_lights
 from catoptra_server.planning.renderer_rule import (
     ImageLoad,

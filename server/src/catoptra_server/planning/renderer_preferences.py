@@ -10,8 +10,9 @@ from __future__ import annotations
 import statistics
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_cache import CostCache

@@ -13,9 +13,9 @@ vanish. With texels sparser than samples, the image is blurred.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.texel_footprint import TexelFootprint, texel_footprint
 from catoptra_server.render.render_plan import RenderPlan
 

@@ -10,7 +10,6 @@ and the shortest extent of a texel in pixels.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +18,7 @@ from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face, 
 from catoptra_protocol.optics.image_scale import ImageScale, compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.face_region import FaceRegion
 
 # From the centre of the forward face to the right edge: the other side faces have the same regions,

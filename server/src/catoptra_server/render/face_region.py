@@ -6,9 +6,8 @@ atlas. Coordinates on a face are (s, t) of `optics/cube_map`, -1 to 1 for its 90
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.slotted_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

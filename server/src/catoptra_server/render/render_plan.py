@@ -6,10 +6,9 @@ numbers (`explicit_plan`), or as the best candidate for an accuracy target (`pla
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.face_region import FaceRegion
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.mirror_mesh import Tessellation
 
 

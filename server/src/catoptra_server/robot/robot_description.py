@@ -7,12 +7,12 @@ chassis at `ride_height_m` above the floor.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.robot.joint_chain import MissionPackageDescription
 from catoptra_server.robot.mount import Mount

@@ -7,11 +7,11 @@ turn = (left - right) / track, as USARSim's odometry integrates wheel rotations.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import wrap_angle
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import DriveBase
 

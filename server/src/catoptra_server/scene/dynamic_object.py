@@ -7,12 +7,12 @@ Objects have no textures: one albedo a triangle, lit by the same model as the sc
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.primitives import Patch, concatenate
 from catoptra_server.scene.twist import AT_REST, Twist
 from catoptra_server.scene.world_description import Material

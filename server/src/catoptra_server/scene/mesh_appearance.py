@@ -7,13 +7,14 @@ linear light, as glTF defines; a mesh whose triangles have one colour each has n
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.row_blocks import select_rows
 from catoptra_server.scene.texture_files import Texture

@@ -7,11 +7,11 @@ cross(b - a, c - a) is the outward normal.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.world_description import (
     Box,
     Cylinder,

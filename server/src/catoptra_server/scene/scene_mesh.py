@@ -8,12 +8,13 @@ that vary over a triangle.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.memory_budget import MemoryBudget
 from catoptra_server.scene.facets import bounding_box
 from catoptra_server.scene.item_loader import ItemLoader, ItemPart, empty_part

@@ -7,12 +7,11 @@ the scene, and a frame of 60 000 or a million triangles takes a fifth longer on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.row_blocks import row_blocks
 
 Indices = npt.NDArray[np.intp]

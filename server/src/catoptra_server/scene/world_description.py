@@ -5,12 +5,13 @@ Frozen data; frame: world (SAE, z down, floor at z = 0). Colours are linear albe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
 
 Rgb = tuple[float, float, float]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import EncoderReadings
 from catoptra_protocol.usarsim.reports import EncoderConfiguration
 from catoptra_server.random_sources import RandomSource

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import GroundTruthReading
 from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
 from catoptra_server.random_sources import RandomSource

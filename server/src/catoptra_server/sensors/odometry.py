@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import OdometryReading
 from catoptra_protocol.usarsim.reports import OdometryConfiguration
 from catoptra_server.random_sources import RandomSource

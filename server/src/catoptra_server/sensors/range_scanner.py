@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import RangeScanReading
 from catoptra_protocol.usarsim.reports import RangeScannerConfiguration
 from catoptra_server.random_sources import RandomSource

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import RfidReading
 from catoptra_protocol.usarsim.reports import Configuration
 from catoptra_protocol.usarsim.value_format import format_fixed_point

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.oriented_box import OrientedBox, box_distances, closest_box_hits
 from catoptra_server.scene.world_description import GpsOrigin, RfidTag, Victim
 

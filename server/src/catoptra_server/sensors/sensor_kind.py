@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Protocol
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.robot_description import SensorDescription
 from catoptra_server.sensors.sensor import Sensor

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import SonarReadings
 from catoptra_protocol.usarsim.reports import SonarConfiguration
 from catoptra_server.random_sources import RandomSource

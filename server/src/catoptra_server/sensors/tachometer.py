@@ -7,8 +7,8 @@ not depend on the readings of other clients.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import TachometerReading
 from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
 from catoptra_server.random_sources import RandomSource

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import TouchReadings
 from catoptra_protocol.usarsim.reports import TouchConfiguration
 from catoptra_server.random_sources import RandomSource

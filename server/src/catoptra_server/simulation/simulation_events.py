@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Command
 from catoptra_protocol.usarsim.reports import Report
 from catoptra_server.frames.frame_events import FrameRendered, FrameRequested

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.image_port import (
     FullFrameRequest,
     ImageRequestReader,

@@ -13,8 +13,9 @@ import socket
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.fault_log import log_fault
 from catoptra_server.transports.listener import AcceptLoop, create_listener
 from catoptra_server.transports.loop_share import LoopShare

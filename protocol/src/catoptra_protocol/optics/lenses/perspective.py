@@ -6,12 +6,12 @@ Source: the cameras of the UDK and UT2004 engines, whose field of view is horizo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 
 # A nanometre at a distance of a kilometre. Much narrower fields have no finite focal length.
 _MIN_FOV_RAD = 1e-12

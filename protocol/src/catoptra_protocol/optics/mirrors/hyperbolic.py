@@ -15,13 +15,13 @@ quotient of sums, from which 1 - kappa t and 1 - kappa t^2 are composed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 
 
 def eq2_radius_ratio_from_t(t: Floats) -> Floats:

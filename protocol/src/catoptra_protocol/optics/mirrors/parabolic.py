@@ -7,13 +7,13 @@ Surface: z = (p^2 - r^2) / (2 p) with p the mirror radius at the horizon; image:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,13 +11,13 @@ height of a particle above the surface, and its mirror image.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.kernels.mirror_surface_table import MirrorSurfaceTable
 from catoptra_server.effects.kernels.noise import UInt32Array, pcg3d
 

@@ -13,13 +13,13 @@ ordinate, cut at the square's sides. Twin: glsl/include/disc_kernel.glsl.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import Real
 from catoptra_server.effects.kernels.symmetric_kernels import (
     num_offset_pairs,

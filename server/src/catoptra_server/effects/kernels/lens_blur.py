@@ -28,7 +28,6 @@ sees no mirror, the rim's disc applies. Source: derived here.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -36,6 +35,7 @@ import numpy as np
 from catoptra_protocol.optics.image_scale import visible_radii_px
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 

@@ -7,13 +7,13 @@ Linear between rings, within 1e-5 of the exact values. Domain: central mirrors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 
 _NUM_RINGS = 1025
 

@@ -10,7 +10,6 @@ no longer meet in one viewpoint.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_sample_positions,
 )
 from catoptra_protocol.optics.transforms import rotation_from_rpy
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 
 # Newton's method squares the error in each step; for offsets of a tenth of the mirror twelve steps

@@ -6,11 +6,10 @@ pixel whose displacement is a whole number of pixels is copied bit by bit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import Real
 
 Indices = npt.NDArray[np.intp]

@@ -9,7 +9,6 @@ outside the image the border pixel is repeated. Criterion: the largest |p - q| o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
 
@@ -18,6 +17,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.image_scale import visible_radii_px
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
     PIXELS,

@@ -11,7 +11,6 @@ not its neighbour's. Criterion: the largest diameter of anything in view, near o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
 
@@ -19,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
     PIXELS,

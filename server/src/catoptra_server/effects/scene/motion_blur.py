@@ -11,10 +11,11 @@ plus turns).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import INSTANTANEOUS
 from catoptra_server.effects.effect import PIXELS, EffectBound, EffectParameter, EffectType

@@ -10,10 +10,11 @@ necessary condition on planes, `bounds`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import GREY_LEVELS, EffectBound, EffectType
 from catoptra_server.effects.kernels.grey_levels import grey_level

@@ -11,13 +11,13 @@ between the brightest light and black.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import GREY_LEVELS, EffectBound, EffectType, Real, Uniforms
 from catoptra_server.effects.kernels.grey_levels import grey_level

@@ -9,11 +9,11 @@ remedy, needs a clip range of [0, 1], which OpenGL 3.3 does not have.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.triangle_clusters import TriangleClusters
 
 # Surfaces nearer than a millimetre are clipped: no nearer plane leaves depth for the far ones.

@@ -8,11 +8,11 @@ centre, so silhouettes of shadows are off by half a texel's diagonal; MAX_SIDE_T
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.projection.depth_range import min_distance_bound
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.shading import ShadowCastingLight

@@ -6,12 +6,11 @@ each triangle's light is computed at the object's current pose.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import moderngl
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.projection.depth_range import min_distance_bound
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
 from catoptra_server.render.raster.scene_batches import FacetLighting

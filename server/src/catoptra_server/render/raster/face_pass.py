@@ -6,7 +6,6 @@ For a mirror these are the faces of the cube, in an atlas; for a perspective cam
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import moderngl
@@ -14,6 +13,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.depth_range import MAX_NEAR_M, DepthRange
 from catoptra_server.render.raster.dynamic_object_buffer import object_distance_range

@@ -7,12 +7,12 @@ default exist only with development packages.
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
 from typing import Any
 
 import moderngl
 
 from catoptra_protocol.errors import RendererUnavailableError
+from catoptra_protocol.slotted_dataclass import dataclass
 
 EGL_LIBRARY = "libEGL.so.1"
 GL_LIBRARY = "libGL.so.1"

@@ -6,11 +6,10 @@ which may differ from frame to frame: a frame has only the passes that its effec
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import moderngl
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.raster.accumulation_pass import AccumulationPass

@@ -6,12 +6,11 @@ light is constant over each triangle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import moderngl
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.raster.shader_programs import (
     Definitions,
     ProgramSpec,

@@ -7,12 +7,13 @@ definitions follow the version line.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from importlib.resources import files
 
 import moderngl
 import numpy as np
 import numpy.typing as npt
+
+from catoptra_protocol.slotted_dataclass import dataclass
 
 _ROOT = files("catoptra_server") / "glsl"
 _INCLUDE = re.compile(r'^#include "(?P<path>[\w./]+)"$', re.MULTILINE)

@@ -10,7 +10,6 @@ it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
@@ -21,6 +20,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import Lens
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import ImageSize, OmniCamera, direction_from_pixel
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions

@@ -6,7 +6,6 @@ An engine holds a scene; `prepare` gives it the rays of a camera. Both shade by 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable

@@ -7,12 +7,11 @@ enclosed in spheres, which can only prevent a proof.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.scene_mesh import SceneMesh
 
 Indices = npt.NDArray[np.int32]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.reference.placed_mesh import FirstHits, PlacedMesh, WorldRays
 from catoptra_server.scene import shading
 from catoptra_server.scene.shading import ShadowCastingLight

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, TILE_PX, Element, RayTable
 from catoptra_server.render.trace.reference.affine import interpolate_poses
