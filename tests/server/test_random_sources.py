@@ -57,3 +57,22 @@ def test_indices_when_neighbours_are_independent() -> None:
 @pytest.mark.parametrize("index", [0, 2**32, 2**63])
 def test_index_when_large_is_valid(index: int) -> None:
     assert np.isfinite(normal_variates(RandomSource.from_names(1, "x"), index)).all()
+
+
+@pytest.mark.parametrize("index", [0, 1, 2**40, 2**63])
+def test_generator_is_philox_of_the_key_at_the_counter_of_the_index(index: int) -> None:
+    source = RandomSource.from_names(7, "R1", "Odometry")
+    philox = np.random.Philox(
+        key=np.array(source.key, dtype=np.uint64),
+        counter=np.array((0, 0, 0, index), dtype=np.uint64),
+    )
+    expected = np.random.Generator(philox)
+    assert normal_variates(source, index) == list(expected.standard_normal(4))
+
+
+def test_generators_of_one_source_share_no_state() -> None:
+    source = RandomSource.from_names(7, "R1", "Odometry")
+    first, second = source.generator(3), source.generator(4)
+    interleaved = [draw.standard_normal() for draw in (first, second, first, second)]
+    assert interleaved[::2] == normal_variates(source, 3, 2)
+    assert interleaved[1::2] == normal_variates(source, 4, 2)
