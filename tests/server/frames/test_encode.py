@@ -41,6 +41,18 @@ def test_raw_when_encoded_is_b_g_r_from_the_top_row_with_padding() -> None:
     assert payload == struct.pack(">HH", 1, 2) + bytes((3, 2, 1, 0, 6, 5, 4, 0))
 
 
+@pytest.mark.parametrize("size_px", [(1, 1), (3, 2), (4, 3), (5, 3), (641, 2), (640, 640)])
+def test_raw_of_any_width_is_header_and_padded_rows(size_px: tuple[int, int]) -> None:
+    width, height = size_px
+    rgb = make_image(width, height)
+    padding = ((0, 0), (0, -3 * width % 4))
+    rows = np.pad(rgb[:, :, ::-1].reshape(height, 3 * width), padding)
+    assert encode_payload(rgb, ImageType.RAW) == struct.pack(">HH", *size_px) + rows.tobytes()
+    # A part of a larger image is not contiguous.
+    part = crop(make_image(width + 2, height + 1), 1, 1, width, height)
+    assert encode_payload(part, ImageType.RAW) == encode_payload(part.copy(), ImageType.RAW)
+
+
 @pytest.mark.parametrize("image_type", ImageType, ids=lambda t: t.name)
 def test_reply_of_the_image_port_is_header_and_payload_in_one_piece(image_type: ImageType) -> None:
     reply = encode_image(make_image(5, 3), image_type)

@@ -55,9 +55,9 @@ def encode_image(rgb: Image, encoding: ImageType | ImageEncoding) -> Payload:
     # The stream does not choose a quality; GOOD is the image port's default.
     if encoding is ImageEncoding.JPEG:
         return payload_of_reply(encode_image(rgb, ImageType.GOOD))
-    bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
     if encoding is ImageType.RAW:
-        return _encode_raw(bgr)
+        return _encode_raw(rgb)
+    bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
     if encoding is ImageEncoding.PNG:
         # Level 1: a third of the default's time for a tenth more bytes.
         return _encode_file(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
@@ -70,15 +70,21 @@ def payload_of_reply(reply: Payload) -> memoryview:
     return memoryview(reply)[_FRAME_HEADER_BYTES:]
 
 
-def _encode_raw(bgr: Image) -> bytes:
-    height, width = bgr.shape[:2]
+def _encode_raw(rgb: Image) -> memoryview:
+    height, width = rgb.shape[:2]
     # The original server pads rows to four bytes, and clients differ: see SPEC-NOTES.md.
-    padding = -3 * width % 4
-    rows = bgr.reshape(height, 3 * width)
-    padded = np.pad(rows, ((0, 0), (0, padding))) if padding else rows
+    row_bytes = 3 * width + -3 * width % 4
     raw_header = encode_raw_header(width, height)
-    frame_header = encode_frame_header(ImageType.RAW, len(raw_header) + padded.nbytes)
-    return b"".join((frame_header, raw_header, padded.data))
+    payload_bytes = len(raw_header) + height * row_bytes
+    header = encode_frame_header(ImageType.RAW, payload_bytes) + raw_header
+    # Converted into its place in the reply: 0.05 ms at 640 x 640 px, and 0.09 if joined afterwards.
+    reply = np.empty(len(header) + height * row_bytes, np.uint8)
+    reply[: len(header)] = np.frombuffer(header, np.uint8)
+    rows = reply[len(header) :].reshape(height, row_bytes)
+    rows[:, 3 * width :] = 0
+    bgr = rows[:, : 3 * width].reshape(height, width, 3)
+    cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR, dst=bgr)
+    return reply.data
 
 
 def _encode_file(suffix: str, bgr: Image, options: list[int]) -> bytes:
