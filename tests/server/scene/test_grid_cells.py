@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_server.scene.grid_cells import cell_members, is_first_occurrence
+from catoptra_server.scene.grid_cells import cell_members, first_occurrences
 
 
 def members_one_by_one(
@@ -57,11 +57,18 @@ def test_grid_of_more_cells_than_16_bits_count_is_sorted() -> None:
 def test_later_equals_of_a_row_are_no_first_occurrence(
     rows: list[list[float]], expected: list[bool]
 ) -> None:
-    assert is_first_occurrence(np.array(rows).reshape(-1, 2)).tolist() == expected
+    values = np.array(rows).reshape(-1, 2)
+    found = first_occurrences(values, np.arange(len(values)))
+    assert found.tolist() == np.flatnonzero(expected).tolist()
+
+
+def test_first_occurrences_are_sought_among_the_given_rows_alone() -> None:
+    values = np.array([[[1.0], [2.0]], [[3.0], [4.0]], [[1.0], [2.0]], [[1.0], [2.0]]])
+    assert first_occurrences(values, np.array([1, 2, 3])).tolist() == [1, 2]
 
 
 def test_first_occurrences_among_many_round_numbers_are_those_of_unique() -> None:
     rows = np.random.default_rng(2).integers(-3, 3, (20_000, 6)) * 0.5
-    kept = rows[is_first_occurrence(rows)]
+    kept = rows[first_occurrences(rows, np.arange(len(rows)))]
     np.testing.assert_array_equal(np.unique(kept, axis=0), np.unique(rows, axis=0))
     assert len(kept) == len(np.unique(rows, axis=0))

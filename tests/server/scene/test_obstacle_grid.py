@@ -182,6 +182,14 @@ def test_triangles_that_are_one_from_above_are_kept_once() -> None:
     assert len(sill.find_near((2.0, 0.0), 9.0)) == 2 + 4 * 2
 
 
+def test_grid_holds_no_outlines_of_its_own() -> None:
+    scene = build_scene(
+        World("block", (Item("block", Box((1.0, 1.0, 1.0)), Pose.identity(), GREY),))
+    )
+    grid = build_obstacle_grid(scene, low_m=0.03, high_m=0.7)
+    assert np.shares_memory(grid.static_triangles, scene.corners)
+
+
 def test_many_triangles_as_large_as_the_world_share_few_cells() -> None:
     plates = tuple((Box((100.0, 100.0, 0.1)), (0.001 * row, 0.0, -0.3)) for row in range(400))
     large = make_obstacle_grid(*plates)

@@ -14,6 +14,7 @@ from catoptra_server.scene.shading import (
     point_irradiance,
     point_lights,
     sample_texture,
+    write_facet_radiance,
 )
 from catoptra_server.scene.world_description import (
     Box,
@@ -94,6 +95,9 @@ def test_facet_radiance_is_albedo_times_irradiance_or_albedo_if_unlit() -> None:
     top = (scene.item_index == 0) & (scene.normals[:, 2] < -0.9)
     np.testing.assert_allclose(radiance[top], 2 * [(0.4, 0.3, 0.2)])
     np.testing.assert_allclose(radiance[scene.item_index == 1], 12 * [(0.5, 0.4, 0.3)])
+    written = np.zeros(radiance.shape, dtype=np.float32)
+    write_facet_radiance(scene, [SKY], written)
+    np.testing.assert_array_equal(written, radiance.astype(np.float32))
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.scene.row_blocks import row_blocks, sorted_rows
 
 Indices = npt.NDArray[np.intp]
 Cell = tuple[int, int]
@@ -60,28 +61,47 @@ def _further_cells(
     return np.repeat(several, counts), column * num_rows + row
 
 
-# Odd numbers with bits all over: one for each column of `is_first_occurrence`.
+# Odd numbers with bits all over: one for each number of a row of `first_occurrences`.
 _HASH_FACTORS = np.random.default_rng(1).integers(0, 2**63, 16, dtype=np.uint64) * 2 + 1
 
 
-def is_first_occurrence(rows: Floats) -> Bools:
-    """(n,) rows of (n, k) finite numbers that equal no earlier row; k is at most 16.
+def first_occurrences(values: Floats, rows: Indices) -> Indices:
+    """Those of some rows that equal no earlier one of them.
 
     Rows are compared by a hash of 64 bits, and in full where two hashes agree. Two equal rows with
     a different row of the same hash between them would both count.
+
+    Args:
+        values: (n, ...) finite numbers, at most 16 a row.
+        rows: Indices of the rows that are compared, ascending.
     """
-    # -0.0 + 0.0 is 0.0: equal numbers have equal bits.
-    bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)
     hashes = np.zeros(len(rows), dtype=np.uint64)
-    for column, factor in zip(bits.T, _HASH_FACTORS, strict=False):
+    for block in row_blocks(len(rows)):
+        hashes[block] = _hash_rows(sorted_rows(values, rows[block]))
+    # Sorting values takes a third of the time of sorting indices: most scenes end here.
+    if not _has_equal_neighbours(np.sort(hashes)).any():
+        return rows
+    order = np.argsort(hashes, kind="stable")
+    same_hash = np.flatnonzero(_has_equal_neighbours(hashes[order]))
+    earlier, later = rows[order[same_hash]], order[same_hash + 1]
+    is_equal = values[earlier] == values[rows[later]]
+    is_first = np.ones(len(rows), dtype=bool)
+    is_first[later[is_equal.reshape(len(later), -1).all(axis=1)]] = False
+    return rows[is_first]
+
+
+def _hash_rows(values: Floats) -> npt.NDArray[np.uint64]:
+    """(n,) hashes of (n, ...) numbers; those of equal rows are equal."""
+    columns = np.ascontiguousarray(np.moveaxis(values, 0, -1)).reshape(-1, len(values))
+    hashes = np.zeros(len(values), dtype=np.uint64)
+    # -0.0 + 0.0 is 0.0: equal numbers have equal bits.
+    for column, factor in zip((columns + 0.0).view(np.uint64), _HASH_FACTORS, strict=False):
         # Low bits of round numbers are zeros, which a product alone would keep.
         hashes = (hashes ^ column ^ (column >> np.uint64(31))) * factor
-    is_first = np.ones(len(rows), dtype=bool)
-    # Sorting values takes a third of the time of sorting indices: most scenes end here.
-    if not (np.diff(np.sort(hashes)) == 0).any():
-        return is_first
-    order = np.argsort(hashes, kind="stable")
-    same_hash = np.flatnonzero(np.diff(hashes[order]) == 0)
-    earlier, later = order[same_hash], order[same_hash + 1]
-    is_first[later[(rows[earlier] == rows[later]).all(axis=1)]] = False
-    return is_first
+    return hashes
+
+
+def _has_equal_neighbours(values: npt.NDArray[np.uint64]) -> Bools:
+    """(n - 1,) whether each value equals the next one."""
+    is_equal: Bools = values[1:] == values[:-1]
+    return is_equal

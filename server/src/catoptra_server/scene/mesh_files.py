@@ -26,7 +26,7 @@ from catoptra_server.scene.mesh_appearance import (
     read_appearance,
 )
 from catoptra_server.scene.mesh_assets import MeshAssets
-from catoptra_server.scene.row_blocks import row_blocks, select_rows
+from catoptra_server.scene.row_blocks import gather_rows, row_blocks, select_rows
 from catoptra_server.scene.texture_files import Texture, decode_image, reserve_texels
 from catoptra_server.scene.triangle_files import read_triangle_file
 from catoptra_server.scene.world_description import MeshFile
@@ -192,7 +192,7 @@ def _convert_mesh(
         faces = faces[:, ::-1]
     is_gltf = shape.path.suffix.lower() in _GLTF_SUFFIXES
     appearance = read_appearance(mesh, faces, make_texture, is_gltf=is_gltf)
-    corners = _sae_vertices(mesh, shape, world_from_mesh).take(faces, axis=0)
+    corners = gather_rows(_sae_vertices(mesh, shape, world_from_mesh), faces)
     valid = _is_within_bound(
         corners, _MAX_COORDINATE_M, "a corner without a finite position", shape
     )

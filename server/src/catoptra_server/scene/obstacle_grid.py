@@ -14,9 +14,9 @@ from itertools import product
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.scene.grid_cells import Indices, cell_members, is_first_occurrence
+from catoptra_server.scene.grid_cells import Indices, cell_members, first_occurrences
 from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.scene.row_blocks import row_blocks
+from catoptra_server.scene.row_blocks import row_blocks, sorted_rows
 from catoptra_server.scene.scene_mesh import SceneMesh
 
 # Obstacles lower than this are driven over: carpets, lines, sills.
@@ -46,7 +46,7 @@ class ObstacleGrid:
 
     cell_m: float
     static_triangles: Floats
-    """(n, 3, 2) triangles that are in the cells."""
+    """(n, 3, 2) triangles, of which those in the cells count."""
     cells: Mapping[tuple[int, int], Indices]
     """Indices of the triangles that reach into each cell."""
     dynamic_triangles: Floats = field(default_factory=lambda: _NO_TRIANGLES)
@@ -96,35 +96,41 @@ def box_footprint(box: OrientedBox) -> Floats:
 
 def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> ObstacleGrid:
     """Grid of the triangles that reach into a band of heights above the floor z = 0."""
-    outlines = [
-        _outlines_within(scene.corners[block], low_m, high_m) for block in row_blocks(len(scene))
-    ]
-    triangles = np.concatenate([_NO_TRIANGLES, *outlines])
+    # A view: of a million triangles outlines of their own would be 48 MB.
+    outlines = scene.corners[..., :2]
+    within = [np.zeros(0, dtype=np.intp)]
+    for block in row_blocks(len(scene)):
+        is_within = _reach_into_band(scene.corners[block], low_m, high_m)
+        within.append(block.start + np.flatnonzero(is_within))
     # From above many triangles of a scene are one: a third of those of the football field remain.
-    is_first = is_first_occurrence(triangles.reshape(-1, 6))
-    return _build_grid(triangles if is_first.all() else triangles[is_first])
+    triangles = first_occurrences(outlines, np.concatenate(within))
+    if not len(triangles):
+        return ObstacleGrid(_MIN_CELL_M, outlines, {})
+    low, high = _boxes_from_above(outlines, triangles)
+    cell_m = _suitable_cell_m(low, high)
+    cells = cell_members(low, high, cell_m)
+    return ObstacleGrid(cell_m, outlines, {cell: triangles[own] for cell, own in cells.items()})
 
 
-def _outlines_within(corners: Floats, low_m: float, high_m: float) -> Floats:
-    """(m, 3, 2) triangles, seen from above, of (n, 3, 3) that reach into a band of heights."""
+def _reach_into_band(corners: Floats, low_m: float, high_m: float) -> Bools:
+    """(n,) whether (n, 3, 3) triangles reach into a band of heights."""
     first, second, third = -np.ascontiguousarray(corners[..., 2].T)
     highest = np.maximum(np.maximum(first, second), third)
     lowest = np.minimum(np.minimum(first, second), third)
-    inside = (highest > low_m) & (lowest < high_m)
-    return (corners if inside.all() else corners[inside])[..., :2]
+    within: Bools = (highest > low_m) & (lowest < high_m)
+    return within
 
 
-def _build_grid(triangles: Floats) -> ObstacleGrid:
-    """Grid of (n, 3, 2) triangles, with cells of a size that suits their extent."""
-    if not len(triangles):
-        return ObstacleGrid(_MIN_CELL_M, triangles, {})
-    # Columns and rows in arrays of their own: twice as fast as pairs.
-    first, second, third = triangles.transpose(1, 2, 0)
-    low, high = np.zeros(first.shape), np.zeros(first.shape)
-    np.minimum(np.minimum(first, second, out=low), third, out=low)
-    np.maximum(np.maximum(first, second, out=high), third, out=high)
-    cell_m = _suitable_cell_m(low, high)
-    return ObstacleGrid(cell_m, triangles, cell_members(low, high, cell_m))
+def _boxes_from_above(outlines: Floats, triangles: Indices) -> tuple[Floats, Floats]:
+    """(2, m) smallest and largest coordinates of some of (n, 3, 2) triangles."""
+    low, high = np.zeros((2, len(triangles))), np.zeros((2, len(triangles)))
+    for block in row_blocks(len(triangles)):
+        corners = sorted_rows(outlines, triangles[block])
+        # Columns and rows in arrays of their own: twice as fast as pairs.
+        first, second, third = np.ascontiguousarray(corners.transpose(1, 2, 0))
+        np.minimum(np.minimum(first, second), third, out=low[:, block])
+        np.maximum(np.maximum(first, second), third, out=high[:, block])
+    return low, high
 
 
 def _suitable_cell_m(low: Floats, high: Floats) -> float:

@@ -16,6 +16,7 @@ from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.row_blocks import row_blocks
@@ -118,12 +119,20 @@ def direction_to_light(light: ShadowCastingLight, points: Floats) -> tuple[Float
 
 def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:
     """(n, 3) linear radiance of each triangle without texture and point lights."""
-    lights, radiance = tuple(lights), np.zeros(facets.normals.shape)
+    radiance = np.zeros(facets.normals.shape)
+    write_facet_radiance(facets, lights, radiance)
+    return radiance
+
+
+def write_facet_radiance(
+    facets: LitFacets, lights: Iterable[Light], radiance: npt.NDArray[np.floating]
+) -> None:
+    """Write the result of `facet_radiance` into an (n, 3) array, rounded to its type."""
+    lights = tuple(lights)
     for block in row_blocks(len(radiance)):
         irradiance = facet_irradiance(lights, facets.normals[block])
         np.copyto(irradiance, 1.0, where=facets.unlit[block, None])
-        np.multiply(facets.albedo[block], irradiance, out=radiance[block])
-    return radiance
+        np.multiply(facets.albedo[block], irradiance, out=radiance[block], casting="same_kind")
 
 
 def corner_radiance(facets: LitFacets, corner_albedo: Floats, lights: Iterable[Light]) -> Floats:

@@ -41,10 +41,12 @@ from catoptra_server.scene.world_description import (
     Item,
     Material,
     Rectangle,
+    Ring,
     SphereBand,
     World,
 )
 from helpers.dynamic_objects import ROBOT_MESH
+from helpers.memory import peak_bytes
 from helpers.worlds import (
     DIRECTIONAL_LIGHT,
     HEMISPHERE_LIGHT,
@@ -235,6 +237,15 @@ def test_radiance_of_facets_is_that_of_the_shading_model_and_ends_with_the_backg
     np.testing.assert_allclose(table[:-1], shading.facet_radiance(scene, lights), rtol=1e-6)
     np.testing.assert_allclose(table[-1], (0.1, 0.2, 0.3), rtol=1e-6)
     assert table.dtype == np.float32
+
+
+def test_tables_of_many_facets_take_little_memory_beside_themselves() -> None:
+    ring = Item("ring", Ring(0.5, 1.0, sectors=150_000), Pose.identity(), Material((0.5, 0.5, 0.5)))
+    scene = build_scene(World("w", (ring,)))
+    lights = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)
+    peak = peak_bytes(lambda: encoded_table(radiance_table(scene, lights, (0.1, 0.2, 0.3))))
+    # 12 and 4 bytes a facet, and blocks; float64 in between took 48 more.
+    assert peak < 32 * len(scene)
 
 
 def test_encoded_radiance_has_red_in_the_lowest_byte_and_is_clipped() -> None:

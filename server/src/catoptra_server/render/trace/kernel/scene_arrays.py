@@ -28,6 +28,7 @@ from catoptra_server.render.trace.kernel.padded_texels import pad_texels
 from catoptra_server.render.trace.srgb_encoding import encode_srgb
 from catoptra_server.scene import shading
 from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import DirectionalLight, Light, PointLight
 
@@ -63,9 +64,9 @@ _NOTHING = _Optional()
 def scene_arrays(scene: SceneMesh, centre: Floats) -> Owned:
     """Triangles of a static scene, relative to its centre."""
     flags = (
-        scene.unlit * FACET_UNLIT
-        + (scene.texture_index >= 0) * FACET_TEXTURED
-        + has_corner_colours(scene) * FACET_CORNER_COLOURS
+        scene.unlit * np.uint8(FACET_UNLIT)
+        + (scene.texture_index >= 0) * np.uint8(FACET_TEXTURED)
+        + has_corner_colours(scene) * np.uint8(FACET_CORNER_COLOURS)
     )
     optional = _Optional(
         corner_albedo=_float32(scene.corner_albedo),
@@ -77,7 +78,7 @@ def scene_arrays(scene: SceneMesh, centre: Floats) -> Owned:
 
 def object_arrays(mesh: ObjectMesh) -> Owned:
     """Triangles of a dynamic object, in its own frame."""
-    flags = mesh.unlit * FACET_UNLIT
+    flags = mesh.unlit * np.uint8(FACET_UNLIT)
     return _mesh_arrays(mesh.corners, np.zeros(3), mesh.normals, mesh.albedo, flags)
 
 
@@ -85,7 +86,7 @@ def caster_arrays(scene: SceneMesh, centre: Floats) -> Owned:
     """Triangles that occlude lights; nothing of them is ever seen."""
     casters = scene.casts_shadows
     normals = scene.normals[casters]
-    flags = np.zeros(len(normals))
+    flags = np.zeros(len(normals), dtype=np.uint8)
     return _mesh_arrays(scene.corners[casters], centre, normals, np.zeros_like(normals), flags)
 
 
@@ -94,7 +95,7 @@ def _mesh_arrays(
     centre: Floats,
     normals: Floats,
     albedo: Floats,
-    flags: npt.NDArray[Any],
+    flags: npt.NDArray[np.uint8],
     optional: _Optional = _NOTHING,
 ) -> Owned:
     padded = np.zeros(corners.size + _CORNER_PADDING, dtype=np.float32)
@@ -105,7 +106,7 @@ def _mesh_arrays(
         "corners": padded,
         "normals": _float32(normals),
         "albedo": _float32(albedo),
-        "flags": flags.astype(np.uint8),
+        "flags": flags,
         "corner_albedo": optional.corner_albedo,
         "uv": optional.uv,
         "texture": optional.texture,
@@ -194,13 +195,15 @@ def radiance_table(
     scene: SceneMesh, lights: Sequence[Light], background: Sequence[float]
 ) -> npt.NDArray[np.float32]:
     """(n + 1, 3) radiance of the facets without point lights and textures; background last."""
-    radiance = shading.facet_radiance(scene, lights)
-    table = np.concatenate([radiance, [background]])
-    return np.ascontiguousarray(table, dtype=np.float32)
+    table = np.zeros((len(scene) + 1, 3), dtype=np.float32)
+    shading.write_facet_radiance(scene, lights, table[:-1])
+    table[-1] = background
+    return table
 
 
 def encoded_table(radiance: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
     """(n + 1,) sRGB of a radiance table, R in the lowest byte."""
     packed = np.zeros((len(radiance), 4), dtype=np.uint8)
-    packed[:, :3] = encode_srgb(radiance)
+    for block in row_blocks(len(radiance)):
+        packed[block, :3] = encode_srgb(radiance[block])
     return packed.view("<u4").reshape(-1)
