@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import cv2
@@ -22,6 +23,7 @@ from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
     direction_from_pixel,
+    direction_from_pixel_grid,
     half_angle_tangent,
     opencv_from_pixel,
     pixel_from_direction,
@@ -152,6 +154,27 @@ def test_pixel_when_beside_the_mirror_is_invalid_and_harmless() -> None:
     there, valid = direction_from_pixel(camera, pixel)
     assert not valid.any()
     np.testing.assert_array_equal(there, np.tile([0.0, 0.0, 1.0], (5, 1)))
+
+
+@pytest.mark.parametrize("mirror", [HYPERBOLIC, ParabolicMirror(0.05)])
+@pytest.mark.parametrize(
+    ("centre_px", "up_azimuth_rad"),
+    [((20.0, 15.0), 0.0), ((20.0, 15.0), 0.3), ((17.3, 15.0), 2.0), ((-3.0, 31.7), 0.0)],
+)
+def test_direction_in_a_grid_is_that_of_its_pixel_to_the_last_bit(
+    mirror: CentralMirror, centre_px: tuple[float, float], up_azimuth_rad: float
+) -> None:
+    inscribed = make_camera(mirror, width_px=40, height_px=30, up_azimuth_rad=up_azimuth_rad)
+    camera = dataclasses.replace(inscribed, centre_px=centre_px)
+    # Far outside too, where the distance from the centre has no finite square.
+    u = np.concatenate((np.arange(0.25, 40.0, 0.5), [-1e3, 1e200, -1.7e308]))
+    v = np.concatenate((np.arange(0.25, 30.0, 0.5), [1e3, -1e200, 1.7e308]))
+    direction, valid = direction_from_pixel_grid(camera, u, v)
+    expected, expected_valid = direction_from_pixel(camera, np.stack(np.meshgrid(u, v), axis=-1))
+    np.testing.assert_array_equal(valid, expected_valid)
+    assert direction[valid].tobytes() == expected[valid].tobytes()
+    np.testing.assert_array_equal(direction, expected)
+    assert 0 < valid.sum() < valid.size
 
 
 def test_mask_when_over_the_whole_image_is_the_rim_s_disc() -> None:
