@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from catoptra_server.frames.capture_scheduler import CaptureScheduler
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
+from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
 
 OTHER = CameraChannel("R", "Rear")
-
-
-def due_channels(scheduler: CaptureScheduler, time_s: float) -> list[Channel]:
-    return [channel for channel, _ in scheduler.due_channels(time_s)]
 
 
 def start_due_frames(
     scheduler: CaptureScheduler, time_s: float, *, interval_s: float = 0.0
 ) -> list[int]:
     return [
-        state.start_frame(time_s, interval_s=interval_s)
-        for _, state in scheduler.due_channels(time_s)
+        scheduler.find_state(channel).start_frame(time_s, interval_s=interval_s)
+        for channel in scheduler.due_channels(time_s)
     ]
 
 
 def test_channel_without_a_request_is_not_due() -> None:
-    assert due_channels(CaptureScheduler(), 0.0) == []
+    assert CaptureScheduler().due_channels(0.0) == []
 
 
 def test_channel_when_requested_several_times_is_captured_once() -> None:
@@ -30,20 +26,19 @@ def test_channel_when_requested_several_times_is_captured_once() -> None:
     for _ in range(3):
         scheduler.request_frame(IMAGE_PORT, 0)
     assert start_due_frames(scheduler, 0.0) == [1]
-    assert due_channels(scheduler, 1.0) == []
+    assert scheduler.due_channels(1.0) == []
 
 
 def test_channel_when_requested_during_rendering_waits_for_the_frame() -> None:
     scheduler = CaptureScheduler()
     scheduler.request_frame(IMAGE_PORT, 0)
     start_due_frames(scheduler, 0.0)
-    assert not scheduler.has_blocked_channel
     scheduler.request_frame(IMAGE_PORT, 1)
-    assert due_channels(scheduler, 1.0) == []
-    assert scheduler.has_blocked_channel
-    scheduler.finish_frame(IMAGE_PORT)
-    assert due_channels(scheduler, 1.0) == [IMAGE_PORT]
-    assert not scheduler.has_blocked_channel
+    assert scheduler.due_channels(1.0) == []
+    state = scheduler.finish_frame(IMAGE_PORT)
+    assert state is not None
+    assert state.is_requested
+    assert scheduler.due_channels(1.0) == [IMAGE_PORT]
 
 
 def test_channel_when_a_newer_frame_is_rendering_captures_no_other() -> None:
@@ -52,7 +47,7 @@ def test_channel_when_a_newer_frame_is_rendering_captures_no_other() -> None:
     start_due_frames(scheduler, 0.0)
     scheduler.request_frame(IMAGE_PORT, 0)
     scheduler.finish_frame(IMAGE_PORT)
-    assert due_channels(scheduler, 1.0) == []
+    assert scheduler.due_channels(1.0) == []
 
 
 def test_channel_when_limited_is_due_after_the_interval() -> None:
@@ -61,8 +56,8 @@ def test_channel_when_limited_is_due_after_the_interval() -> None:
     start_due_frames(scheduler, 1.0, interval_s=0.1)
     scheduler.finish_frame(IMAGE_PORT)
     scheduler.request_frame(IMAGE_PORT, 1)
-    assert due_channels(scheduler, 1.08) == []
-    assert due_channels(scheduler, 1.1) == [IMAGE_PORT]
+    assert scheduler.due_channels(1.08) == []
+    assert scheduler.due_channels(1.1) == [IMAGE_PORT]
 
 
 def test_channels_when_there_are_two_count_apart() -> None:
@@ -72,7 +67,7 @@ def test_channels_when_there_are_two_count_apart() -> None:
     assert start_due_frames(scheduler, 0.0) == [1, 1]
     scheduler.finish_frame(OTHER)
     scheduler.request_frame(OTHER, 1)
-    assert due_channels(scheduler, 0.0) == [OTHER]
+    assert scheduler.due_channels(0.0) == [OTHER]
     assert start_due_frames(scheduler, 0.0) == [2]
     assert scheduler.count_frames() == 3
 
@@ -82,7 +77,7 @@ def test_channel_when_removed_restarts_the_count_and_ignores_late_frames() -> No
     scheduler.request_frame(OTHER, 0)
     start_due_frames(scheduler, 0.0)
     scheduler.remove(OTHER)
-    scheduler.finish_frame(OTHER)
+    assert scheduler.finish_frame(OTHER) is None
     scheduler.request_frame(OTHER, 5)
     assert start_due_frames(scheduler, 0.0) == [1]
 
@@ -96,4 +91,4 @@ def test_cameras_when_the_robot_is_removed_stay_only_while_requested() -> None:
     scheduler.request_frame(front, 1)
     scheduler.remove_idle("R")
     assert scheduler.count_frames() == 3  # all but the one that nobody waits for
-    assert due_channels(scheduler, 0.0) == [front]
+    assert scheduler.due_channels(0.0) == [front]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 
 import pytest
 
@@ -74,12 +74,22 @@ def test_render_thread_renders_the_queued_requests_in_order() -> None:
 
 
 def test_render_thread_when_stopped_cancels_what_waits() -> None:
-    render_thread, views = make_render_thread(stop_after=1)[0], FakeViewProvider()
-    futures = [render_thread.submit(make_request(VIEW, sequence=i)) for i in (1, 2)]
-    render_thread.run(lambda: views, lambda: None)
-    assert [future.cancelled() for future in futures] == [False, True]
+    (render_thread, store), views = make_render_thread(stop_after=1), FakeViewProvider()
+    with ThreadPoolExecutor() as pool:
+        waits = [
+            pool.submit(render_thread.submit_and_wait, make_request(VIEW, sequence=i))
+            for i in (1, 2)
+        ]
+        render_thread.submit(make_request(VIEW, sequence=3))  # that nobody waits for
+        render_thread.run(lambda: views, lambda: None)
+        cancelled = [isinstance(wait.exception(DEADLINE_S), CancelledError) for wait in waits]
+    # Whichever came first is rendered, and stops the thread.
+    rendered = [frame.sequence for frame in store.frames]
+    assert cancelled == [1 not in rendered, 2 not in rendered]
+    assert len(rendered) == 1
     with pytest.raises(CancelledError):
         render_thread.submit_and_wait(make_request(VIEW))
+    render_thread.submit(make_request(VIEW))
 
 
 def test_request_when_waited_for_puts_the_frame_before_the_wait_ends() -> None:
@@ -114,14 +124,11 @@ def test_channel_when_rendering_fails_is_rejected_and_others_go_on(
     render_thread, store = make_render_thread(stop_after=4, is_lockstep=is_lockstep)
     broken = dataclasses.replace(make_request(BROKEN), channel=BROKEN_CHANNEL)
     views = _FailingViews()
-    futures = [
+    for request in (broken, make_request(VIEW), broken, make_request(VIEW, sequence=2)):
         render_thread.submit(request)
-        for request in (broken, make_request(VIEW), broken, make_request(VIEW, sequence=2))
-    ]
     render_thread.run(lambda: views, lambda: None)
     assert [channel for channel, _ in store.rejections] == [BROKEN_CHANNEL, BROKEN_CHANNEL]
     assert [frame.sequence for frame in store.frames] == [1, 2]
-    assert all(future.result() is None for future in futures)
     # In real time a failing channel rests for a while; lockstep does not depend on the time.
     assert views.num_attempts == (2 if is_lockstep else 1)
     assert sum(bool(record.exc_info) for record in caplog.records) <= 1
@@ -141,14 +148,15 @@ def test_channel_when_its_view_is_refused_has_the_reason() -> None:
 
 def test_requests_when_the_renderer_cannot_start_are_cancelled() -> None:
     render_thread, _ = make_render_thread()
-    waiting = render_thread.submit(make_request(VIEW))
 
     def refuse() -> FakeViewProvider:
         raise ValueError("no renderer today")
 
-    with pytest.raises(ValueError, match="no renderer"):
-        render_thread.run(refuse, lambda: None)
-    assert waiting.cancelled()
+    with ThreadPoolExecutor() as pool:
+        waiting = pool.submit(render_thread.submit_and_wait, make_request(VIEW))
+        with pytest.raises(ValueError, match="no renderer"):
+            render_thread.run(refuse, lambda: None)
+        assert isinstance(waiting.exception(DEADLINE_S), CancelledError)
 
 
 SPEC = OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)

@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 
 from catoptra_protocol.usarsim.commands import Command, Drive, GetStartPoses
-from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
+from catoptra_server.frames.frame_events import FrameRequested
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
 from catoptra_server.simulation.inbox import MAX_ALL_WAITING_STEP_S, MAX_WAITING, Inbox
 from catoptra_server.simulation.simulation_events import (
@@ -19,6 +19,7 @@ from catoptra_server.simulation.simulation_events import (
     Fault,
     ResetRequested,
     StepRequested,
+    StopRequested,
 )
 from helpers.loopback import DEADLINE_S
 from helpers.robots import FakeClient
@@ -151,28 +152,34 @@ def test_frame_requests_of_a_channel_are_one() -> None:
     assert inbox.take_urgent() == []
 
 
-@pytest.mark.parametrize("for_rendered", [True, False])
-def test_rendered_frame_ends_the_wait_only_if_a_channel_waits_for_it(for_rendered: bool) -> None:
-    inbox = make_inbox()
-    has_ended = threading.Event()
+def test_urgent_events_come_in_the_order_of_arrival_and_frame_requests_last() -> None:
+    inbox, client = make_inbox(), FakeClient()
+    for event in (FrameRequested(1, IMAGE_PORT), ClientDisconnected(client), StopRequested()):
+        inbox.post(event)
+    assert inbox.has_urgent
+    expected = [ClientDisconnected(client), StopRequested(), FrameRequested(1, IMAGE_PORT)]
+    assert inbox.take_urgent() == expected
+    assert not inbox.has_urgent
+
+
+@pytest.mark.parametrize("for_work", [True, False])
+def test_work_ends_the_wait_only_if_there_is_time_for_it(for_work: bool) -> None:
+    inbox, has_ended = make_inbox(), threading.Event()
 
     def wait() -> None:
-        inbox.wait(None, for_work=True, for_rendered=for_rendered)
+        inbox.wait(None, for_work=for_work)
         has_ended.set()
 
     thread = threading.Thread(target=wait)
     thread.start()
-    inbox.post(FrameRendered(IMAGE_PORT))
-    assert not inbox.has_urgent
-    # Without a channel that waits, nothing but the request ends the wait.
-    if not for_rendered:
+    assert not inbox.has_work
+    inbox.post(CommandReceived(FakeClient(), GetStartPoses()))
+    assert inbox.has_work
+    if not for_work:
         assert not has_ended.is_set()
         inbox.post(FrameRequested(1, IMAGE_PORT))
     assert has_ended.wait(DEADLINE_S)
     thread.join()
-    requests = [] if for_rendered else [FrameRequested(1, IMAGE_PORT)]
-    assert inbox.take_urgent() == [FrameRendered(IMAGE_PORT), *requests]
-    assert inbox.take_urgent() == []
 
 
 def test_work_that_arrives_after_a_mark_is_left() -> None:

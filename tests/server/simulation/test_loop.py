@@ -456,7 +456,8 @@ def test_frames_of_one_tick_are_composed_once_unless_a_command_comes_between(
     assert len(composed) == 2
 
 
-def test_frame_after_a_command_shows_its_effect_without_a_tick() -> None:
+@pytest.mark.parametrize("clock", ClockMode)
+def test_frame_after_a_command_shows_its_effect_without_a_tick(clock: ClockMode) -> None:
     client, names = FakeClient(), []
 
     def spawn_after_the_first(frame: Frame) -> None:
@@ -464,10 +465,38 @@ def test_frame_after_a_command_shows_its_effect_without_a_tick() -> None:
         simulation.post(CommandReceived(client, INIT))
         simulation.post(FrameRequested() if len(names) == 1 else StopRequested())
 
-    simulation = make_simulation(put_frame=spawn_after_the_first, view=FakeView())
+    simulation = make_simulation(clock=clock, put_frame=spawn_after_the_first, view=FakeView())
     simulation.post(FrameRequested())
     simulation.run()
     assert names == ["", "R"]
+
+
+def test_frame_in_real_time_is_captured_at_once_by_the_thread_that_requests_it() -> None:
+    threads: list[threading.Thread] = []
+
+    def put(frame: Frame) -> None:
+        threads.append(threading.current_thread())
+        if len(threads) == 1:
+            other = threading.Thread(target=simulation.post, args=(FrameRequested(),))
+            other.start()
+            other.join()
+            assert threads[1:] == [other]
+            simulation.post(StopRequested())
+
+    simulation = make_simulation(clock=ClockMode.REALTIME, put_frame=put)
+    simulation.post(FrameRequested())
+    simulation.run()
+    assert len(threads) == 2
+
+
+def test_frame_under_lockstep_is_captured_by_the_simulation_alone() -> None:
+    keeper = FrameCollector(2)
+    keeper.simulation = make_simulation(put_frame=keeper.put)
+    keeper.simulation.post(FrameRequested())
+    assert keeper.frames == []
+    keeper.simulation.run()
+    keeper.simulation.post(FrameRequested())
+    assert len(keeper.frames) == 2
 
 
 def test_camera_without_requests_is_not_rendered() -> None:
@@ -547,11 +576,17 @@ def test_realtime_far_behind_continues_from_the_present(
 def test_realtime_that_lags_captures_frames_between_a_few_ticks() -> None:
     keeper = FrameCollector(6)
     clock = TickingClock(0.06)  # three ticks pass with every reading
-    keeper.simulation = make_simulation(
-        clock=ClockMode.REALTIME, monotonic=clock, put_frame=keeper.put
+
+    def put_after_a_command(frame: Frame) -> None:
+        # The next frame is left to the simulation while work is waiting.
+        simulation.post(CommandReceived(FakeClient(), GetStartPoses()))
+        keeper.put(frame)
+
+    simulation = keeper.simulation = make_simulation(
+        clock=ClockMode.REALTIME, monotonic=clock, put_frame=put_after_a_command
     )
-    keeper.simulation.post(FrameRequested())
-    keeper.simulation.run()
+    simulation.post(FrameRequested())
+    simulation.run()
     times = np.array([frame.time_s for frame in keeper.frames])
     assert (np.diff(times) <= 4 * 0.02 + 1e-9).all()
 

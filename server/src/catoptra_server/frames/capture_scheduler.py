@@ -7,7 +7,6 @@ waited in a queue behind others of its channel.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 from catoptra_server.frames.frame_request import CameraChannel, Channel
 
@@ -29,9 +28,13 @@ class ChannelState:
         self.is_rendering = False
         self._next_s = -math.inf
 
+    def may_capture(self, time_s: float) -> bool:
+        """Whether no frame is in rendering, and the interval has passed at a simulation time."""
+        return not self.is_rendering and time_s >= self._next_s - _SAME_TIME_S
+
     def is_due(self, time_s: float) -> bool:
         """Whether a frame is requested and may be captured at a simulation time."""
-        return self.is_requested and not self.is_rendering and time_s >= self._next_s - _SAME_TIME_S
+        return self.is_requested and self.may_capture(time_s)
 
     def start_frame(self, time_s: float, *, interval_s: float) -> int:
         """Record the capture of a frame, and number it.
@@ -56,21 +59,25 @@ class CaptureScheduler:
     def __init__(self) -> None:
         self._channels: dict[Channel, ChannelState] = {}
 
+    def find_state(self, channel: Channel) -> ChannelState:
+        """State of a channel, which exists from here on."""
+        state = self._channels.get(channel)
+        if state is None:
+            state = self._channels[channel] = ChannelState()
+        return state
+
     def request_frame(self, channel: Channel, newer_than: float) -> None:
         """Request a frame with a larger sequence number than `newer_than`."""
-        state = self._channels.setdefault(channel, ChannelState())
+        state = self.find_state(channel)
         # A frame numbered above newer_than is being rendered already and will do.
         state.is_requested |= state.sequence <= newer_than
 
-    def finish_frame(self, channel: Channel) -> None:
-        """Record that the captured frame of a channel is rendered."""
-        if channel in self._channels:
-            self._channels[channel].is_rendering = False
-
-    @property
-    def has_blocked_channel(self) -> bool:
-        """Whether a requested channel waits for the end of its frame in rendering."""
-        return any(state.is_requested and state.is_rendering for state in self._channels.values())
+    def finish_frame(self, channel: Channel) -> ChannelState | None:
+        """Record that the captured frame of a channel is rendered; None for a removed channel."""
+        state = self._channels.get(channel)
+        if state is not None:
+            state.is_rendering = False
+        return state
 
     def remove(self, channel: Channel) -> None:
         """Remove a channel whose robot or camera does not exist any more."""
@@ -87,10 +94,9 @@ class CaptureScheduler:
             if belongs_to_robot and not state.is_requested:
                 self.remove(channel)
 
-    def due_channels(self, time_s: float) -> Iterator[tuple[Channel, ChannelState]]:
-        """Iterate over the channels to capture at a simulation time."""
-        # A list first: the caller removes channels while iterating.
-        return iter([(c, state) for c, state in self._channels.items() if state.is_due(time_s)])
+    def due_channels(self, time_s: float) -> list[Channel]:
+        """Channels to capture at a simulation time."""
+        return [channel for channel, state in self._channels.items() if state.is_due(time_s)]
 
     def count_frames(self) -> int:
         """Count the captured frames of the present channels, for the log."""

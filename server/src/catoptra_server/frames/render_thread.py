@@ -41,8 +41,8 @@ _RETRY_S = 0.01
 # a viewer at 10 Hz.
 _PAUSE_S = 0.2
 
-_RenderFuture = Future[None]
-_PendingFrame = tuple[FrameRequest, _RenderFuture]
+# A request, and the future that is set after the frame was put or rejected; None if nobody waits.
+_PendingFrame = tuple[FrameRequest, Future[None] | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,22 +107,9 @@ class RenderThread:
         self._is_stopping = False
         self._has_ended = False
 
-    def submit(self, request: FrameRequest) -> _RenderFuture:
-        """Queue a request, from any thread.
-
-        Returns:
-            A future that is set after the frame was put or rejected; cancelled once the thread
-            has ended.
-        """
-        future: _RenderFuture = Future()
-        with self._changed:
-            # Under the lock a request is either cancelled here or found by `_cancel_pending`.
-            if self._has_ended:
-                future.cancel()
-            else:
-                self._frames.put(request.channel, (request, future))
-                self._changed.notify()
-        return future
+    def submit(self, request: FrameRequest) -> None:
+        """Queue a request, from any thread; dropped once the thread has ended."""
+        self._put(request, None)
 
     def submit_and_wait(self, request: FrameRequest) -> None:
         """Queue a request and wait until it is answered: the form that lockstep needs.
@@ -130,7 +117,18 @@ class RenderThread:
         Raises:
             CancelledError: The thread has ended.
         """
-        self.submit(request).result()
+        future: Future[None] = Future()
+        self._put(request, future)
+        future.result()
+
+    def _put(self, request: FrameRequest, future: Future[None] | None) -> None:
+        with self._changed:
+            # Under the lock a request is either cancelled here or found by `_cancel_pending`.
+            if not self._has_ended:
+                self._frames.put(request.channel, (request, future))
+                self._changed.notify()
+            elif future is not None:
+                future.cancel()
 
     def query_plan(self, client: Hashable, camera: OmniCameraSpec, reply: PlanCallback) -> None:
         """Have `reply` called in the render thread with the plan of a camera.
@@ -197,14 +195,15 @@ class RenderThread:
                 has_work = views.work_beside_frames(is_idle=not is_busy)
 
     def _answer_frame(
-        self, request: FrameRequest, future: _RenderFuture, views: ViewProvider | None
+        self, request: FrameRequest, future: Future[None] | None, views: ViewProvider | None
     ) -> None:
         """Put the frame of a request, or reject its channel."""
         begin_s = self._monotonic()
         reason = self._render_or_fail(request, views)
         if reason:
             self._sink.fail_frame(request.channel, reason)
-        future.set_result(None)
+        if future is not None:
+            future.set_result(None)
         duration_s = self._monotonic() - begin_s
         weight = min(max(1.0, duration_s / _LONG_FRAME_S), _MAX_WEIGHT)
         with self._changed:
@@ -237,7 +236,8 @@ class RenderThread:
             self._has_ended = True
             pending, self._plans = self._frames.clear(), {}
         for _, future in pending:
-            future.cancel()
+            if future is not None:
+                future.cancel()
 
 
 def _find_plan(camera: OmniCameraSpec, views: ViewProvider | None) -> ViewState | PlanFailure:

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from catoptra_protocol.usarsim.commands import Drive
 from catoptra_server.fair_queue import FairQueue
-from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
+from catoptra_server.frames.frame_events import FrameRequested
 from catoptra_server.frames.frame_request import Channel
 from catoptra_server.simulation.simulation_events import (
     AccuracyTargetChanged,
@@ -24,7 +24,6 @@ from catoptra_server.simulation.simulation_events import (
     CommandReceived,
     Fault,
     ResetRequested,
-    SimulationEvent,
     StepRequested,
     StopRequested,
     UrgentEvent,
@@ -62,15 +61,13 @@ class Inbox:
             share=None if keep_order else _CLIENT_SHARE, monotonic=monotonic
         )
         self._urgent: list[UrgentEvent] = []
-        self._rendered: list[UrgentEvent] = []
         self._frames: dict[Channel, float] = {}
         self._full: set[Client] = set()
         self._waiting_step_s: defaultdict[Client, float] = defaultdict(float)
-        # Whether `wait` ends for work, and for a rendered frame.
+        # Whether `wait` ends for work.
         self._waits_for_work = True
-        self._waits_for_rendered = True
 
-    def post(self, event: SimulationEvent) -> bool:
+    def post(self, event: ClientWork | UrgentEvent) -> bool:
         """Add an event.
 
         Returns:
@@ -86,8 +83,6 @@ class Inbox:
                 case ClientDisconnected(client):
                     self._drop_work(client)
                     self._urgent.append(event)
-                case FrameRendered():
-                    self._rendered.append(event)
                 case StopRequested():
                     self._urgent.append(event)
                 case _:
@@ -99,11 +94,9 @@ class Inbox:
             superseded.reply(Fault("superseded by a newer request"), superseded.camera)
         return has_room
 
-    def _ends_wait(self, event: SimulationEvent) -> bool:
+    def _ends_wait(self, event: ClientWork | UrgentEvent) -> bool:
         # Each wake-up takes the interpreter from the renderer: between the end of a tick's budget
-        # and the next tick work wakes nobody, nor does a frame whose channel has no request.
-        if isinstance(event, FrameRendered):
-            return self._waits_for_rendered
+        # and the next tick work wakes nobody.
         return self._waits_for_work or not isinstance(event, ClientWork)
 
     def _has_room(self, client: Client) -> bool:
@@ -156,40 +149,34 @@ class Inbox:
         self._full.discard(client)
         self._waiting_step_s.pop(client, None)
 
-    def wait(self, timeout_s: float | None, *, for_work: bool, for_rendered: bool = True) -> None:
+    def wait(self, timeout_s: float | None, *, for_work: bool) -> None:
         """Wait for an event.
 
         Args:
             timeout_s: Longest wait; None waits without limit.
-            for_work: Whether work ends the wait.
-            for_rendered: Whether FrameRendered ends the wait; other urgent events always do.
+            for_work: Whether work ends the wait; urgent events always do.
         """
         with self._changed:
-            self._waits_for_work, self._waits_for_rendered = for_work, for_rendered
+            self._waits_for_work = for_work
             self._changed.wait_for(
-                lambda: (
-                    self._urgent
-                    or self._frames
-                    or (for_rendered and self._rendered)
-                    or (for_work and len(self._work))
-                ),
-                timeout_s,
+                lambda: self._urgent or self._frames or (for_work and len(self._work)), timeout_s
             )
 
     @property
     def has_urgent(self) -> bool:
-        """Whether an urgent event is waiting that is neither a frame request nor a frame."""
+        """Whether an urgent event is waiting that is no frame request."""
         # A list is read atomically; called after every event and tick.
         return bool(self._urgent)
 
-    def take_urgent(self) -> list[UrgentEvent]:
-        """Remove and return all urgent events, in the order of arrival but for those of frames.
+    @property
+    def has_work(self) -> bool:
+        """Whether work is waiting; from any thread."""
+        return len(self._work) > 0
 
-        Rendered frames come first, frame requests last.
-        """
+    def take_urgent(self) -> list[UrgentEvent]:
+        """Remove and return all urgent events: in the order of arrival, frame requests last."""
         with self._changed:
-            urgent, self._urgent = [*self._rendered, *self._urgent], []
-            self._rendered.clear()
+            urgent, self._urgent = self._urgent, []
             frames, self._frames = self._frames, {}
         return [*urgent, *(FrameRequested(number, channel) for channel, number in frames.items())]
 

@@ -16,22 +16,12 @@ from enum import Enum
 from typing import assert_never
 
 from catoptra_server.fault_log import log_fault
-from catoptra_server.frames.capture_scheduler import (
-    NS_PER_S,
-    TICK_NS,
-    TICK_S,
-    CaptureScheduler,
-    ChannelState,
-)
+from catoptra_server.frames.capture_scheduler import NS_PER_S, TICK_NS, TICK_S
 from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
-from catoptra_server.frames.frame_request import (
-    Channel,
-    FrameComposition,
-    FrameRequest,
-    ImagePortChannel,
-)
-from catoptra_server.simulation.fault_replies import FAULT_REASON, reply_fault
+from catoptra_server.frames.frame_request import Channel, FrameRequest
+from catoptra_server.simulation.fault_replies import reply_fault
 from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.frame_capture import FrameCapture
 from catoptra_server.simulation.inbox import Inbox
 from catoptra_server.simulation.simulation_events import (
     AccuracyTargetChanged,
@@ -98,18 +88,20 @@ class Simulation:
         """
         self._fleet = fleet
         self._clock = clock
-        self._render = render
-        self._reject = reject
-        self._image_port_interval_s = frame_skip * TICK_S if frame_skip > 1 else 0.0
         self._monotonic = monotonic
         self._inbox = Inbox(keep_order=clock is ClockMode.LOCKSTEP, monotonic=monotonic)
         self._work_left_s = WORK_BUDGET_S
         self._time_ns = 0
         self._started_s = 0.0
-        self._scheduler = CaptureScheduler()
-        # Frames of the present tick, until a command or a departure changes something: renderers
-        # draw several frames in a tick of 20 ms, and composing one takes as long as 0.7 ms.
-        self._compositions: dict[Channel, FrameComposition | None] = {}
+        self._frame_capture = FrameCapture(
+            fleet.compose_frame,
+            render=render,
+            reject=reject,
+            # A limit of the load in real time; under lockstep each request has its frame.
+            is_limited=clock is ClockMode.REALTIME,
+            image_port_interval_s=frame_skip * TICK_S if frame_skip > 1 else 0.0,
+            monotonic=monotonic,
+        )
         self._is_stopped = False
         # Client of the step in progress.
         self._stepping: Client | None = None
@@ -120,35 +112,49 @@ class Simulation:
         return self._time_ns / NS_PER_S
 
     def post(self, event: SimulationEvent) -> bool:
-        """Queue an event; from any thread.
+        """Queue an event, or serve it here if it needs no robot; from any thread.
 
         Returns:
             False if the queue of the event's client is full: nothing more of that client is to be
             posted before its `resume_reading` is called.
         """
+        if isinstance(event, FrameRendered):
+            waiting = self._frame_capture.finish_frame(event.channel)
+            if waiting is None:
+                return True
+            event = waiting
+        if isinstance(event, FrameRequested) and self._capture_at_once(event):
+            return True
         return self._inbox.post(event)
+
+    def _capture_at_once(self, request: FrameRequested) -> bool:
+        """Capture a requested frame without the simulation thread; from any thread."""
+        # Not while work is waiting: a frame shows the effect of the commands before its request.
+        # Under lockstep the simulation thread renders, so that its frames keep their place among
+        # the commands.
+        is_realtime = self._clock is ClockMode.REALTIME
+        return (
+            is_realtime
+            and not self._inbox.has_work
+            and self._frame_capture.capture_at_once(request)
+        )
 
     def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Call `on_ready`, then handle events and advance time until StopRequested."""
         on_ready()
         self._started_s = self._monotonic()
         while True:
-            self._inbox.wait(
-                self._wait_timeout_s(),
-                for_work=self._has_budget(),
-                for_rendered=self._scheduler.has_blocked_channel,
-            )
+            self._inbox.wait(self._wait_timeout_s(), for_work=self._has_budget())
             self._handle_urgent_events()
             self._serve_waiting_work()
             if self._is_stopped:
-                frames = self._scheduler.count_frames()
+                frames = self._frame_capture.count_frames()
                 log.info("%d frames captured in %.1f s", frames, self._time_s)
                 return
             if self._clock is ClockMode.REALTIME:
                 self._catch_up()
             # Captured after all events: a frame shows the effect of the commands before it.
-            for channel, state in self._scheduler.due_channels(self._time_s):
-                self._capture(channel, state)
+            self._frame_capture.capture_due_channels()
 
     def _wait_timeout_s(self) -> float | None:
         if self._clock is ClockMode.LOCKSTEP:
@@ -165,10 +171,8 @@ class Simulation:
                 self._remove_robot(client)
                 if client is self._stepping:
                     self._stepping = None
-            case FrameRequested(newer_than, channel):
-                self._scheduler.request_frame(channel, newer_than)
-            case FrameRendered(channel):
-                self._scheduler.finish_frame(channel)
+            case FrameRequested():
+                self._frame_capture.request_frame(event)
             case StopRequested():
                 self._is_stopped = True
             case _:
@@ -179,7 +183,9 @@ class Simulation:
         # By the mark a flood does not prolong the turn: what arrives meanwhile waits for the next,
         # and a frame requested after some commands shows their effect.
         mark = self._inbox.newest_arrival
-        while not self._is_stopped and self._has_budget():
+        while not self._is_stopped and self._has_budget() and self._inbox.has_work:
+            # Before the work leaves the inbox, see `_capture_at_once`.
+            self._frame_capture.invalidate()
             event = self._inbox.take_work(arrived_by=mark)
             if event is None:
                 return
@@ -196,7 +202,6 @@ class Simulation:
 
     def _serve(self, event: ClientWork) -> None:
         """Execute the work of a client; a fault ends this work only."""
-        self._compositions.clear()
         try:
             self._execute(event)
         except Exception:
@@ -222,10 +227,10 @@ class Simulation:
                 assert_never(event)
 
     def _remove_robot(self, client: Client) -> None:
-        self._compositions.clear()
+        self._frame_capture.invalidate()
         name = self._fleet.remove(client)
         if name is not None:
-            self._scheduler.remove_idle(name)
+            self._frame_capture.remove_robot(name)
 
     def _step(self, step: StepRequested) -> StepResult:
         """Advance a lockstep clock, and read the client's whole sensor cycle."""
@@ -268,8 +273,8 @@ class Simulation:
         self._stepping = None
 
     def _tick(self, duration_ns: int) -> None:
-        self._compositions.clear()
         self._time_ns += duration_ns
+        self._frame_capture.begin_tick(self._time_s)
         self._work_left_s = WORK_BUDGET_S
         self._fleet.step(duration_ns / NS_PER_S, self._time_s)
         self._fleet.deliver_due_reports(self._time_s)
@@ -277,34 +282,3 @@ class Simulation:
             # A second fault of the same robot in this tick finds no robot any more.
             self._remove_robot(client)
             client.disconnect("an internal fault of the server removed the robot: see its log")
-
-    def _capture(self, channel: Channel, state: ChannelState) -> None:
-        """Capture the frame of a due channel and hand it over to be rendered."""
-        try:
-            composition = self._compose(channel)
-        except Exception:
-            log_fault(log, "the frame of %s could not be composed", channel)
-            self._scheduler.remove(channel)
-            self._reject(channel, FAULT_REASON)
-            return
-        if composition is None:
-            self._scheduler.remove(channel)
-            self._reject(channel, "")
-            return
-        interval_s = self._min_interval_s(channel, composition)
-        sequence = state.start_frame(self._time_s, interval_s=interval_s)
-        self._render(FrameRequest(channel, sequence, self._time_s, self._monotonic(), composition))
-
-    def _compose(self, channel: Channel) -> FrameComposition | None:
-        """Compose the frame of a channel, once as long as nothing moves."""
-        if channel not in self._compositions:
-            self._compositions[channel] = self._fleet.compose_frame(channel)
-        return self._compositions[channel]
-
-    def _min_interval_s(self, channel: Channel, composition: FrameComposition) -> float:
-        # A limit of the load in real time; under lockstep each request has its frame.
-        if self._clock is ClockMode.LOCKSTEP:
-            return 0.0
-        is_image_port = isinstance(channel, ImagePortChannel)
-        interval_s = self._image_port_interval_s if is_image_port else 0.0
-        return max(composition.min_interval_s, interval_s)

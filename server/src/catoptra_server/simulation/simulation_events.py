@@ -141,5 +141,5 @@ ClientWork = (
     CommandReceived | StepRequested | ResetRequested | LandmarksRequested | AccuracyTargetChanged
 )
 # Handled ahead of all work; at most one of each kind a client or channel.
-UrgentEvent = ClientDisconnected | FrameRequested | FrameRendered | StopRequested
-SimulationEvent = ClientWork | UrgentEvent
+UrgentEvent = ClientDisconnected | FrameRequested | StopRequested
+SimulationEvent = ClientWork | UrgentEvent | FrameRendered
