@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Protocol
 
@@ -43,9 +42,6 @@ def render_frame(
     # Up to here the duration counts: the rest gathers numbers.
     end_s = monotonic()
     present = [view for view in rendered if view is not None]
-    stage_ms: Counter[str] = Counter()
-    for view in present:
-        stage_ms.update(view.image.stage_ms)
     bounds = max_bounds(view.error_bounds for view in present)
     return Frame(
         sequence=request.sequence,
@@ -55,7 +51,7 @@ def render_frame(
         finished_at_s=end_s,
         channel=request.channel,
         metadata=composition.metadata,
-        stage_ms=dict(stage_ms),
+        stage_ms=_sum_stages(present),
         render_duration_s=end_s - begin_s,
         # A set: cameras of one class share a plan.
         plan="; ".join(sorted({view.plan for view in present})) or None,
@@ -64,6 +60,15 @@ def render_frame(
         # In a list of several cameras' decisions the camera of each would be lost.
         effect_decisions=present[0].effect_decisions if len(rendered) == len(present) == 1 else (),
     )
+
+
+def _sum_stages(views: Sequence[RenderedView]) -> dict[str, float]:
+    """Milliseconds of each stage, over all views of a frame."""
+    stage_ms: dict[str, float] = {}
+    for view in views:
+        for name, ms in view.image.stage_ms.items():
+            stage_ms[name] = stage_ms.get(name, 0.0) + ms
+    return stage_ms
 
 
 def max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float] | None:
@@ -76,6 +81,8 @@ def max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float]
     known = [view for view in views if view is not None]
     if not known or len(known) < len(views):
         return None
+    if len(known) == 1:  # of most frames: 10 microseconds less
+        return dict(known[0])
     names = dict.fromkeys(name for view in known for name in view)
     return {name: max(view.get(name, 0.0) for view in known) for name in names}
 

@@ -351,13 +351,15 @@ class ViewCache:
         assert choice is not None, "the plan of an omnidirectional camera is a choice"
         better = choice.more_accurate
         better_ms = self._planner.predict_frame_ms(camera, better.plan) if better else None
-        added_ms = self._planner.added_ms(camera, choice.plan, stage_ms)
+        # Without an accuracy target, as most cameras are, nothing is predicted.
+        is_predicted = choice.predicted_ms is not None
+        added_ms = self._planner.added_ms(camera, choice.plan, stage_ms) if is_predicted else 0.0
         status = monitor.record_frame(ms, better_plan_ms=better_ms, added_ms=added_ms)
         # Nothing faster was found before: planning again would not find it either.
         is_settled = status is BudgetStatus.OVER_BUDGET and planned.budget_unreachable
         planned.budget_status = BudgetStatus.WITHIN_BUDGET if is_settled else status
-        median_ms = monitor.median_ms
-        if median_ms is not None and choice.predicted_ms is not None:
+        median_ms = monitor.median_ms if is_predicted else None
+        if median_ms is not None:
             added_ms = monitor.median_added_ms
             self._planner.update_correction(camera, choice.plan, median_ms, added_ms)
 
