@@ -13,6 +13,7 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
+from catoptra_server.frames import view_store
 from catoptra_server.frames.planned_camera import PlannedCamera
 from catoptra_server.frames.view_store import ViewStore
 from catoptra_server.planning.budget_monitor import BudgetMonitor
@@ -149,6 +150,22 @@ def test_views_of_a_renderer_are_closed_together_and_a_failing_one_stops_nothing
     assert len(store) == 3
     store.close_views_of(TRACE)
     assert (renderer.closed, len(store)) == ([2, 3], 0)
+
+
+def test_freed_memory_is_given_back_after_views_are_prepared_or_closed_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    releases: list[int] = []
+    monkeypatch.setattr(view_store, "release_freed_memory", lambda: releases.append(1))
+    store = make_store(SizedRenderer(), max_bytes=5)
+    counts = []
+    for samples in (2, 2, 3, 3, 4, 4):
+        use(store, samples)
+        counts.append(len(releases))
+    assert counts == [1, 1, 2, 2, 3, 3]
+    store.close_views_of(TRACE)
+    store.trim()
+    assert len(releases) == 4
 
 
 def create_or_skip(kind: RendererKind) -> Renderer:

@@ -12,6 +12,7 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.planned_camera import PlannedCamera, ViewKey
+from catoptra_server.freed_memory import release_freed_memory
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.perspective_plan import PerspectivePlan
 from catoptra_server.planning.renderer_pool import RendererPool
@@ -56,6 +57,7 @@ class ViewStore:
         self._max_views = max_views
         self._views: dict[ViewKey, _StoredView] = {}  # the last used at the end
         self._newest: tuple[ViewKey, _StoredView] | None = None
+        self._has_changed = False
 
     def __len__(self) -> int:
         """Number of prepared views."""
@@ -79,6 +81,7 @@ class ViewStore:
         return stored.view
 
     def _prepare(self, planned: PlannedCamera) -> _StoredView:
+        self._has_changed = True
         camera = planned.spec
         renderer = self._renderers.get(planned.plan.renderer)
         view: View
@@ -100,6 +103,11 @@ class ViewStore:
             len(self._views) > self._max_views or self.memory_bytes > self._max_bytes
         ):
             self._close(next(iter(self._views)))
+        if self._has_changed:
+            # 0.4 to 9 ms, beside 50 to 700 for a view: seven views of 193 MB in all left 62 MB of
+            # gaps between them.
+            release_freed_memory()
+            self._has_changed = False
 
     def close_views_of(self, kind: RendererKind) -> None:
         """Close all views of one renderer."""
@@ -113,6 +121,7 @@ class ViewStore:
 
     def _close(self, key: ViewKey) -> None:
         self._newest = None
+        self._has_changed = True
         try:
             self._views.pop(key).view.close()
         except Exception:
