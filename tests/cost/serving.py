@@ -29,6 +29,7 @@ from cost.bare_sockets import measure_bare_sockets
 from cost.bench import describe_machine
 from cost.served_process import (
     FULL_REQUEST,
+    WORLD,
     CountedServer,
     Window,
     connect_watchers,
@@ -37,6 +38,7 @@ from cost.served_process import (
     start_process,
     start_server,
 )
+from cost.trace_scenes import write_million_world
 
 OUTPUT = Path(__file__).parents[2] / "out/bench"
 SIZE_PX = 640
@@ -45,12 +47,12 @@ ROUNDS, WINDOW_S = 5, 1.0
 STAND_IN_MS = 5.0
 CLIENTS, CAMERAS = 8, 16
 LIMITED_HZ = 30.0
-STARTS = 10
+STARTS, MILLION_STARTS = 10, 5
 # Of 2026-11, where bare sockets took 0.22 ms: on other machines the same multiple.
 MAX_COST_MS, MAX_COST_OF_BARE = 0.6, 0.6 / 0.22
 MAX_CLIENTS_RATIO = 1.25
 MIN_LIMITED_SHARE, MIN_CAMERAS_SHARE = 0.95, 0.9
-MAX_FIRST_FRAME_S = 0.6
+MAX_FIRST_FRAME_S, MAX_MILLION_FIRST_FRAME_S = 0.6, 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,7 @@ def main() -> int:
         lambda: _measure_cameras("trace"),
         lambda: _measure_cameras("trace", stand_in_ms=STAND_IN_MS),
         _measure_first_frame,
+        _measure_first_frame_of_million,
     ]
     console, rows = Console(), []
     for measure in measurements:
@@ -182,23 +185,37 @@ def _rate_hz(window: Window) -> float:
 
 
 def _measure_first_frame() -> ServingRow:
-    """Time from the start of the process to the first frame, with modules compiled as by pip."""
+    """Time from the start of the process to the first frame, in the field."""
+    question = "first frame after the start of the process, s"
+    return _measure_starts(question, WORLD, STARTS, MAX_FIRST_FRAME_S)
+
+
+def _measure_first_frame_of_million() -> ServingRow:
+    """The same with a mesh file of a million triangles."""
+    question = "first frame after the start of the process with a million triangles, s"
+    with tempfile.TemporaryDirectory() as folder:
+        world = write_million_world(Path(folder))
+        return _measure_starts(question, world, MILLION_STARTS, MAX_MILLION_FIRST_FRAME_S)
+
+
+def _measure_starts(question: str, world: Path, count: int, limit_s: float) -> ServingRow:
+    """Median of several starts, with modules compiled as by pip, and files in the page cache."""
     with tempfile.TemporaryDirectory() as cache:
-        _start_and_receive(cache)  # compiles the modules
-        times_s = [_start_and_receive(cache) for _ in range(STARTS)]
+        _start_and_receive(cache, world)  # compiles the modules
+        times_s = [_start_and_receive(cache, world) for _ in range(count)]
     median_s = statistics.median(times_s)
     return ServingRow(
-        "first frame after the start of the process, s",
-        *(median_s, f"<= {MAX_FIRST_FRAME_S}", median_s <= MAX_FIRST_FRAME_S),
+        question,
+        *(median_s, f"<= {limit_s}", median_s <= limit_s),
         details=f"{min(times_s):.2f} to {max(times_s):.2f} s",
     )
 
 
-def _start_and_receive(cache: str) -> float:
+def _start_and_receive(cache: str, world: Path) -> float:
     begin_s = time.monotonic()
     command = [sys.executable, "-m", "catoptra_server"]
     compiled = {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
-    with start_process(command, **compiled) as process:
+    with start_process(command, "--world", str(world), **compiled) as process:
         server = CountedServer(process, read_ports(process))
         with spawn_robots(server, 1), connect_watchers(server, FULL_REQUEST) as (watcher,):
             watcher.receive_frame()

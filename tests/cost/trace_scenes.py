@@ -67,6 +67,21 @@ def make_million(path: Path) -> World:
     return World("million", (ground,), lights=_LIGHTS, background=_SKY)
 
 
+def write_million_world(folder: Path) -> Path:
+    """World file of the same ground, below the wheels of robots, for a server."""
+    write_ply(folder / "ground.ply", *make_terrain(np.random.default_rng(7)))
+    path = folder / "million.ini"
+    path.write_text(
+        "[Catoptra.World]\nName=Million\n"
+        "Lights=(Type=Hemisphere,Up=(R=170,G=170,B=170),Down=(R=149,G=149,B=149))\n"
+        "Lights=(Type=Directional,Direction=(X=0.64,Y=0.48,Z=0.6),Brightness=0.6)\n"
+        f'Meshes=(Name="ground",File="ground.ply",Position=(X=0,Y=0,Z={MAX_BUMP_M}),Up=z,'
+        "Colour=(R=203,G=196,B=188))\n",
+        encoding="utf-8",
+    )
+    return path
+
+
 def make_textured_room(folder: Path) -> World:
     """A floor and four walls without lights, each with a texture of its own."""
     rng = np.random.default_rng(11)
