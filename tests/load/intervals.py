@@ -14,6 +14,11 @@ class Phase:
     begin_s: float
     end_s: float
 
+    @property
+    def length_s(self) -> float:
+        """Length of the phase."""
+        return self.end_s - self.begin_s
+
     def intervals_s(self, arrivals_s: Sequence[float]) -> list[float]:
         """Intervals between arrivals that end within the phase, and the one open at its end.
 
@@ -27,7 +32,7 @@ class Phase:
     def rate(self, arrivals_s: Sequence[float]) -> float:
         """Arrivals per second."""
         count = sum(self.begin_s <= time_s <= self.end_s for time_s in arrivals_s)
-        return count / (self.end_s - self.begin_s)
+        return count / self.length_s
 
 
 def late_fraction(intervals_s: Sequence[float], limit_s: float) -> float:

@@ -15,10 +15,13 @@ from load.process_sample import ProcessSample
 
 # A report comes every 0.2 s; one that is later by a fifth is late.
 LATE_INTERVAL_S = 0.24
-# Of a run of ten minutes the first one fills caches and pools. It is compared by the second one
-# with the last quarter; shorter runs are divided alike.
-_SETTLED = (0.1, 0.2)
-_FINAL = (0.75, 1.0)
+# In the first minute attackers fill caches and pools: with a view for each number of samples, up
+# to the limit of the view store. A tenth of the run from then on is compared with its last quarter.
+_FILLING_S = 60.0
+# A short run has less time to fill, and is compared with itself all the later.
+_MAX_FILLING = 0.6
+_SETTLED_LENGTH = 0.1
+_FINAL_LENGTH = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,7 @@ class LoadResult:
     rates_hz: dict[str, float]
     """Frames per second of each honest viewer."""
     settled: ProcessSample
-    """Means over the second tenth of the run."""
+    """Means over a tenth of the run, after the first minute."""
     final: ProcessSample
     """Means over the last quarter."""
     stop_s: float
@@ -76,8 +79,8 @@ async def run_load(
         late_fraction=late_fraction(intervals_s, LATE_INTERVAL_S),
         longest_gap_s=max(intervals_s),
         rates_hz={name: phase.rate(at_s) for name, at_s in loaded.record.frames_s.items()},
-        settled=_average(samples, phase, _SETTLED),
-        final=_average(samples, phase, _FINAL),
+        settled=_average(samples, settled_phase(phase)),
+        final=_average(samples, Phase(phase.end_s - _FINAL_LENGTH * phase.length_s, phase.end_s)),
         stop_s=stop_s,
         faults=tuple(faults),
         attackers=attacker_load,
@@ -85,13 +88,15 @@ async def run_load(
     )
 
 
-def _average(
-    samples: Sequence[ProcessSample], phase: Phase, span: tuple[float, float]
-) -> ProcessSample:
-    """Means over a span of a phase; `span`: its begin and end as fractions of the phase."""
-    length_s = phase.end_s - phase.begin_s
-    begin_s, end_s = (phase.begin_s + fraction * length_s for fraction in span)
-    within = [sample for sample in samples if begin_s <= sample.time_s <= end_s] or samples[-1:]
+def settled_phase(run: Phase) -> Phase:
+    """Part of a run in which caches and pools are full."""
+    begin_s = run.begin_s + min(_FILLING_S, _MAX_FILLING * run.length_s)
+    return Phase(begin_s, begin_s + _SETTLED_LENGTH * run.length_s)
+
+
+def _average(samples: Sequence[ProcessSample], phase: Phase) -> ProcessSample:
+    """Means over a phase."""
+    within = [s for s in samples if phase.begin_s <= s.time_s <= phase.end_s] or samples[-1:]
     return ProcessSample(
         *(
             statistics.fmean(values)

@@ -20,10 +20,9 @@ class SoakLimits:
     min_rate_fraction: float = 0.5
     """Of the control run's rate, each viewer."""
     max_growth: float = 0.05
-    """Of memory, descriptors and threads after the first tenth."""
+    """Of memory, descriptors and threads after the first minute."""
     fill: Mapping[str, float] = field(default_factory=dict)
-    """Further growth by name, of bounded caches and of ports that are not full after the first
-    tenth of a short run."""
+    """Further growth by name, of bounded caches and of ports that a short run does not fill."""
     max_stop_s: float = 1.0
     """From SIGTERM to the end of the process."""
 
@@ -130,7 +129,7 @@ def _evaluate_growth(
     fill = limits.fill.get(name, 0.0)
     allowance = f" and {fill:g}{unit}" if fill else ""
     return RequirementResult(
-        f"{name} grows at most {limits.max_growth:.0%}{allowance} after the first tenth",
+        f"{name} grows at most {limits.max_growth:.0%}{allowance} after the first minute",
         f"{settled:.1f} to {final:.1f}{unit}: {final / settled - 1.0:+.1%}",
         final <= (1.0 + limits.max_growth) * settled + fill,
     )
