@@ -110,7 +110,7 @@ def call_all_requests(client: StreamClient, cameras: tuple[str, ...]) -> None:
     ("renderer", "robot", "image_type"),
     [("trace", "full", "RAW"), ("raster", "plain", "GOOD"), ("auto", "full", "BAD")],
 )
-def test_server_that_listens_loads_no_further_module(
+def test_server_that_serves_the_stream_loads_no_further_module(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, renderer: str, robot: str, image_type: str
 ) -> None:
     if renderer == "raster":
@@ -124,6 +124,8 @@ def test_server_that_listens_loads_no_further_module(
     path = write_robots(tmp_path)[robot]
     with start_server(tmp_path, *arguments, robot=path, report_modules=report) as server:
         with server.connect_stream() as client:
+            # Its reply follows the last deferred module.
+            client.get_status()
             call_all_requests(client, ("Camera", OMNI) if robot == "full" else (OMNI,))
         with connect_control_lines(server.control_port) as control:
             control.send(f"INIT {{ClassName {CLASS}}} {{Start Centre}}", "STEP {Time 0.1}")

@@ -5,7 +5,7 @@ when the parent closes it or ends, by whatever signal, and the server then ends 
 involved: a slow machine cannot end a healthy server, and a killed test run leaves none behind.
 
 With `--report-modules FILE` before the server's arguments, the server writes at its end the names
-of the modules that it loaded after its ports listened, as a JSON list.
+of the modules that it loaded after those that it defers until its ports listen, as a JSON list.
 """
 
 from __future__ import annotations
@@ -31,22 +31,21 @@ def _exit_with_parent() -> None:
 
 
 def _serve_and_report_modules(report: Path, arguments: list[str]) -> int:
-    from catoptra_server import cli
-    from catoptra_server.app import ListeningAddress
+    from catoptra_server import app
 
     loaded: list[str] | None = None
-    announce = cli._print_addresses
+    load_deferred_modules = app.load_deferred_modules
 
     def record(event: str, details: tuple[object, ...]) -> None:
         if event == "import" and loaded is not None:
             loaded.append(str(details[0]))
 
-    def announce_and_record(address: ListeningAddress) -> None:
+    def load_and_record(renderer: str) -> None:
         nonlocal loaded
+        load_deferred_modules(renderer)
         loaded = []
-        announce(address)
 
-    cli._print_addresses = announce_and_record
+    app.load_deferred_modules = load_and_record
     # The event occurs for modules that are not loaded yet, also where none is found.
     sys.addaudithook(record)
     status = main(arguments)

@@ -17,6 +17,7 @@ from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel, FrameMetadata
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.simulation import SimulationEvent
+from catoptra_server.transports.listener import create_listener
 from catoptra_server.transports.stream.server_info import CameraInfo, ServerInfo
 from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from catoptra_server.transports.tcp_server import ConnectionLimits
@@ -101,8 +102,7 @@ async def serve_fake_simulation(
     """Serve a fake simulation on a free port."""
     simulation.mailboxes = Mailboxes(simulation.post, prefetch=False)
     async with serve_stream(
-        HOST,
-        0,
+        create_listener(HOST, 0, name="stream"),
         mailboxes=simulation.mailboxes,
         post=simulation.post,
         server_info=SERVER_INFO,

@@ -87,8 +87,8 @@ def start_server(
         arguments: further options of the command line.
         robot: the robot file; without one, that of `write_small_robot`.
         world: the world file.
-        report_modules: receives a JSON list of the modules that the server loads once it listens,
-            at its end.
+        report_modules: receives a JSON list of the modules that the server loads once it serves
+            the stream, at its end.
     """
     command = [
         *(sys.executable, "-P", str(CHILD_SERVER)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import socket
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -237,3 +238,37 @@ async def receives_greeting(port: int) -> bool:
     line = await reader.readline()
     writer.close()
     return bool(line)
+
+
+def test_stream_client_when_it_connects_before_the_stream_is_loaded_is_served(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connected = threading.Event()
+
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        reader, writer = await asyncio.open_connection(HOST, address.stream_port)
+        connected.set()
+        # The first byte of a greeting of ZeroMQ.
+        assert await reader.readexactly(1) == b"\xff"
+        writer.close()
+        stop.set()
+
+    use_renderer(monkeypatch, FakeView())
+    # Without the connection it would wait for ever.
+    monkeypatch.setattr(app, "_FIRST_FRAME_TIME_S", None)
+    monkeypatch.setattr(app, "load_deferred_modules", lambda _: connected.wait(DEADLINE_S))
+    run_scenario(serve_for(make_options(tmp_path), visit))
+
+
+def test_modules_are_loaded_soon_also_where_no_client_connects(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded = threading.Event()
+
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        assert await asyncio.to_thread(loaded.wait, DEADLINE_S)
+        stop.set()
+
+    use_renderer(monkeypatch, FakeView())
+    monkeypatch.setattr(app, "load_deferred_modules", lambda _: loaded.set())
+    run_scenario(serve_for(make_options(tmp_path), visit))

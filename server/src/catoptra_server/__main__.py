@@ -7,6 +7,7 @@ add a subcommand, write its `main` and a case.
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -41,8 +42,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _serve(words: Sequence[str]) -> int:
     termination = Termination()
     with termination.handle_signals():
+        # Modules live as long as the process: collections while they are loaded find nothing.
+        gc.disable()
         from catoptra_server.cli import main as serve
 
+        gc.freeze()
+        gc.enable()
         return serve(words, termination)
 
 

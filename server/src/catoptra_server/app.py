@@ -19,23 +19,19 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.reports import Greeting
 from catoptra_server.config.server_file import ServerSettings, resolve_settings
 from catoptra_server.config.tile_memory import require_tiles_fit
+from catoptra_server.deferred_modules import load_deferred_modules
 from catoptra_server.memory_budget import MIB
 from catoptra_server.options import Options
 from catoptra_server.server_threads import ServerThreads
-from catoptra_server.startup import (
-    StartupConfig,
-    load_request_modules,
-    read_startup_config,
-)
+from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_server.transports.connection_budget import fit_connections
+from catoptra_server.transports.listener import Listener, create_listener, wait_for_connection
 from catoptra_server.transports.loop_share import LoopShare
 from catoptra_server.transports.network_exposure import warn_of_exposure
 from catoptra_server.transports.stream.connection_guard import (
     DESCRIPTORS_PER_CONNECTION,
     MAX_CONNECTIONS,
 )
-from catoptra_server.transports.stream.server_info import build_server_info
-from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from catoptra_server.transports.tcp_control import serve_control
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
 from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer
@@ -44,6 +40,9 @@ log = logging.getLogger(__name__)
 
 
 STREAM_PORT = 5005
+# A program that waits for the line of the ports has its first frame 0.05 s later, or 0.1 s where
+# modules are loaded meanwhile.
+_FIRST_FRAME_TIME_S = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +74,6 @@ async def serve(
         OSError: if a port cannot be opened.
     """
     startup = await asyncio.to_thread(_read_startup_config, options)
-    await asyncio.to_thread(load_request_modules, options.renderer)
     server = ServerThreads(_apply_accuracy_target(startup, options), options, on_failure=stop.set)
     async with server.run():
         await _open_ports(server, announce, stop)
@@ -105,14 +103,33 @@ async def _open_ports(
         if server.settings.has_images:
             images = await open_ports.enter_async_context(_serve_image_port(server, limits.image))
             image_port = images.port
-        stream = await open_ports.enter_async_context(_serve_stream_port(server, limits.stream))
+        stream = open_ports.enter_context(_create_stream_listener(server))
         # What is loaded now lives as long as the process: a collection that looks at all 65 000
         # objects would stop every thread for 45 ms, two ticks.
         gc.freeze()
         # After the last port: a program that reads the line may connect to any of them at once.
-        announce(ListeningAddress(host, control.port, image_port, stream.port))
+        announce(ListeningAddress(host, control.port, image_port, stream.getsockname()[1]))
+        # Clients of the stream wait in its backlog meanwhile, as they would for the line.
+        await _wait_for_first_frame(stream, stop)
+        await asyncio.to_thread(load_deferred_modules, server.options.renderer)
+        from catoptra_server.stream_port import serve_stream_port  # see deferred_modules
+
+        await open_ports.enter_async_context(serve_stream_port(server, stream, limits.stream))
+        # Those modules, too.
+        gc.freeze()
         await stop.wait()
         log.info("stopping")
+
+
+async def _wait_for_first_frame(stream: Listener, stop: asyncio.Event) -> None:
+    """Wait while a first frame may be under way: not where a client of the stream needs it first,
+    nor where the server ends.
+    """
+    waits = [asyncio.create_task(wait) for wait in (wait_for_connection(stream), stop.wait())]
+    await asyncio.wait(waits, timeout=_FIRST_FRAME_TIME_S, return_when=asyncio.FIRST_COMPLETED)
+    for wait in waits:
+        wait.cancel()
+    await asyncio.gather(*waits, return_exceptions=True)
 
 
 # Parts of the process's descriptors for the connections of control port, image port and stream.
@@ -146,27 +163,13 @@ def _serve_image_port(
     )
 
 
-def _serve_stream_port(
-    server: ServerThreads, limits: ConnectionLimits
-) -> AbstractAsyncContextManager[StreamServer]:
-    startup, options, settings = server.startup, server.options, server.settings
-    port = options.stream_port
+def _create_stream_listener(server: ServerThreads) -> Listener:
+    settings, port = server.settings, server.options.stream_port
     # Scripts of USARSim's time know two ports: with --control-port 0 a second server on the machine
     # would still collide at 5005.
     if port is None:
         port = STREAM_PORT if settings.control_port and settings.image_port else 0
-    clock = options.clock.value
-    return serve_stream(
-        options.host,
-        port,
-        mailboxes=server.mailboxes,
-        post=server.simulation.post,
-        server_info=build_server_info(
-            startup.robots, startup.world, clock=clock, plans=server.plans
-        ),
-        query_plan=server.render_thread.query_plan,
-        limits=limits,
-    )
+    return create_listener(server.options.host, port, name="stream")
 
 
 class _PortLimits(NamedTuple):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import field
 from pathlib import Path
 
@@ -16,7 +14,6 @@ from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.world_file import read_world
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
-from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
@@ -24,11 +21,6 @@ from catoptra_server.sensors import casts_rays
 from catoptra_server.sensors.sensor_environment import RayCaster
 
 log = logging.getLogger(__name__)
-
-# NumPy imports these at their first use; `ma` in its own `unique`.
-_LAZY_NUMPY_MODULES = ("numpy.ma", "numpy.polynomial", "numpy.random")
-# The raster renderer, and what moderngl imports with its first context.
-_RASTER_MODULES = ("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,26 +68,6 @@ def read_startup_config(
     descriptions = tuple(description for robot, _ in contents for description in robot)
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
     return StartupConfig(descriptions, world_description, scene, options)
-
-
-def load_request_modules(renderer: str) -> None:
-    """Load the modules that a request may need and that no start imports.
-
-    An import opens files: with all file descriptors taken by connections, the first request that
-    needs the module would fail. tests/end_to_end/test_loaded_modules.py finds modules that lack.
-
-    Args:
-        renderer: requested renderer; `auto` may change to one that it did not start with.
-    """
-    for name in _LAZY_NUMPY_MODULES:
-        importlib.import_module(name)
-    # For the rays of GetLandmarks and of sensors; a server without them runs without embree.
-    with suppress(ImportError):
-        importlib.import_module("catoptra_server.render.trace.ray_caster")
-    if renderer == AUTO:
-        with suppress(ImportError):
-            for name in _RASTER_MODULES:
-                importlib.import_module(name)
 
 
 def _read_server_file(path: Path) -> IniFile:

@@ -12,10 +12,10 @@ import logging
 import os
 import platform
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server import __version__
 from catoptra_server.planning.cost_model import Rates
 from catoptra_server.robot.render_settings import MirrorSurface
 from catoptra_server.scene.scene_mesh import SceneMesh
@@ -86,7 +86,7 @@ class CostCache:
 
     def make_key_of(self, *facts: object) -> str:
         """Key of some facts, this processor and this release."""
-        parts = (_FORMAT_VERSION, _server_version(), _describe_processor(), *facts)
+        parts = (_FORMAT_VERSION, __version__, _describe_processor(), *facts)
         # repr of frozen dataclasses names every field, so a new field changes the key.
         return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:32]
 
@@ -114,7 +114,3 @@ def _describe_processor() -> str:
         lines = []
     name = next((line for line in lines if line.startswith("model name")), platform.processor())
     return f"{name}, {len(os.sched_getaffinity(0))}"
-
-
-def _server_version() -> str:
-    return version("catoptra-server")

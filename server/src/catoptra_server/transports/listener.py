@@ -33,8 +33,10 @@ _KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
 # Receives an accepted socket and the address of the peer. An OSError closes the socket.
 AcceptCallback = Callable[[socket.socket, str], None]
 
+Listener = socket.socket
 
-def create_listener(host: str, port: int, *, name: str) -> socket.socket:
+
+def create_listener(host: str, port: int, *, name: str) -> Listener:
     """Listening socket on an address of a host, an IPv4 one if the host has both.
 
     Args:
@@ -61,6 +63,16 @@ def create_listener(host: str, port: int, *, name: str) -> socket.socket:
         raise OSError(error.errno, f"{name} port {host}:{port}: {_describe(error)}") from error
     listener.setblocking(False)
     return listener
+
+
+async def wait_for_connection(listener: Listener) -> None:
+    """Wait until a connection is in the backlog of a listening socket that nobody else reads."""
+    loop, connected = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_reader(listener, connected.set)
+    try:
+        await connected.wait()
+    finally:
+        loop.remove_reader(listener)
 
 
 class AcceptLoop:

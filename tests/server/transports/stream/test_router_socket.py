@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from catoptra_server.transports.listener import create_listener
 from catoptra_server.transports.stream.router_socket import RouterSocket, SendResult
 from catoptra_server.transports.tcp_server import ConnectionLimits
 from helpers.loopback import HOST, run_scenario
@@ -36,8 +37,7 @@ class RouterFixture:
         self.received: asyncio.Queue[tuple[bytes, list[bytes]]] = asyncio.Queue()
         self.ended: asyncio.Queue[bytes] = asyncio.Queue()
         self.socket = RouterSocket(
-            host,
-            0,
+            create_listener(host, 0, name="stream"),
             limits=ConnectionLimits(),
             on_message=lambda peer, parts: self.received.put_nowait((peer, parts)),
             on_disconnect=self.ended.put_nowait,
@@ -184,9 +184,7 @@ def test_port_when_in_use_raises_os_error_with_its_number() -> None:
         with socket.create_server((HOST, 0)) as in_use:
             port = in_use.getsockname()[1]
             with pytest.raises(OSError, match=f"stream port 127.0.0.1:{port}: Address already"):
-                RouterSocket(
-                    HOST, port, limits=ConnectionLimits(), on_message=print, on_disconnect=print
-                )
+                create_listener(HOST, port, name="stream")
 
     run_scenario(scenario())
 
@@ -260,8 +258,10 @@ def test_socket_when_its_private_endpoint_fails_names_the_remedy(
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
 
     async def scenario() -> None:
+        listener = create_listener(HOST, 0, name="stream")
         with pytest.raises(OSError, match="set TMPDIR to a short, writable path"):
-            RouterSocket(HOST, 0, limits=ConnectionLimits(), on_message=print, on_disconnect=print)
+            RouterSocket(listener, limits=ConnectionLimits(), on_message=print, on_disconnect=print)
+        assert listener.fileno() == -1  # closed
         assert list(deep.iterdir()) == []
 
     run_scenario(scenario())

@@ -7,7 +7,6 @@ from typing import Literal
 
 from catoptra_protocol.errors import DomainError
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
-from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
 from catoptra_server.render.trace.trace_engine import TraceEngine
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import Light, World
@@ -62,4 +61,7 @@ def create_engine(
         except KernelUnavailableError as error:
             # The message names the missing part and the remedy.
             log.warning("%s; tracing with the NumPy reference, many times slower", error)
+    # As above, where the engine is needed: see deferred_modules.
+    from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
+
     return "reference", ReferenceEngine(scene, world, threads=threads, scene_lights=scene_lights)

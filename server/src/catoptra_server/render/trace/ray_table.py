@@ -27,7 +27,6 @@ from catoptra_protocol.optics.omni_camera import (
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 from catoptra_server.robot.render_settings import PerPixel
 
 TILE_PX = 4
@@ -90,6 +89,9 @@ def omni_ray_table(camera: OmniCamera, plan: RenderPlan) -> RayTable:
     """Rays of an omnidirectional camera, by the camera model or by the plan's mirror mesh."""
     if isinstance(plan.surface, PerPixel):
         return build_ray_table(camera, plan.samples, partial(direction_from_pixel_grid, camera))
+    # Loaded with embreex where a plan has a mesh: see deferred_modules.
+    from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
+
     look_up = partial(mirror_mesh_directions, camera, plan.surface)
     return build_ray_table(camera, plan.samples, _grid_lookup(look_up))
 

@@ -19,7 +19,7 @@ from enum import Enum, auto
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-from catoptra_server.transports.listener import BACKLOG, create_listener
+from catoptra_server.transports.listener import BACKLOG
 from catoptra_server.transports.stream.connection_guard import ConnectionGuard
 from catoptra_server.transports.stream.private_folder import SOCKET_NAME, create_private_folder
 from catoptra_server.transports.tcp_server import ConnectionLimits
@@ -51,31 +51,29 @@ class RouterSocket:
 
     def __init__(
         self,
-        host: str,
-        port: int,
+        listener: socket.socket,
         *,
         limits: ConnectionLimits,
         on_message: MessageHandler,
         on_disconnect: Callable[[bytes], None],
     ) -> None:
-        """Bind the port.
+        """Accept connections.
 
         Args:
-            host: Host name or address of the interface.
-            port: TCP port; 0 = a free one, see `port`.
+            listener: Listening socket of the public port; closed with this one.
             limits: Limits of the connections.
             on_message: Called with the identity of a peer and the parts of its message.
             on_disconnect: Called with the identity of a peer whose connection has ended, before
                 any message of another connection with the same identity.
 
         Raises:
-            OSError: The port, or the private socket of the ROUTER, is not available.
+            OSError: The private socket of the ROUTER is not available.
         """
         self._loop = asyncio.get_running_loop()
         self._on_message = on_message
         self._on_disconnect = on_disconnect
         with ExitStack() as resources:
-            listener = resources.enter_context(create_listener(host, port, name="stream"))
+            resources.enter_context(listener)
             self.port: int = listener.getsockname()[1]
             path = str(resources.enter_context(create_private_folder()) / SOCKET_NAME)
             context = zmq.Context(io_threads=1)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 
 from catoptra_protocol.camera_conf import Pairs, pairs_from_omni_camera
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.stream.replies import EffectRecord, StartPoseRecord, Transform
+from catoptra_server import __version__
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.world_description import World
@@ -90,7 +90,7 @@ def build_server_info(
     for robot in robots:
         cameras |= _cameras_of_class(robot, plans.get(robot.class_name))
     return ServerInfo(
-        server=f"Catoptra {version('catoptra-server')}",
+        server=f"Catoptra {__version__}",
         world=world.name,
         robots=tuple(robots),
         clock=clock,

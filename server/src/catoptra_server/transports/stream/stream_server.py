@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -69,8 +70,7 @@ class StreamServer:
 
     def __init__(
         self,
-        host: str,
-        port: int,
+        listener: socket.socket,
         *,
         mailboxes: Mailboxes,
         post: Post,
@@ -78,11 +78,10 @@ class StreamServer:
         query_plan: QueryPlan,
         limits: ConnectionLimits,
     ) -> None:
-        """Bind the port.
+        """Accept clients.
 
         Args:
-            host: Host name or address of the interface.
-            port: TCP port; 0 = a free one, see `port`.
+            listener: Listening socket of the port; closed with this server.
             mailboxes: Newest frame of each channel.
             post: Hands an event to the simulation; thread-safe.
             server_info: Constant part of the replies.
@@ -90,7 +89,7 @@ class StreamServer:
             limits: Limits of the connections.
 
         Raises:
-            OSError: The port is not available.
+            OSError: The private socket of the ROUTER is not available.
         """
         self._loop = asyncio.get_running_loop()
         self._mailboxes = mailboxes
@@ -102,8 +101,7 @@ class StreamServer:
         self._blocked: deque[StreamPeer] = deque()
         self._flush_timer: asyncio.TimerHandle | None = None
         self._socket = RouterSocket(
-            host,
-            port,
+            listener,
             limits=limits,
             on_message=self._handle_message,
             on_disconnect=self._remove_peer,
@@ -281,8 +279,7 @@ class StreamServer:
 
 @asynccontextmanager
 async def serve_stream(
-    host: str,
-    port: int,
+    listener: socket.socket,
     *,
     mailboxes: Mailboxes,
     post: Post,
@@ -293,11 +290,10 @@ async def serve_stream(
     """Serve the stream until the block ends; for the arguments see StreamServer.
 
     Raises:
-        OSError: The port is not available.
+        OSError: The private socket of the ROUTER is not available.
     """
     server = StreamServer(
-        host,
-        port,
+        listener,
         mailboxes=mailboxes,
         post=post,
         server_info=server_info,

@@ -1,0 +1,39 @@
+"""Modules that are loaded once the ports listen: none before the first frame, all afterwards."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+# A process of its own: this one has loaded nearly all modules already.
+SCRIPT = """
+import json, sys
+from catoptra_server.cli import main
+from catoptra_server.deferred_modules import load_deferred_modules
+before = sorted(sys.modules)
+load_deferred_modules(sys.argv[1])
+print(json.dumps([before, sorted(sys.modules)]))
+"""
+STREAM = {"zmq", "msgpack", "catoptra_server.transports.stream.stream_server"}
+RASTER = {"moderngl", "catoptra_server.render.raster.raster_renderer"}
+
+
+def list_modules(renderer: str) -> tuple[set[str], set[str]]:
+    """Modules loaded for a start, and those after the deferred ones."""
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, renderer], check=True, capture_output=True, text=True
+    )
+    before, after = json.loads(done.stdout)
+    return set(before), set(after)
+
+
+@pytest.mark.parametrize(("renderer", "deferred"), [("auto", STREAM | RASTER), ("trace", STREAM)])
+def test_modules_of_stream_and_second_renderer_are_loaded_after_the_start(
+    renderer: str, deferred: set[str]
+) -> None:
+    before, after = list_modules(renderer)
+    assert not before & (STREAM | RASTER)
+    assert after & (STREAM | RASTER) == deferred
