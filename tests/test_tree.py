@@ -148,6 +148,13 @@ def test_protocol_imports_neither_sockets_nor_clocks() -> None:
     ] == []
 
 
+def test_data_classes_that_a_server_loads_are_slotted_ones() -> None:
+    own = "protocol/slotted_dataclass.py"
+    standard = re.compile(r"^from dataclasses import .*\bdataclass\b|@dataclasses\.", re.MULTILINE)
+    loaded = [(n, p) for n, p in ALL_SOURCES if n.startswith(("protocol/", "server/")) and n != own]
+    assert [name for name, path in loaded if standard.search(path.read_text("utf-8"))] == []
+
+
 def test_tests_when_they_wait_do_not_sleep() -> None:
     asleep = re.compile(r"\btime\.sleep\(|asyncio\.sleep\((?!0\))")
     files = [p for p in (REPOSITORY / "tests").rglob("test_*.py") if p != Path(__file__)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from catoptra_protocol.errors import SourceLocation
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.memory_budget import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.scene import primitives
 from catoptra_server.scene.facets import facet_normals

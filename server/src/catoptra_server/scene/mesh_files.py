@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sized
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.memory_budget import BYTES_PER_TRIANGLE, MemoryBudget
 from catoptra_server.scene.facets import facet_normals
 from catoptra_server.scene.gltf_sizes import reserve_gltf

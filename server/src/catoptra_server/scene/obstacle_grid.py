@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import product
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.grid_cells import Indices, cell_members, first_occurrences
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.row_blocks import row_blocks, sorted_rows

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.kernel.flat_surfaces import find_flat_surfaces, has_corner_colours
 from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
@@ -90,6 +90,12 @@ def caster_arrays(scene: SceneMesh, centre: Floats) -> Owned:
     return _mesh_arrays(scene.corners[casters], centre, normals, np.zeros_like(normals), flags)
 
 
+def corner_arrays(corners: Floats, centre: Floats) -> Owned:
+    """(n, 3, 3) corners relative to a centre, of triangles that are only met and never shown."""
+    padded = _pad_corners(corners, centre)
+    return Owned(MeshArrays(len(corners), corners=_address(padded)), (padded,))
+
+
 def _mesh_arrays(
     corners: Floats,
     centre: Floats,
@@ -98,12 +104,8 @@ def _mesh_arrays(
     flags: npt.NDArray[np.uint8],
     optional: _Optional = _NOTHING,
 ) -> Owned:
-    padded = np.zeros(corners.size + _CORNER_PADDING, dtype=np.float32)
-    # Subtracted in float64, stored in float32, without an array of the one in between.
-    relative = padded[: corners.size].reshape(corners.shape)
-    np.subtract(corners, centre, out=relative, casting="same_kind")
     arrays = {
-        "corners": padded,
+        "corners": _pad_corners(corners, centre),
         "normals": _float32(normals),
         "albedo": _float32(albedo),
         "flags": flags,
@@ -113,6 +115,15 @@ def _mesh_arrays(
     }
     addresses = {name: _address(array) for name, array in arrays.items()}
     return Owned(MeshArrays(len(corners), **addresses), tuple(arrays.values()))
+
+
+def _pad_corners(corners: Floats, centre: Floats) -> npt.NDArray[np.float32]:
+    """(9 n + _CORNER_PADDING,) coordinates of (n, 3, 3) corners relative to a centre."""
+    padded = np.zeros(corners.size + _CORNER_PADDING, dtype=np.float32)
+    # Subtracted in float64, stored in float32, without an array of the one in between.
+    relative = padded[: corners.size].reshape(corners.shape)
+    np.subtract(corners, centre, out=relative, casting="same_kind")
+    return padded
 
 
 def _float32(array: npt.NDArray[Any] | None) -> npt.NDArray[np.float32] | None:
