@@ -169,6 +169,25 @@ def test_frame_when_several_wait_is_requested_once() -> None:
     run(scenario)
 
 
+def test_frame_when_one_coroutine_cancels_another_reaches_the_rest() -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
+        async def wait_and_cancel() -> None:
+            await mailbox.wait_for_newer(0)
+            cancelled.cancel()
+
+        first = asyncio.create_task(wait_and_cancel())
+        await let_it_wait(first)
+        cancelled, last = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
+        await let_it_wait(last)
+        asyncio.get_running_loop().call_soon(mailbox.put, frame(1))
+        assert (await last).sequence == 1
+        await first
+        await asyncio.gather(cancelled, return_exceptions=True)
+        assert cancelled.cancelled()
+
+    run(scenario)
+
+
 def test_mailboxes_when_a_channel_existed_before_request_any_frame() -> None:
     async def scenario() -> None:
         posted: list[SimulationEvent] = []

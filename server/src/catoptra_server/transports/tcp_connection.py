@@ -12,6 +12,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import cast
 
+from catoptra_server.immediate_future import ImmediateFuture
+
 # A chunk of input: a turn of the loop handles at most some 100 commands.
 READ_BYTES = 4 * 1024
 _MAX_CHUNKS_AHEAD = 2
@@ -51,7 +53,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._ahead: deque[bytes] = deque()
         self._is_lost = False
         self._has_read_all = False
-        self._arrival = asyncio.Event()
+        self._arrival: ImmediateFuture[None] | None = None
         self._can_write = asyncio.Event()
         self._can_write.set()
 
@@ -64,13 +66,19 @@ class TcpConnection(asyncio.BufferedProtocol):
         """Next input, at most READ_BYTES; empty once the peer sends nothing more."""
         # Not by `peer_ended_at_s`, which may be known while input still waits in the kernel.
         while not self._ahead and not self._has_read_all:
-            self._arrival.clear()
-            await self._arrival.wait()
+            self._arrival = ImmediateFuture(asyncio.get_running_loop())
+            await self._arrival
         if not self._ahead:
             return b""
         if self._is_paused and self._transport is not None:
             self._transport.resume_reading()
         return self._ahead.popleft()
+
+    def _end_wait(self) -> None:
+        """Resume a coroutine that waits for input."""
+        arrival, self._arrival = self._arrival, None
+        if arrival is not None and not arrival.done():
+            arrival.set_result(None)
 
     @property
     def _is_paused(self) -> bool:
@@ -149,13 +157,13 @@ class TcpConnection(asyncio.BufferedProtocol):
         if self._is_paused:
             self._transport.pause_reading()
         self.received_at_s = time.monotonic()
-        self._arrival.set()
+        self._end_wait()
 
     def eof_received(self) -> bool:
         """Record the end of the peer's input; called by asyncio."""
         self.peer_ended_at_s = self.peer_ended_at_s or time.monotonic()
         self._has_read_all = True
-        self._arrival.set()
+        self._end_wait()
         return True  # keep the other direction open: replies are still due
 
     def pause_writing(self) -> None:
@@ -169,6 +177,7 @@ class TcpConnection(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Record the end of the connection; called by asyncio."""
         self._is_lost = self._has_read_all = True
-        self._arrival.set()
-        self._can_write.set()
+        # First: a handler that this cancels is not to go on as after the end of the input.
         self._on_lost(self)
+        self._end_wait()
+        self._can_write.set()
