@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import struct
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -16,8 +17,10 @@ from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_events import FrameRequested
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.simulation import SimulationEvent
+from catoptra_server.transports.loop_share import LoopAccount, LoopShare
+from catoptra_server.transports.tcp_connection import READ_BYTES, TcpConnection
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
-from catoptra_server.transports.tcp_server import TcpServer
+from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer
 from helpers.loopback import (
     HOST,
     abort,
@@ -304,3 +307,52 @@ def test_viewer_of_an_image_that_cannot_be_rendered_is_disconnected_with_a_log_l
     run_scenario(scenario())
     assert "disconnected: no frame: the renderer failed" in caplog.text
     assert "Traceback" not in caplog.text
+
+
+class _RecordingShare(LoopShare):
+    """A share on a clock that stands still, with its accounts: what they use is never paid back."""
+
+    def __init__(self) -> None:
+        super().__init__(monotonic=lambda: 0.0)
+        self.accounts: list[LoopAccount] = []
+
+    def open_account(self, *, max_wait_s: float = 1.0) -> LoopAccount:
+        self.accounts.append(super().open_account(max_wait_s=max_wait_s))
+        return self.accounts[-1]
+
+    def has_waiting_account(self) -> bool:
+        """Whether a client is held back."""
+        return any(account.remaining_wait_s > 0.0 for account in self.accounts)
+
+
+@pytest.mark.parametrize("is_flood", [False, True])
+def test_client_is_held_back_only_if_it_sends_requests_before_the_replies(
+    is_flood: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share, write = _RecordingShare(), TcpConnection.write
+
+    async def scenario() -> None:
+        camera = CountingCamera()
+        camera.mailboxes = Mailboxes(camera.post, prefetch=False)
+        limits = ConnectionLimits(loop_share=share)
+        async with serve_images(
+            HOST, 0, mailboxes=camera.mailboxes, options=RAW, limits=limits
+        ) as server:
+            with socket.create_connection((HOST, server.port)) as client:
+
+                def write_and_request(connection: TcpConnection, data: bytes | memoryview) -> None:
+                    """Write a reply that the client answers at once."""
+                    write(connection, data)
+                    client.sendall(b"OK")
+
+                if is_flood:
+                    # Twelve reads with a request in each; other bytes are ignored.
+                    client.sendall(12 * b"OK".ljust(READ_BYTES, b"-"))
+                    await wait_until(share.has_waiting_account, "pause of a client that floods")
+                else:
+                    monkeypatch.setattr(TcpConnection, "write", write_and_request)
+                    client.sendall(b"OK")
+                    await wait_until(lambda: camera.num_rendered > 50, "frames")
+                    assert not share.has_waiting_account()
+
+    run_scenario(scenario())

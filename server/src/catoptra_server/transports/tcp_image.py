@@ -101,6 +101,8 @@ class _ImagePeer:
         self._options = options
         self._account = account
         self._subscriptions: dict[Channel, tuple[Mailbox, int]] = {}
+        # Whether the client has sent nothing beyond the request that is answered.
+        self._is_dialogue = True
         self.num_sent = 0
 
     async def answer_requests(self) -> None:
@@ -113,11 +115,12 @@ class _ImagePeer:
             await self._answer(FullFrameRequest())
         requests = ImageRequestReader()
         while data := await self._connection.read():
+            self._is_dialogue = not self._connection.has_more_input
             # In order, and the next read waits for all replies: TCP holds back a fast client.
             for request in requests.receive(data):
                 self._connection.has_handshake = True
                 await self._answer(request)
-            if not self._connection.has_more_input:
+            if self._is_dialogue:
                 self._account.write_off()
             self._account.charge_read()
             await self._account.wait()
@@ -125,7 +128,10 @@ class _ImagePeer:
     async def _answer(self, request: FullFrameRequest | RegionRequest) -> None:
         channel, region = _select_channel(request, self._options.multi_view)
         frame = await self._next_frame(channel)
-        self._connection.write(await _encode_reply(frame, region, self._options.image_type))
+        reply = await _encode_reply(frame, region, self._options.image_type)
+        # Before the reply: a fast client sends its next request while the reply is written.
+        self._is_dialogue = not self._connection.has_more_input
+        self._connection.write(reply)
         await self._connection.drain()
         self.num_sent += 1
 
