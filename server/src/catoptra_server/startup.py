@@ -104,9 +104,9 @@ class _LazyRayCaster:
         """The ray caster, built at the first call."""
         if self._caster is None:
             # Imported here, so that a server without such sensors runs without embree.
-            from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+            from catoptra_server.render.trace.ray_caster import commit_ray_caster
 
-            self._caster = EmbreeRayCaster(self._scene)
+            self._caster = commit_ray_caster(self._scene)
         return self._caster
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:

@@ -29,9 +29,9 @@ def sorted_rows(values: Floats, rows: npt.NDArray[np.integer]) -> Floats:
 
     Most often all rows of a block are meant, and a slice takes a third of the time.
     """
-    if len(rows) and rows[-1] - rows[0] == len(rows) - 1:
-        return values[rows[0] : rows[-1] + 1]
-    return values[rows]
+    is_range = len(rows) and rows[-1] - rows[0] == len(rows) - 1
+    selected: Floats = values[rows[0] : rows[-1] + 1] if is_range else values[rows]
+    return selected
 
 
 def gather_rows(values: Floats, indices: npt.NDArray[np.integer]) -> Floats:

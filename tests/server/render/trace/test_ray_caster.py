@@ -1,19 +1,44 @@
-"""Embree's distances against exact geometry."""
+"""Embree's distances against exact geometry, by embreex and by the kernel."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
 
-from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.scene.scene_mesh import build_scene
+import numpy as np
+import pytest
+
+from catoptra_server.render.trace import ray_caster
+from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
+from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.ray_caster import (
+    EmbreeRayCaster,
+    SceneRayCaster,
+    commit_ray_caster,
+)
+from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
 from helpers.room_ray_caster import RoomRayCaster, make_room_world
 
 HALF_M = (40.0, 3.0, 2.0)
 
+Commit = Callable[[SceneMesh], SceneRayCaster]
 
-def test_distances_when_in_a_room_are_exact_and_no_ray_slips_out() -> None:
-    caster = EmbreeRayCaster(build_scene(make_room_world(HALF_M)))
+
+def commit_to_kernel(scene: SceneMesh) -> SceneRayCaster:
+    try:
+        return KernelRayCaster(scene)
+    except KernelUnavailableError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(params=[EmbreeRayCaster, commit_to_kernel], ids=["embreex", "kernel"])
+def commit(request: pytest.FixtureRequest) -> Commit:
+    made: Commit = request.param
+    return made
+
+
+def test_distances_when_in_a_room_are_exact_and_no_ray_slips_out(commit: Commit) -> None:
+    caster = commit(build_scene(make_room_world(HALF_M)))
     generator = np.random.default_rng(1)
     directions = generator.standard_normal((20_000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -23,20 +48,20 @@ def test_distances_when_in_a_room_are_exact_and_no_ray_slips_out() -> None:
     np.testing.assert_allclose(caster.distances(origins, directions), exact, atol=1e-4)
 
 
-def test_distances_when_rays_miss_are_infinite() -> None:
+def test_distances_when_rays_miss_are_infinite(commit: Commit) -> None:
     directions = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     outside = np.array([[0.0, 0.0, -9.0], [0.0, 0.0, -9.0]])
-    caster = EmbreeRayCaster(build_scene(make_room_world()))
+    caster = commit(build_scene(make_room_world()))
     assert np.isinf(caster.distances(outside, directions)).all()
 
 
-def test_distances_when_the_scene_is_empty_are_infinite() -> None:
-    caster = EmbreeRayCaster(build_scene(World("empty", ())))
+def test_distances_when_the_scene_is_empty_are_infinite(commit: Commit) -> None:
+    caster = commit(build_scene(World("empty", ())))
     assert np.isinf(caster.distances(np.zeros((2, 3)), np.eye(3)[:2])).all()
 
 
-def test_hits_when_in_a_room_have_the_distances_and_normals_of_its_walls() -> None:
-    caster = EmbreeRayCaster(build_scene(make_room_world(HALF_M)))
+def test_hits_when_in_a_room_have_the_distances_and_normals_of_its_walls(commit: Commit) -> None:
+    caster = commit(build_scene(make_room_world(HALF_M)))
     generator = np.random.default_rng(2)
     directions = generator.standard_normal((2000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -48,9 +73,22 @@ def test_hits_when_in_a_room_have_the_distances_and_normals_of_its_walls() -> No
     assert (np.abs(np.sum(normals * inward, axis=1)) > 0.999).mean() > 0.998
 
 
-def test_hits_when_rays_miss_are_infinite_and_without_normal() -> None:
+def test_hits_when_rays_miss_are_infinite_and_without_normal(commit: Commit) -> None:
     outside, up = np.array([[0.0, 0.0, -9.0]]), np.array([[0.0, 0.0, -1.0]])
     for world in (make_room_world(), World("empty", ())):
-        distances, normals = EmbreeRayCaster(build_scene(world)).closest_hits(outside, up)
+        distances, normals = commit(build_scene(world)).closest_hits(outside, up)
         assert np.isinf(distances).all()
         assert not normals.any()
+
+
+def test_ray_caster_is_the_kernel_s_or_embreex_s_where_that_cannot_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(scene: SceneMesh) -> SceneRayCaster:
+        raise KernelUnavailableError("a test")
+
+    scene = build_scene(make_room_world())
+    commit_to_kernel(scene)  # skips where there is no kernel
+    assert isinstance(commit_ray_caster(scene), KernelRayCaster)
+    monkeypatch.setattr(ray_caster, "KernelRayCaster", fail)
+    assert isinstance(commit_ray_caster(scene), EmbreeRayCaster)

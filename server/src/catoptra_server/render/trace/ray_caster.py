@@ -1,19 +1,47 @@
 """Distances along rays in the static scene, for sensors that measure range, without any radiance.
 
-Embree's rays are watertight: none slips between two triangles that share an edge.
+By the native kernel, and by embreex where the kernel cannot run: the same bits, since both cast
+single rays by one Embree. Its rays are watertight: none slips between two triangles that share an
+edge.
 """
 
 from __future__ import annotations
+
+import logging
+from typing import Protocol
 
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
+from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 from catoptra_server.scene.scene_mesh import SceneMesh
+
+log = logging.getLogger(__name__)
 
 # Embree reports 1e37 for a miss; no scene extends this far.
 _NO_HIT_M = 1e30
+
+
+class SceneRayCaster(Protocol):
+    """Distances in a scene; twin: `sensors.sensor_environment.RayCaster`."""
+
+    def distances(self, origins: Floats, directions: Floats) -> Floats:
+        """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""
+
+    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
+
+
+def commit_ray_caster(scene: SceneMesh) -> SceneRayCaster:
+    """Commit a scene for distance queries: to the kernel, or to embreex where that cannot run."""
+    try:
+        return KernelRayCaster(scene)
+    except KernelUnavailableError as error:
+        log.info("sensors cast their rays by embreex: %s", error)
+    return EmbreeRayCaster(scene)
 
 
 class EmbreeRayCaster:

@@ -11,6 +11,9 @@ from ctypes import c_char_p, c_int32, c_int64, c_void_p
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
@@ -30,6 +33,8 @@ PACKET_WIDTHS = (1, 4, 8, 16)
 """Rays of a packet; 1 for single rays."""
 
 _ERROR_BYTES = 256
+
+Float32s = npt.NDArray[np.float32]
 
 
 class KernelError(CatoptraError):
@@ -91,6 +96,41 @@ class KernelDevice:
     def release_view(self, view: int) -> None:
         """Free a view."""
         self._library.catoptra_release_view(view)
+
+    def commit_watertight_mesh(self, arrays: MeshArrays) -> int:
+        """Commit triangles for `cast`: no ray slips between two that share an edge.
+
+        Raises:
+            KernelUnavailableError: The library is older than these two functions.
+        """
+        cast_arguments = (c_void_p, c_int64, *(c_void_p,) * 4)
+        _declare(self._library, "catoptra_cast", None, cast_arguments)
+        name = "catoptra_commit_watertight_mesh"
+        _declare(self._library, name, c_void_p, (c_void_p, c_void_p, c_void_p))
+        error = ctypes.create_string_buffer(_ERROR_BYTES)
+        commit = self._library.catoptra_commit_watertight_mesh
+        return _require(commit(self._require_open(), ctypes.byref(arrays), error), error)
+
+    def cast(
+        self,
+        mesh: int,
+        origins: Float32s,
+        directions: Float32s,
+        ranges: Float32s,
+        triangles: npt.NDArray[np.int32],
+    ) -> None:
+        """Write first hits of single rays; any threads may cast at once.
+
+        Args:
+            mesh: A watertight mesh of this device.
+            origins: (n, 3) points, contiguous as all arrays here.
+            directions: (n, 3) unit vectors.
+            ranges: (n,) receives the distances, metres; inf without a hit.
+            triangles: (n,) receives the triangles; -1 without a hit.
+        """
+        self._require_open()  # the mesh belongs to the device
+        arrays = (origins, directions, ranges, triangles)
+        self._library.catoptra_cast(mesh, len(origins), *(array.ctypes.data for array in arrays))
 
     def build_light_maps(self, scene: SceneStruct) -> int | None:
         """Maps of where nothing occludes a scene's directional lights; None if memory is short."""
@@ -160,10 +200,7 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_trace": (c_int32, (c_void_p,) * 5),
     }
     for name, (result, arguments) in signatures.items():
-        function = getattr(library, name, None)
-        if function is None:
-            raise KernelUnavailableError(f"{path} has no function {name}; install the server again")
-        function.restype, function.argtypes = result, arguments
+        _declare(library, name, result, arguments)
     for number, structure in enumerate(STRUCTURES):
         # A library of another release would read our structures wrongly.
         if library.catoptra_abi(number) != ctypes.sizeof(structure):
@@ -172,3 +209,15 @@ def _load_library(path: Path) -> ctypes.CDLL:
                 "install the server again"
             )
     return library
+
+
+def _declare(
+    library: ctypes.CDLL, name: str, result: type | None, arguments: tuple[type, ...]
+) -> None:
+    """Declare the types of a function."""
+    function = getattr(library, name, None)
+    if function is None:
+        raise KernelUnavailableError(
+            f"{library._name} has no function {name}; install the server again"
+        )
+    function.restype, function.argtypes = result, arguments

@@ -94,7 +94,7 @@ static int attach_triangles(const Device *device, RTCScene scene, const MeshArra
     return 1;
 }
 
-Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error) {
+static Mesh *commit_mesh(Device *device, const MeshArrays *arrays, int flags, char *error) {
     Mesh *mesh = calloc(1, sizeof *mesh);
     if (!mesh) {
         snprintf(error, ERROR_SIZE, "out of memory");
@@ -105,6 +105,7 @@ Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error
     if (!arrays->num_triangles)
         return mesh;
     mesh->scene = device->embree.new_scene(device->rtc);
+    device->embree.set_scene_flags(mesh->scene, flags);
     int attached = attach_triangles(device, mesh->scene, arrays);
     device->embree.commit_scene(mesh->scene);
     const char *reason = device_error(device);
@@ -115,6 +116,14 @@ Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error
         return NULL;
     }
     return mesh;
+}
+
+Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error) {
+    return commit_mesh(device, arrays, RTC_SCENE_FLAG_NONE, error);
+}
+
+Mesh *catoptra_commit_watertight_mesh(Device *device, const MeshArrays *arrays, char *error) {
+    return commit_mesh(device, arrays, RTC_SCENE_FLAG_ROBUST, error);
 }
 
 void catoptra_release_mesh(Mesh *mesh) {

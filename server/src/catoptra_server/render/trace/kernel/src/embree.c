@@ -21,6 +21,7 @@ static const Symbol SYMBOLS[] = {
     SYMBOL("rtcReleaseScene", release_scene),
     SYMBOL("rtcCommitScene", commit_scene),
     SYMBOL("rtcSetSceneBuildQuality", set_scene_build_quality),
+    SYMBOL("rtcSetSceneFlags", set_scene_flags),
     SYMBOL("rtcAttachGeometryByID", attach_geometry_by_id),
     SYMBOL("rtcNewGeometry", new_geometry),
     SYMBOL("rtcReleaseGeometry", release_geometry),

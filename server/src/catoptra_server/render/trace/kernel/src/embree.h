@@ -21,6 +21,7 @@ enum { RTC_BUFFER_TYPE_INDEX = 0, RTC_BUFFER_TYPE_VERTEX = 1 };
 enum { RTC_FORMAT_UINT3 = 0x5003, RTC_FORMAT_FLOAT3 = 0x9003, RTC_FORMAT_FLOAT3X4_COLUMN = 0x9234 };
 enum { RTC_RAY_QUERY_FLAG_COHERENT = 1 << 16 };
 enum { RTC_FEATURE_FLAG_ALL = -1 };
+enum { RTC_SCENE_FLAG_NONE = 0, RTC_SCENE_FLAG_ROBUST = 1 << 2 };
 enum { RTC_BUILD_QUALITY_LOW = 0, RTC_BUILD_QUALITY_MEDIUM = 1 };
 enum { RTC_DEVICE_PROPERTY_NATIVE_RAY8 = 33, RTC_DEVICE_PROPERTY_NATIVE_RAY16 = 34 };
 
@@ -93,6 +94,7 @@ typedef struct {
     void (*release_scene)(RTCScene);
     void (*commit_scene)(RTCScene);
     void (*set_scene_build_quality)(RTCScene, int quality);
+    void (*set_scene_flags)(RTCScene, int flags);
     void (*attach_geometry_by_id)(RTCScene, RTCGeometry, unsigned id);
     RTCGeometry (*new_geometry)(RTCDevice, int type);
     void (*release_geometry)(RTCGeometry);

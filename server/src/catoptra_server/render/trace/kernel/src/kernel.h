@@ -134,6 +134,9 @@ CATOPTRA_EXPORT void catoptra_close(Device *device);
 CATOPTRA_EXPORT int32_t catoptra_packet_width(const Device *device);
 
 CATOPTRA_EXPORT Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error);
+/* The same for rays of which none may slip between two triangles that share an edge. */
+CATOPTRA_EXPORT Mesh *catoptra_commit_watertight_mesh(Device *device, const MeshArrays *arrays,
+                                                      char *error);
 CATOPTRA_EXPORT void catoptra_release_mesh(Mesh *mesh);
 
 CATOPTRA_EXPORT View *catoptra_prepare(Device *device, const RayTable *rays, char *error);
@@ -147,6 +150,11 @@ CATOPTRA_EXPORT void catoptra_release_light_maps(void *light_maps, int32_t num_l
 /* 0, or the reason of the failure in `error`. */
 CATOPTRA_EXPORT int32_t catoptra_render(Device *device, const Scene *scene, const View *view,
                                         const Frame *frame, FrameCounts *counts, char *error);
+
+/* First hits of single rays with a mesh: (count, 3) origins and unit directions in Embree's
+ * coordinates; distances, INFINITY and triangle -1 without a hit. Any threads may cast at once. */
+CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const float *origins,
+                                   const float *directions, float *range_m, int32_t *triangle);
 
 /* Trace all rays of a view against the static scene, and nothing else: the bare packet rate. */
 CATOPTRA_EXPORT int32_t catoptra_trace(Device *device, const Scene *scene, const View *view,

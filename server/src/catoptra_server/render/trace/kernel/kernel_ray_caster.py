@@ -1,0 +1,75 @@
+"""Distances along rays in the static scene by the native kernel, for sensors that measure range.
+
+The twin of `ray_caster.EmbreeRayCaster`: single rays of the same Embree, so the same bits. The
+kernel commits a million triangles in 0.3 s, where embreex takes 1.7, most of them in one thread.
+"""
+
+from __future__ import annotations
+
+import os
+import weakref
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.trace.kernel.instruction_sets import AUTO, choose_instruction_set
+from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
+from catoptra_server.render.trace.kernel.scene_arrays import corner_arrays
+from catoptra_server.render.trace.trace_engine import scene_centre
+from catoptra_server.scene.scene_mesh import SceneMesh
+
+
+class KernelRayCaster:
+    """The triangles of a scene, committed for distance queries.
+
+    Not those of the renderer: watertight rays need another hierarchy, with other distances in the
+    last bits; and a renderer that fails is closed and made anew while sensors measure.
+    """
+
+    def __init__(self, scene: SceneMesh) -> None:
+        """Commit the triangles.
+
+        Raises:
+            KernelUnavailableError: The kernel's or Embree's library is missing.
+        """
+        self._normals = scene.normals
+        self._centre = scene_centre(scene)
+        self._device = KernelDevice(
+            choose_instruction_set(AUTO), len(os.sched_getaffinity(0)), packet_width=1
+        )
+        try:
+            self._arrays = corner_arrays(scene.corners, self._centre)
+            self._mesh = self._device.commit_watertight_mesh(self._arrays.struct)
+        except BaseException:
+            self._device.close()
+            raise
+        # Sensors have no end of their own: the process's, or that of a test's last reference.
+        weakref.finalize(self, _close, self._device, self._mesh, self._arrays)
+
+    def distances(self, origins: Floats, directions: Floats) -> Floats:
+        """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""
+        return self._cast(origins, directions)[0]
+
+    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
+        distances, triangles = self._cast(origins, directions)
+        normals = np.zeros(directions.shape)
+        is_hit = triangles >= 0
+        normals[is_hit] = self._normals[triangles[is_hit]]
+        return distances, normals
+
+    def _cast(self, origins: Floats, directions: Floats) -> tuple[Floats, npt.NDArray[np.int32]]:
+        """(n,) distances and triangles; infinite and -1 without a hit."""
+        starts = np.ascontiguousarray(origins - self._centre, dtype=np.float32)
+        rays = np.ascontiguousarray(directions, dtype=np.float32)
+        ranges = np.zeros(len(rays), dtype=np.float32)
+        triangles = np.zeros(len(rays), dtype=np.int32)
+        self._device.cast(self._mesh, starts, rays, ranges, triangles)
+        return ranges.astype(np.float64), triangles
+
+
+def _close(device: KernelDevice, mesh: int, arrays: object) -> None:
+    """Free a mesh, and with it the device; its arrays live until here."""
+    device.release_mesh(mesh)
+    device.close()
