@@ -14,10 +14,11 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import Report
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_rendering import render_frame
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, FrameRequest, ViewRequest
-from catoptra_server.frames.view_cache import RenderedView, ViewState
+from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings

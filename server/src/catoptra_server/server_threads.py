@@ -14,10 +14,11 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.server_file import ServerSettings, resolve_settings
+from catoptra_server.frames.camera_plans import ErrorBoundTable
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.frames.mounted_camera import mounted_camera_state
 from catoptra_server.frames.render_thread import RenderThread
-from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
+from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.options import Options
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_cache import CostCache, default_cache_folder

@@ -12,6 +12,7 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames import render_thread as render_thread_module
+from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
@@ -20,7 +21,7 @@ from catoptra_server.frames.frame_request import (
     ViewRequest,
 )
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread
-from catoptra_server.frames.view_cache import RenderedView, ViewFailedError, ViewState
+from catoptra_server.frames.view_cache import RenderedView, ViewFailedError
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from helpers.frame_requests import VIEW, make_request
 from helpers.loopback import DEADLINE_S

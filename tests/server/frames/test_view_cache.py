@@ -32,8 +32,9 @@ from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.quantisation import Quantisation
+from catoptra_server.frames.camera_plans import ErrorBoundTable
 from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache, ViewFailedError
+from catoptra_server.frames.view_cache import ViewCache, ViewFailedError
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
@@ -278,42 +279,6 @@ def render_repeatedly(views: ViewCache, request: ViewRequest, frames: int) -> No
         views.render(request)
 
 
-def test_budget_when_met_leaves_the_plan_alone() -> None:
-    renderer = SlowRenderer(1.0)
-    render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
-    assert [plan.samples for plan in renderer.plans] == [3]
-
-
-def test_budget_when_exceeded_replans_and_logs_why(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    renderer = SlowRenderer(2.0)
-    with caplog.at_level("INFO"):
-        render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
-    assert [plan.samples for plan in renderer.plans] == [3, 2]
-    assert "18.0 ms a frame (median), budget 10 ms: too slow" in caplog.text
-
-
-def test_budget_when_unreachable_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
-    renderer = SlowRenderer(50.0)
-    with caplog.at_level("INFO"):
-        render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
-    assert [plan.samples for plan in renderer.plans] == [3, 1]
-    assert caplog.text.count("no better plan") == 1
-
-
-def test_budget_when_frames_become_fast_again_is_used_fully() -> None:
-    renderer = SlowRenderer(2.0)
-    views, request = make_budgeted_cache(renderer, 10.0)
-    render_repeatedly(views, request, 100)
-    assert " 2^2 samples" in views.render(request).plan
-    renderer.ms_per_sample = 0.9
-    render_repeatedly(views, request, 1000)
-    assert " 3^2 samples" in views.render(request).plan
-    # The first view is still prepared.
-    assert [plan.samples for plan in renderer.plans] == [3, 2]
-
-
 def test_plan_of_a_frame_when_replanning_is_the_one_that_rendered_the_frame() -> None:
     renderer = SlowRenderer(2.0)
     views, request = make_budgeted_cache(renderer, 10.0)
@@ -338,18 +303,6 @@ def test_view_state_when_requested_prepares_no_view() -> None:
     assert (state.choice.plan.samples, state.median_ms, renderer.plans) == (3, None, [])
     render_repeatedly(views, request, 30)
     assert views.view_state(request.camera).median_ms == pytest.approx(9.0)
-
-
-def test_view_state_predicts_what_drawn_frames_took() -> None:
-    renderer = SlowRenderer(1.5)
-    views, request = make_budgeted_cache(renderer, 15.0)
-    assert isinstance(request.camera, OmniCameraSpec)
-    assert views.view_state(request.camera).choice.predicted_ms == pytest.approx(9.0)
-    render_repeatedly(views, request, 30)
-    state = views.view_state(request.camera)
-    assert state.choice.predicted_ms == pytest.approx(state.median_ms) == pytest.approx(13.5)
-    assert state.choice.faster is not None
-    assert state.choice.faster.predicted_ms == pytest.approx(6.0)
 
 
 def test_bound_of_a_prepared_view_is_published() -> None:
@@ -380,16 +333,6 @@ def test_hundred_tolerances_need_a_view_for_each_of_a_few_plans() -> None:
     for tolerance_px in np.geomspace(0.08, 3.0, 100).tolist():
         views.render(ViewRequest(spec_with_tolerance(tolerance_px), CAMERA_STATE))
     assert 2 < len(renderer.plans) == len(views) <= 8
-
-
-def test_planned_cameras_are_limited_and_so_are_published_bounds() -> None:
-    renderer, published = SlowRenderer(1.0), ErrorBoundTable()
-    views, _ = make_budgeted_cache(renderer, 10.0, published)
-    specs = [spec_with_tolerance(1.0 + 0.001 * n) for n in range(300)]
-    for spec in specs:
-        views.render(ViewRequest(spec, CAMERA_STATE))
-    assert sum(published.get(spec) is not None for spec in specs) == 256
-    assert published.get(specs[-1]) is not None
 
 
 class InjectedError(Exception):

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Protocol
 
+from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import FrameComposition, FrameRequest, ViewRequest
 from catoptra_server.frames.multi_view import compose_tiles
-from catoptra_server.frames.view_cache import RenderedView, ViewState
+from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer import Image
 

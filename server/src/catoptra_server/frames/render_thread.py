@@ -18,11 +18,12 @@ from typing import Protocol
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.fair_queue import FairQueue
 from catoptra_server.fault_log import log_fault
+from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.channel_backoff import ChannelBackoff
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_rendering import ViewProvider, render_frame
 from catoptra_server.frames.frame_request import Channel, FrameRequest
-from catoptra_server.frames.view_cache import ViewFailedError, ViewState
+from catoptra_server.frames.view_cache import ViewFailedError
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 
 log = logging.getLogger(__name__)

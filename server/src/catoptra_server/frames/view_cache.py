@@ -10,12 +10,10 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field, replace
 from functools import partial
 from typing import TypeVar, cast
 
 from catoptra_protocol.errors import CatoptraError, RendererUnavailableError
-from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
@@ -28,28 +26,24 @@ from catoptra_server.effects.effect_plan import (
     plan_effects,
 )
 from catoptra_server.fault_log import log_fault
+from catoptra_server.frames.camera_plans import (
+    DEFAULT_CALIBRATION_STATES,
+    CameraPlans,
+    ErrorBoundTable,
+    ViewState,
+)
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.planned_camera import PlannedCamera
 from catoptra_server.frames.renderer_trial import RendererTrials
 from catoptra_server.frames.view_store import MAX_VIEW_BYTES, MAX_VIEWS, ViewStore
-from catoptra_server.lru_dict import LruDict
-from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
-from catoptra_server.planning.error_bound import ErrorBound
 from catoptra_server.planning.exposure_budget import explain_limit, limit_time_samples
-from catoptra_server.planning.perspective_plan import plan_perspective_view
-from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import OmniView, RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 
 log = logging.getLogger(__name__)
-
-# Cameras of all robots, by zoom and accuracy target; a plan is some 20 kB.
-_MAX_PLANNED_CAMERAS = 256
-# Costs are measured here where no start poses are given.
-_DEFAULT_CALIBRATION_STATES = (CameraState(Pose.identity()),)
 
 _ResultT = TypeVar("_ResultT")
 
@@ -71,35 +65,6 @@ class RenderedView:
     """Decisions about the effects of an omnidirectional camera, in optical order."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ViewState:
-    """Plan of a camera and the measured cost."""
-
-    choice: PlanChoice
-    median_ms: float | None
-    """Median time of the last frames; None before 30 frames."""
-
-
-@dataclass(slots=True)
-class ErrorBoundTable:
-    """Error bounds of the planned cameras; any thread may read them."""
-
-    # Without a lock: one writer, and single operations of a dict are atomic.
-    _bounds: dict[CameraSpec, ErrorBound | None] = field(default_factory=dict)
-
-    def get(self, camera: CameraSpec) -> ErrorBound | None:
-        """Error bound of a camera's frames; None before the first one, or without a bound."""
-        return self._bounds.get(camera)
-
-    def put(self, camera: CameraSpec, bound: ErrorBound | None) -> None:
-        """Publish the bound of a camera."""
-        self._bounds[camera] = bound
-
-    def remove(self, camera: CameraSpec) -> None:
-        """Remove the bound of a camera."""
-        self._bounds.pop(camera, None)
-
-
 class ViewCache:
     """The views of one scene; closing them frees the renderers, too."""
 
@@ -110,7 +75,7 @@ class ViewCache:
         *,
         max_bytes: int = MAX_VIEW_BYTES,
         max_views: int = MAX_VIEWS,
-        calibration_states: Sequence[CameraState] = _DEFAULT_CALIBRATION_STATES,
+        calibration_states: Sequence[CameraState] = DEFAULT_CALIBRATION_STATES,
         error_bounds: ErrorBoundTable | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
@@ -128,17 +93,15 @@ class ViewCache:
         """
         self._planner = planner
         self._summarizer = summarizer
-        self._calibration_states = calibration_states
-        self._error_bounds = error_bounds or ErrorBoundTable()
         self._clock = clock
         self._views = ViewStore(planner.renderers, max_bytes=max_bytes, max_views=max_views)
-        self._planned: LruDict[CameraSpec, PlannedCamera] = LruDict(
-            _MAX_PLANNED_CAMERAS, on_remove=self._error_bounds.remove
+        self._plans = CameraPlans(
+            planner, calibration_states=calibration_states, error_bounds=error_bounds
         )
         self._trials = RendererTrials(
             planner,
             draw=self._draw,
-            plan_anew=self._plan_anew,
+            plan_anew=self._plans.forget,
             close_views=self._views.close_views_of,
             clock=clock,
         )
@@ -222,7 +185,7 @@ class ViewCache:
     def _discard_plans(self) -> None:
         """Plan all cameras anew, with other renderers."""
         self._trials.cancel()
-        self._planned.clear()
+        self._plans.forget_all()
         self._planner.discard_tables()
 
     def _render_by_plan(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
@@ -234,13 +197,12 @@ class ViewCache:
             self._views.trim()
             return rendered
         # Planned anew before a frame, not after: the frame's plan is the one that rendered it.
-        if planned.budget_status is not BudgetStatus.WITHIN_BUDGET:
-            self._replan(planned.spec, planned)
+        self._plans.replan_if_due(planned)
         view = cast(OmniView, self._views.get(planned))
         begin_s = self._clock()
         rendered = self._render_omni(planned.spec, camera_state, planned, view)
         frame_ms = 1e3 * (self._clock() - begin_s)
-        self._record_frame_time(planned.spec, planned, frame_ms, rendered.image.stage_ms)
+        self._plans.record_frame(planned, frame_ms, rendered.image.stage_ms)
         self._trials.record_frame(planned, camera_state, frame_ms)
         self._views.trim()
         return rendered
@@ -262,10 +224,6 @@ class ViewCache:
         view = cast(OmniView, self._views.get(planned))
         self._render_omni(spec, camera_state, planned, view)
         self._views.trim()
-
-    def _plan_anew(self, camera: CameraSpec) -> None:
-        if self._planned.get(camera) is not None:
-            self._planned.remove(camera)
 
     def _render_omni(
         self,
@@ -290,12 +248,7 @@ class ViewCache:
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
-        planned = self._planned.get(camera)
-        if planned is None or planned.choice is None:
-            # Not kept: clients that try budgets would push out the cameras that are rendered.
-            return ViewState(self._planner.choose_plan(camera, self._calibration_states), None)
-        choice = self._planner.update_times(camera, planned.choice)
-        return ViewState(choice, planned.budget_monitor.median_ms)
+        return self._plans.find_state(camera)
 
     def _find_plan(self, camera: CameraSpec) -> PlannedCamera:
         """Camera with its plan.
@@ -304,31 +257,12 @@ class ViewCache:
             ViewFailedError: No plan was found.
         """
         try:
-            return self._planned.get_or_make(camera, lambda: self._plan(camera))
+            return self._plans.find(camera)
         except CatoptraError as error:
             raise ViewFailedError(str(error)) from error
         except Exception as error:
             log_fault(log, "no plan was found for a camera")
             raise ViewFailedError("no plan was found: see the server's log") from error
-
-    def _plan(self, camera: CameraSpec) -> PlannedCamera:
-        if isinstance(camera, OmniCameraSpec):
-            choice = self._choose_plan(camera)
-            monitor = BudgetMonitor(camera.render_settings.accuracy_target.budget_ms)
-            return PlannedCamera(camera, choice.plan, monitor, choice)
-        pool = self._planner.renderers
-        reason = f"{pool.reason}; {pool.describe(pool.default_kind)}"
-        plan = plan_perspective_view(0, kind=pool.default_kind, reason=reason)
-        return PlannedCamera(camera, plan, BudgetMonitor(0.0))
-
-    def _choose_plan(self, spec: OmniCameraSpec) -> PlanChoice:
-        """Choose the plan of a camera, log it and publish the bound."""
-        choice = self._planner.choose_plan(spec, self._calibration_states)
-        camera = spec.camera
-        log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
-        log.info("error bound: %s", choice.bound or "none")
-        self._error_bounds.put(spec, choice.bound)
-        return choice
 
     def _decide_effects(self, camera: OmniCameraSpec, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
@@ -339,51 +273,8 @@ class ViewCache:
             summary = self._summarizer.summarize(camera_state, camera.camera)
         return plan_effects(camera.effect_settings, summary, camera.camera)
 
-    def _record_frame_time(
-        self,
-        camera: OmniCameraSpec,
-        planned: PlannedCamera,
-        ms: float,
-        stage_ms: Mapping[str, float],
-    ) -> None:
-        """Compare the time of a frame with the budget and with the predicted cost."""
-        choice, monitor = planned.choice, planned.budget_monitor
-        assert choice is not None, "the plan of an omnidirectional camera is a choice"
-        better = choice.more_accurate
-        better_ms = self._planner.predict_frame_ms(camera, better.plan) if better else None
-        # Without an accuracy target, as most cameras are, nothing is predicted.
-        is_predicted = choice.predicted_ms is not None
-        added_ms = self._planner.added_ms(camera, choice.plan, stage_ms) if is_predicted else 0.0
-        status = monitor.record_frame(ms, better_plan_ms=better_ms, added_ms=added_ms)
-        # Nothing faster was found before: planning again would not find it either.
-        is_settled = status is BudgetStatus.OVER_BUDGET and planned.budget_unreachable
-        planned.budget_status = BudgetStatus.WITHIN_BUDGET if is_settled else status
-        median_ms = monitor.median_ms if is_predicted else None
-        if median_ms is not None:
-            added_ms = monitor.median_added_ms
-            self._planner.update_correction(camera, choice.plan, median_ms, added_ms)
-
-    def _replan(self, camera: OmniCameraSpec, planned: PlannedCamera) -> None:
-        """Choose a plan anew."""
-        status, planned.budget_status = planned.budget_status, BudgetStatus.WITHIN_BUDGET
-        is_over = status is BudgetStatus.OVER_BUDGET
-        log.info(
-            "%.1f ms a frame (median), budget %g ms: %s",
-            planned.budget_monitor.median_ms,
-            camera.render_settings.accuracy_target.budget_ms,
-            "too slow" if is_over else "headroom",
-        )
-        choice = self._choose_plan(camera)
-        planned.budget_monitor.reset(status)
-        # The reason quotes predicted milliseconds, which differ each time.
-        is_same = planned.plan == replace(choice.plan, reason=planned.plan.reason)
-        planned.budget_unreachable = is_same and is_over
-        if is_same:
-            log.info("no better plan: %s", choice)
-        planned.set_choice(choice)
-
     def close(self) -> None:
         """Close all views, and the renderers."""
         self._views.close()
-        self._planned.clear()
+        self._plans.forget_all()
         self._planner.close()

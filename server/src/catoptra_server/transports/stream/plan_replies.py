@@ -12,8 +12,8 @@ from functools import partial
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.stream.replies import Error, PlanAlternative, PlanReply, Reply
 from catoptra_protocol.stream.requests import SetAccuracyRequest
+from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
-from catoptra_server.frames.view_cache import ViewState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.plan_choice import PlanOption
 from catoptra_server.robot.render_settings import AccuracyTarget
