@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from catoptra_server.planning import cost_cache
 from catoptra_server.planning.cost_cache import CostCache, default_cache_folder, hash_scene
 from catoptra_server.robot.render_settings import PerPixel
 from catoptra_server.scene.mirror_mesh import Tessellation
@@ -71,3 +72,25 @@ def test_default_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch)
     assert default_cache_folder() == Path("/somewhere/catoptra/costs")
     monkeypatch.setenv("XDG_CACHE_HOME", "relative paths are invalid")
     assert default_cache_folder() == Path.home() / ".cache/catoptra/costs"
+
+
+@pytest.mark.parametrize(
+    ("cpu_info", "name"),
+    [
+        ("processor : 0\nmodel name : X 1\n", None),
+        ("processor : 0\n", "aarch64"),
+        (None, "aarch64"),
+    ],
+)
+def test_processor_that_the_kernel_names_needs_no_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cpu_info: str | None, name: str | None
+) -> None:
+    def run_a_process() -> str:
+        assert name is not None, "a process of its own for what a file says"
+        return name
+
+    if cpu_info is not None:
+        (tmp_path / "cpuinfo").write_text(cpu_info)
+    monkeypatch.setattr(cost_cache, "_CPU_INFO", tmp_path / "cpuinfo")
+    monkeypatch.setattr(cost_cache.platform, "processor", run_a_process)
+    assert len(CostCache(None, build_scene(make_test_world())).make_key_of("fact")) == 32

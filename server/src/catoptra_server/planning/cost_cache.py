@@ -112,5 +112,6 @@ def _describe_processor() -> str:
         lines = _CPU_INFO.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         lines = []
-    name = next((line for line in lines if line.startswith("model name")), platform.processor())
-    return f"{name}, {len(os.sched_getaffinity(0))}"
+    name = next((line for line in lines if line.startswith("model name")), None)
+    # Only where the kernel names none: `platform` runs a process for its answer.
+    return f"{name or platform.processor()}, {len(os.sched_getaffinity(0))}"

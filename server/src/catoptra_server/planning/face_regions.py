@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -78,6 +79,8 @@ def regions_of_size(max_incidence_rad: float, size_px: int) -> tuple[FaceRegion,
     return tuple(FaceRegion(f, w, half, half) for f, w in windows.items() if not w.is_empty)
 
 
+# A start needs those of each camera three times: for limits of memory, and for its plan.
+@lru_cache(maxsize=64)
 def regions_by_density(
     camera: OmniCamera, max_incidence_rad: float, *, texels_per_px: float
 ) -> tuple[FaceRegion, ...]:
