@@ -21,7 +21,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.scene_mesh import build_scene
@@ -42,7 +42,7 @@ def main() -> None:
     ]
     for name in ("four_legged_2006", "corridor"):
         world, _ = read_world(REPOSITORY / f"configs/worlds/{name}.ini")
-        caster = EmbreeRayCaster(build_scene(world))
+        caster = commit_ray_caster(build_scene(world))
         for bodies in ([], ring):
             print(f"{name}, {len(bodies)} other robots")
             _measure(robot, SensorEnvironment(caster, bodies))
