@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +13,24 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
 from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct, RayTableStruct
+from catoptra_server.render.trace.kernel.object_boxes import enclose_parts
 from catoptra_server.render.trace.kernel.scene_arrays import Owned, object_arrays
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TracedExposure, camera_states
-from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh
+from catoptra_server.scene.dynamic_object import ObjectMesh
+
+_NO_BOXES = np.zeros((0, 6), dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CommittedMesh:
+    """A mesh of dynamic objects on the kernel's device."""
+
+    address: int
+    arrays: Owned
+    """Triangles, which the kernel reads."""
+    boxes: npt.NDArray[np.float32]
+    """(b, 6) centres and half sizes of boxes around its parts."""
 
 
 class ObjectTable:
@@ -30,23 +45,26 @@ class ObjectTable:
         """
         self._device = device
         self._centre = centre
-        self._meshes: dict[ObjectMesh, tuple[int, Owned]] = {}
+        self._meshes: dict[ObjectMesh, _CommittedMesh] = {}
 
     def __len__(self) -> int:
         """Number of meshes."""
         return len(self._meshes)
 
-    def find_mesh(self, mesh: ObjectMesh) -> int:
-        """Address of a mesh."""
+    def find_mesh(self, mesh: ObjectMesh) -> _CommittedMesh:
+        """A mesh, committed."""
         if mesh not in self._meshes:
             owned = object_arrays(mesh)
-            self._meshes[mesh] = self._device.commit_mesh(owned.struct), owned
-        return self._meshes[mesh][0]
+            boxes = _grow(enclose_parts(mesh)).astype(np.float32)
+            self._meshes[mesh] = _CommittedMesh(
+                self._device.commit_mesh(owned.struct), owned, boxes
+            )
+        return self._meshes[mesh]
 
     def close(self) -> None:
         """Free the meshes."""
         while self._meshes:
-            self._device.release_mesh(self._meshes.popitem()[1][0])
+            self._device.release_mesh(self._meshes.popitem()[1].address)
 
 
 def exposure_arrays(exposure: TracedExposure, centre: Floats, table: ObjectTable) -> Owned:
@@ -54,23 +72,26 @@ def exposure_arrays(exposure: TracedExposure, centre: Floats, table: ObjectTable
     states = camera_states(exposure)
     objects = states[0].objects
     camera = _pose_array([state.world_from_mirror for state in states], centre)
-    meshes = (ctypes.c_void_p * max(1, len(objects)))(
-        *(table.find_mesh(placed.mesh) for placed in objects)
-    )
+    meshes = [table.find_mesh(placed.mesh) for placed in objects]
+    addresses = (ctypes.c_void_p * max(1, len(meshes)))(*(mesh.address for mesh in meshes))
     poses = _pose_array(
         [placed.world_from_object for state in states for placed in state.objects], centre
     )
-    boxes = _box_array(objects)
+    boxes = np.concatenate([_NO_BOXES, *(mesh.boxes for mesh in meshes)])
+    counts = [len(mesh.boxes) for mesh in meshes]
+    box_object = np.repeat(np.arange(len(meshes), dtype=np.int32), counts)
     struct = FrameStruct(
         num_poses=len(states),
         camera=camera.ctypes.data,
         num_objects=len(objects),
-        objects=ctypes.addressof(meshes),
+        objects=ctypes.addressof(addresses),
         object_poses=poses.ctypes.data,
-        object_boxes=boxes.ctypes.data,
+        num_boxes=len(boxes),
+        boxes=boxes.ctypes.data,
+        box_object=box_object.ctypes.data,
         has_shadows=states[0].has_shadows,
     )
-    return Owned(struct, (camera, meshes, poses, boxes))
+    return Owned(struct, (camera, addresses, poses, boxes, box_object))
 
 
 def _pose_array(poses: Sequence[Pose], centre: Floats) -> npt.NDArray[np.float32]:
@@ -83,14 +104,11 @@ def _pose_array(poses: Sequence[Pose], centre: Floats) -> npt.NDArray[np.float32
     return array
 
 
-def _box_array(objects: Sequence[DynamicObject]) -> npt.NDArray[np.float32]:
-    """(n, 6) centres and half sizes of the boxes around objects, in their frames."""
-    array = np.zeros((len(objects), 6), dtype=np.float32)
-    for row, placed in zip(array, objects, strict=True):
-        row[:3] = placed.mesh.centre
-        # Float32 rounds corners: the box grows by as much.
-        row[3:] = placed.mesh.half_size_m * (1.0 + 1e-5) + 1e-6
-    return array
+def _grow(boxes: Floats) -> Floats:
+    """(b, 6) boxes, larger by the rounding of float32."""
+    grown = boxes.copy()
+    grown[:, 3:] += 1e-5 * (np.abs(boxes[:, :3]) + boxes[:, 3:]) + 1e-6
+    return grown
 
 
 def ray_table_struct(table: RayTable) -> RayTableStruct:

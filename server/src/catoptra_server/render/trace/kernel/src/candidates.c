@@ -85,8 +85,9 @@ static uint32_t find_facing_sides(const Pose *pose, const float *box, Vec3 viewp
     return facing ? facing : 0x3f;
 }
 
-/* An object reaches into a beam only through those sides of its box that face the viewpoint. */
-static void append_box(CandidateList *list, const Pose *pose, const float *box, Vec3 viewpoint) {
+/* An object reaches into a beam only through those sides of its boxes that face the viewpoint. */
+static void append_box(CandidateList *list, const Pose *pose, const float *box, Vec3 viewpoint,
+                       int32_t id) {
     static const uint8_t sides[6][4] = {
         {0, 1, 3, 2}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 3, 7, 5},
     };
@@ -98,8 +99,8 @@ static void append_box(CandidateList *list, const Pose *pose, const float *box, 
             continue;
         const uint8_t *corner = sides[side];
         Vec3 first = corners[corner[0]], opposite = corners[corner[2]];
-        append(list, (Vec3[3]){first, corners[corner[1]], opposite}, 0.0f, OBJECT_BOX);
-        append(list, (Vec3[3]){first, opposite, corners[corner[3]]}, 0.0f, OBJECT_BOX);
+        append(list, (Vec3[3]){first, corners[corner[1]], opposite}, 0.0f, id);
+        append(list, (Vec3[3]){first, opposite, corners[corner[3]]}, 0.0f, id);
     }
 }
 
@@ -107,12 +108,15 @@ int candidates_collect(CandidateList *list, const FrameState *state) {
     const Frame *frame = state->frame;
     const Surfaces *surfaces = &state->scene->surfaces;
     int count = surfaces->num_triangles + surfaces->num_clusters;
-    if (!candidates_allocate(list, count + BOX_TRIANGLES * frame->num_objects))
+    if (!candidates_allocate(list, count + BOX_TRIANGLES * frame->num_boxes))
         return 0;
     Vec3 viewpoint = vec3(frame->camera->translation);
     append_surfaces(list, state->scene, viewpoint);
-    for (int object = 0; object < frame->num_objects; object++)
-        append_box(list, frame->object_poses + object, frame->object_boxes + 6 * object, viewpoint);
+    for (int box = 0; box < frame->num_boxes; box++) {
+        int32_t object = frame->box_object[box];
+        append_box(list, frame->object_poses + object, frame->boxes + 6 * box, viewpoint,
+                   OBJECT_BOX - object);
+    }
     return 1;
 }
 

@@ -8,7 +8,8 @@
 #include "beams.h"
 #include "frame_state.h"
 
-/* Candidates that are no surfaces: a sphere around small triangles, a side of an object's box. */
+/* Candidates that are no surfaces: a sphere around small triangles, a side of a box around a part of
+ * a dynamic object, of which the first has the identifier OBJECT_BOX, the next one less. */
 enum { CLUSTER = -1, OBJECT_BOX = -2 };
 
 typedef struct {
@@ -17,6 +18,11 @@ typedef struct {
     float *radius;    /* 0 for triangles */
     int32_t *id;      /* index into the scene's surfaces, or one of the above */
 } CandidateList;
+
+/* Object number of a candidate. */
+static inline int32_t candidate_object(int32_t id) {
+    return id > OBJECT_BOX ? OBJECT_STATIC : 1 + OBJECT_BOX - id;
+}
 
 /* Sides of a beam in the world. */
 typedef struct {

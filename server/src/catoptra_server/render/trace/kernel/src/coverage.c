@@ -174,7 +174,7 @@ static int drop_hidden(const Search *search, CandidateList *list, const Cover *c
         int is_surface = id >= 0 && surfaces->surface[id] == cover->surface;
         if (!is_surface && is_behind(list, i, cover, sides))
             continue;
-        others += !is_surface && id != OBJECT_BOX;
+        others += !is_surface && candidate_object(id) == OBJECT_STATIC;
         candidate_copy(list, i, list);
     }
     return !others;
@@ -187,16 +187,23 @@ static int has_surfaces(const CandidateList *list) {
     return 0;
 }
 
-static int has_objects(const CandidateList *list) {
-    for (int i = 0; i < list->count; i++)
-        if (list->id[i] == OBJECT_BOX)
-            return 1;
-    return 0;
+/* The only dynamic object of a list, OBJECT_NONE or OBJECT_ANY. */
+static int32_t find_object(const CandidateList *list) {
+    int32_t found = OBJECT_NONE;
+    for (int i = 0; i < list->count; i++) {
+        int32_t object = candidate_object(list->id[i]);
+        if (object == OBJECT_STATIC || object == found)
+            continue;
+        if (found != OBJECT_NONE)
+            return OBJECT_ANY;
+        found = object;
+    }
+    return found;
 }
 
 static int has_scene(const CandidateList *list) {
     for (int i = 0; i < list->count; i++)
-        if (list->id[i] != OBJECT_BOX)
+        if (candidate_object(list->id[i]) == OBJECT_STATIC)
             return 1;
     return 0;
 }
@@ -225,7 +232,7 @@ static void prove_part(Search *search, const Beam *beam, Part *part) {
     find_sides(search->state, beam, &sides);
     keep_inside(part->candidates, &sides, search->marks, kept);
     part->content.triangle = find_cover(search, kept, &sides);
-    part->content.may_show_objects = has_objects(kept);
+    part->content.object = find_object(kept);
     /* Nothing but small things: no quarter of it can be proven. */
     int is_hopeless = part->level <= search->finest_proven || !has_surfaces(kept);
     part->candidates = is_hopeless ? NULL : kept;
@@ -251,7 +258,7 @@ static void prove_light(const Search *search, const Beam *beam, TileContent *con
 
 static int is_unproven(const Part *part) {
     return part->candidates &&
-           (part->content.triangle == SURFACE_UNKNOWN || part->content.may_show_objects);
+           (part->content.triangle == SURFACE_UNKNOWN || part->content.object != OBJECT_NONE);
 }
 
 static int is_unlit(const Search *search, const Part *part) {
@@ -266,8 +273,8 @@ static void render_closed(Search *search, const View *view, const Part *part) {
     int bottom = (part->row + 1) * side, right = (part->column + 1) * side;
     bottom = bottom < view->tile_rows ? bottom : view->tile_rows;
     right = right < columns ? right : columns;
-    int is_filled = part->content.triangle != SURFACE_UNKNOWN &&
-                    !(search->state->objects && part->content.may_show_objects);
+    int is_filled =
+        part->content.triangle != SURFACE_UNKNOWN && part->content.object == OBJECT_NONE;
     for (int row = part->row * side; row < bottom; row++)
         for (int column = part->column * side; column < right; column++) {
             int tile = view->tile_at[row * columns + column];

@@ -66,7 +66,7 @@ static void find_coordinates(const FacetPlane *plane, const RayBlock *rays, floa
 }
 
 void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
-                   const RayBlock *rays, Vec3 radiance, Vec3 result[BLOCK_RAYS]) {
+                   const RayBlock *rays, Vec3 radiance, float result[3][BLOCK_RAYS]) {
     const Texture *texture =
         state->scene->textures + state->scene->mesh->arrays.texture[triangle];
     float u[BLOCK_RAYS], v[BLOCK_RAYS];
@@ -76,5 +76,5 @@ void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         squares[lane] = find_texels(texture, u[lane], v[lane]);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        result[lane] = multiply(radiance, mix_texels(&squares[lane]));
+        set_lane(result, lane, multiply(radiance, mix_texels(&squares[lane])));
 }

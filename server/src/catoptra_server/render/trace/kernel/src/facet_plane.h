@@ -23,8 +23,8 @@ FacetPlane find_facet_plane(const FrameState *state, int32_t triangle);
 /* Distances at which rays from one origin meet the plane. */
 void find_distances(const FacetPlane *plane, const RayBlock *rays, float distances[BLOCK_RAYS]);
 
-/* Multiply (16,) radiance by the facet's texture where the rays meet its plane. */
+/* One radiance times the facet's texture where the rays meet its plane, (3, 16). */
 void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
-                   const RayBlock *rays, Vec3 radiance, Vec3 result[BLOCK_RAYS]);
+                   const RayBlock *rays, Vec3 radiance, float result[3][BLOCK_RAYS]);
 
 #endif

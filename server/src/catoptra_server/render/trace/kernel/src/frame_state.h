@@ -13,7 +13,7 @@ typedef struct {
     const Frame *frame;
     RTCScene objects; /* the dynamic objects as instances; NULL for none */
     const uint8_t *object_marks; /* light_map.h; NULL without objects or shadows */
-    const Vec3 *object_radiance; /* of all objects' facets, object by object; NULL: by ray */
+    const Vec3 **object_radiance; /* (o,) of each object's facets; NULL: by ray */
     int has_one_origin; /* all rays start at the camera's first pose */
     int has_point_lights;
     int is_constant; /* the static scene has one radiance a facet: no texture, no point light */

@@ -21,8 +21,8 @@ enum { LIGHT_DIRECTIONAL = 0, LIGHT_POINT = 1 };
 
 enum { OUTPUT_SRGB = 0, OUTPUT_LINEAR = 1, OUTPUT_HITS = 2 };
 
-/* Object numbers of hits: nothing, the static scene, 1 + index of a dynamic object. */
-enum { OBJECT_NONE = -1, OBJECT_STATIC = 0 };
+/* Object numbers: nothing, the static scene, 1 + index of a dynamic object, any of these. */
+enum { OBJECT_NONE = -1, OBJECT_STATIC = 0, OBJECT_ANY = INT32_MAX };
 
 typedef struct Device Device;
 typedef struct Mesh Mesh;
@@ -109,7 +109,9 @@ typedef struct {
     int32_t num_objects;
     Mesh *const *objects;     /* (o,) */
     const Pose *object_poses; /* (K, o) Embree's coordinates from each object's frame */
-    const float *object_boxes; /* (o, 6) centre and half size in each object's frame */
+    int32_t num_boxes;
+    const float *boxes;        /* (b, 6) centre and half size in the frame of an object */
+    const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
     int32_t has_shadows;
     int32_t output;
     void *image;       /* (h, w, 3) uint8 or float32, zero; unused for OUTPUT_HITS */

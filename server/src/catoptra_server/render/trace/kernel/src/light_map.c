@@ -26,10 +26,11 @@ static void mark_object(const LightMap *map, Vec3 centre, float radius, uint8_t 
         memset(marks + row * MAP_SIDE + first_column, 1, (size_t)(last_column - first_column + 1));
 }
 
-/* Sphere around an object's box, over all of its poses. */
-static void mark_poses(const FrameState *state, const LightMap *map, int object, uint8_t *marks) {
+/* Sphere around a box of an object, over all poses of the object. */
+static void mark_poses(const FrameState *state, const LightMap *map, int at, uint8_t *marks) {
     const Frame *frame = state->frame;
-    const float *box = frame->object_boxes + 6 * object;
+    const float *box = frame->boxes + 6 * at;
+    int32_t object = frame->box_object[at];
     float radius = sqrtf(dot(vec3(box + 3), vec3(box + 3)));
     for (int step = 0; step < frame->num_poses; step++) {
         const Pose *pose = frame->object_poses + step * frame->num_objects + object;
@@ -45,8 +46,8 @@ uint8_t *mark_objects(const FrameState *state, int *failed) {
     uint8_t *marks = calloc((size_t)state->scene->num_lights, MAP_CELLS);
     *failed = !marks;
     for (int light = 0; marks && light < state->scene->num_lights; light++)
-        for (int object = 0; map_of(state, light) && object < frame->num_objects; object++)
-            mark_poses(state, map_of(state, light), object, marks + (size_t)light * MAP_CELLS);
+        for (int box = 0; map_of(state, light) && box < frame->num_boxes; box++)
+            mark_poses(state, map_of(state, light), box, marks + (size_t)light * MAP_CELLS);
     return marks;
 }
 

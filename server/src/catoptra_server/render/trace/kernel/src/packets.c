@@ -21,7 +21,7 @@
     } while (0)
 
 #define DEFINE_INTERSECT(WIDTH)                                                                    \
-    static void intersect_packet##WIDTH(const Device *device, RTCScene scene, int has_instances,   \
+    static void intersect_packet##WIDTH(const Device *device, RTCScene scene, int32_t object,      \
                                         RayBlock *rays, HitBlock *hits, int first,                 \
                                         RTCQueryArguments *arguments) {                            \
         _Alignas(64) int valid[WIDTH];                                                             \
@@ -36,7 +36,7 @@
             rays->limit[first + lane] = packet.ray.tfar[lane];                                     \
             hits->triangle[first + lane] = (int32_t)packet.triangle[lane];                         \
             hits->object[first + lane] =                                                           \
-                has_instances ? 1 + (int32_t)packet.instance[lane] : OBJECT_STATIC;                \
+                object == OBJECT_ANY ? 1 + (int32_t)packet.instance[lane] : object;                \
         }                                                                                          \
     }
 
@@ -72,7 +72,7 @@ static void load_ray(const RayBlock *rays, int lane, RTCRay1 *ray) {
     };
 }
 
-static void intersect_packet1(const Device *device, RTCScene scene, int has_instances,
+static void intersect_packet1(const Device *device, RTCScene scene, int32_t object,
                               RayBlock *rays, HitBlock *hits, int lane,
                               RTCQueryArguments *arguments) {
     RTCRayHit1 hit = {.geometry = RTC_INVALID_GEOMETRY_ID, .instance = RTC_INVALID_GEOMETRY_ID};
@@ -82,7 +82,7 @@ static void intersect_packet1(const Device *device, RTCScene scene, int has_inst
         return;
     rays->limit[lane] = hit.ray.tfar;
     hits->triangle[lane] = (int32_t)hit.triangle;
-    hits->object[lane] = has_instances ? 1 + (int32_t)hit.instance : OBJECT_STATIC;
+    hits->object[lane] = object == OBJECT_ANY ? 1 + (int32_t)hit.instance : object;
 }
 
 static uint32_t occlude_packet1(const Device *device, RTCScene scene, const RayBlock *rays,
@@ -95,7 +95,7 @@ static uint32_t occlude_packet1(const Device *device, RTCScene scene, const RayB
 
 static uint32_t packet_bits(int width) { return (1u << width) - 1u; }
 
-void intersect_block(const Device *device, RTCScene scene, int has_instances, RayBlock *rays,
+void intersect_block(const Device *device, RTCScene scene, int32_t object, RayBlock *rays,
                      HitBlock *hits) {
     RTCQueryArguments arguments = {.flags = RTC_RAY_QUERY_FLAG_COHERENT,
                                    .feature_mask = RTC_FEATURE_FLAG_ALL};
@@ -105,16 +105,16 @@ void intersect_block(const Device *device, RTCScene scene, int has_instances, Ra
             continue;
         switch (width) {
         case 16:
-            intersect_packet16(device, scene, has_instances, rays, hits, first, &arguments);
+            intersect_packet16(device, scene, object, rays, hits, first, &arguments);
             break;
         case 8:
-            intersect_packet8(device, scene, has_instances, rays, hits, first, &arguments);
+            intersect_packet8(device, scene, object, rays, hits, first, &arguments);
             break;
         case 4:
-            intersect_packet4(device, scene, has_instances, rays, hits, first, &arguments);
+            intersect_packet4(device, scene, object, rays, hits, first, &arguments);
             break;
         default:
-            intersect_packet1(device, scene, has_instances, rays, hits, first, &arguments);
+            intersect_packet1(device, scene, object, rays, hits, first, &arguments);
         }
     }
 }

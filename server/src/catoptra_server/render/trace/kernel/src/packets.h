@@ -33,9 +33,19 @@ static inline void set_lane(float components[3][BLOCK_RAYS], int lane, Vec3 valu
     components[2][lane] = value.z;
 }
 
-/* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit. Object
- * numbers are `object` plus the number of the instance, if the scene has instances. */
-void intersect_block(const Device *device, RTCScene scene, int has_instances, RayBlock *rays,
+static inline void add_lane(float components[3][BLOCK_RAYS], int lane, Vec3 value) {
+    set_lane(components, lane, add(get_lane((const float(*)[BLOCK_RAYS])components, lane), value));
+}
+
+static inline void multiply_lane(float components[3][BLOCK_RAYS], int lane, Vec3 value) {
+    set_lane(components, lane,
+             multiply(get_lane((const float(*)[BLOCK_RAYS])components, lane), value));
+}
+
+/* Closest hits of the active rays nearer than their limits; a hit becomes its ray's limit. `object`
+ * is the number of the object whose triangles the scene holds, OBJECT_ANY for a scene of instances.
+ */
+void intersect_block(const Device *device, RTCScene scene, int32_t object, RayBlock *rays,
                      HitBlock *hits);
 
 /* Bit mask of the active rays that meet something nearer than their limits. */

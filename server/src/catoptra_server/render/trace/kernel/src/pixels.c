@@ -16,33 +16,59 @@ TilePixels find_pixels(const FrameState *state, int tile) {
     };
 }
 
-/* Mean of a pixel's samples, summed row by row. */
-static Vec3 mean_of_pixel(const SampleGrid *grid, int samples, int row, int column) {
-    Vec3 sum = {0, 0, 0};
-    for (int y = row * samples; y < (row + 1) * samples; y++)
-        for (int x = column * samples; x < (column + 1) * samples; x++)
-            sum = add(sum, grid->radiance[y][x]);
-    return scale(1.0f / (float)(samples * samples), sum);
-}
+/* Row or column of the pixel that a row or column of samples belongs to: a division by
+ * multiplication, exact for all 64 rows. */
+static int pixel_of(int sample, int reciprocal) { return sample * reciprocal >> 16; }
 
-void write_pixels(const FrameState *state, int tile, const SampleGrid *grid) {
-    TilePixels pixels = find_pixels(state, tile);
-    for (int row = 0; row < pixels.rows; row++)
-        for (int column = 0; column < pixels.columns; column++)
-            write_mean(state, pixel_at(&pixels, row, column),
-                       mean_of_pixel(grid, state->rays->samples, row, column));
-}
-
-void store_radiance(const FrameState *state, int block, uint32_t active, const Vec3 *radiance,
-                    SampleGrid *grid) {
-    int samples = state->rays->samples;
+void add_samples(const FrameState *state, int block, uint32_t active,
+                 float radiance[3][BLOCK_RAYS], PixelSums *sums) {
+    int samples = state->rays->samples, reciprocal = 65536 / samples + 1;
     int top = block / samples * TILE_PX, left = block % samples * TILE_PX;
+    for (int channel = 0; channel < 3; channel++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+            float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
+            /* A sensor clips, linear light does not. */
+            radiance[channel][lane] = state->frame->output == OUTPUT_SRGB ? clip(value) : value;
+        }
+    if (samples == 1) {
+        memcpy(sums->sum, radiance, sizeof sums->sum);
+        return;
+    }
+    if (block == 0)
+        memset(sums->sum, 0, sizeof sums->sum);
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        Vec3 *sample = &grid->radiance[top + lane / TILE_PX][left + lane % TILE_PX];
-        /* A sensor clips, linear light does not. */
-        if (!(active >> lane & 1))
-            *sample = (Vec3){0, 0, 0};
-        else
-            *sample = state->frame->output == OUTPUT_SRGB ? clip3(radiance[lane]) : radiance[lane];
+        int row = pixel_of(top + lane / TILE_PX, reciprocal);
+        int pixel = row * TILE_PX + pixel_of(left + lane % TILE_PX, reciprocal);
+        for (int channel = 0; channel < 3; channel++)
+            sums->sum[channel][pixel] += radiance[channel][lane];
+    }
+}
+
+static void write_linear(const TilePixels *pixels, const PixelSums *sums, float factor) {
+    for (int row = 0; row < pixels->rows; row++)
+        for (int column = 0; column < pixels->columns; column++) {
+            Vec3 mean = scale(factor, get_lane(sums->sum, row * TILE_PX + column));
+            memcpy(pixel_at(pixels, row, column), &mean, 3 * sizeof(float));
+        }
+}
+
+void write_pixels(const FrameState *state, int tile, const PixelSums *sums) {
+    const uint8_t *table = state->scene->srgb_table;
+    float factor = 1.0f / (float)(state->rays->samples * state->rays->samples);
+    TilePixels pixels = find_pixels(state, tile);
+    if (state->frame->output == OUTPUT_LINEAR) {
+        write_linear(&pixels, sums, factor);
+        return;
+    }
+    int32_t level[3][TILE_PX * TILE_PX];
+    for (int channel = 0; channel < 3; channel++)
+        for (int pixel = 0; pixel < TILE_PX * TILE_PX; pixel++)
+            level[channel][pixel] = level_of(factor * sums->sum[channel][pixel]);
+    for (int row = 0; row < pixels.rows; row++) {
+        uint8_t encoded[TILE_PX][3];
+        for (int column = 0; column < TILE_PX; column++)
+            for (int channel = 0; channel < 3; channel++)
+                encoded[column][channel] = table[level[channel][row * TILE_PX + column]];
+        memcpy(pixel_at(&pixels, row, 0), encoded, 3 * (size_t)pixels.columns);
     }
 }

@@ -6,10 +6,10 @@
 
 #include <string.h>
 
-/* Radiance of all samples of a tile, as a grid of (4 samples)^2. */
+/* Sums of the samples of a tile's pixels, row by row. */
 typedef struct {
-    Vec3 radiance[TILE_PX * MAX_SAMPLES][TILE_PX * MAX_SAMPLES];
-} SampleGrid;
+    _Alignas(64) float sum[3][TILE_PX * TILE_PX];
+} PixelSums;
 
 /* The pixels of a tile within the image: the last row and column of tiles may reach beyond. */
 typedef struct {
@@ -20,20 +20,22 @@ typedef struct {
 
 TilePixels find_pixels(const FrameState *state, int tile);
 
-/* Radiance of a block's rays into the tile's grid; samples beside the mirror are black. */
-void store_radiance(const FrameState *state, int block, uint32_t active, const Vec3 *radiance,
-                    SampleGrid *grid);
+/* Add the (3, 16) radiance of a block's rays to the tile's pixels, from block 0 on. Samples beside the
+ * mirror are black. */
+void add_samples(const FrameState *state, int block, uint32_t active,
+                 float radiance[3][BLOCK_RAYS], PixelSums *sums);
 
 /* Means of the samples into the image. */
-void write_pixels(const FrameState *state, int tile, const SampleGrid *grid);
+void write_pixels(const FrameState *state, int tile, const PixelSums *sums);
 
 /* Values between 0 and 1; what is not a number is black. */
 static inline float clip(float value) { return value > 0.0f ? value < 1.0f ? value : 1.0f : 0.0f; }
 
-static inline Vec3 clip3(Vec3 a) { return (Vec3){clip(a.x), clip(a.y), clip(a.z)}; }
+/* Row of the sRGB table. */
+static inline int32_t level_of(float linear) { return (int32_t)(clip(linear) * 65535.0f + 0.5f); }
 
 static inline uint8_t encode(const FrameState *state, float linear) {
-    return state->scene->srgb_table[(int32_t)(clip(linear) * 65535.0f + 0.5f)];
+    return state->scene->srgb_table[level_of(linear)];
 }
 
 static inline char *pixel_at(const TilePixels *pixels, int row, int column) {

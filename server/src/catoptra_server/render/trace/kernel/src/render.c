@@ -88,7 +88,7 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
 
 static void end_frame(FrameState *state) {
     free((void *)state->object_marks);
-    free((void *)state->object_radiance);
+    free(state->object_radiance);
     if (state->objects)
         state->device->embree.release_scene(state->objects);
 }

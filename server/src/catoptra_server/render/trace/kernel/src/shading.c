@@ -59,10 +59,7 @@ Vec3 table_entry(const FrameState *state, int object, int triangle) {
     /* The last row of the scene's table is the background. */
     if (object == OBJECT_NONE)
         return vec3(table + 3 * (size_t)state->scene->mesh->arrays.num_triangles);
-    size_t row = (size_t)triangle;
-    for (int before = 0; before < object - 1; before++)
-        row += (size_t)state->frame->objects[before]->arrays.num_triangles;
-    return state->object_radiance[row];
+    return state->object_radiance[object - 1][triangle];
 }
 
 static Vec3 light_facet(const FrameState *state, const MeshArrays *mesh, int triangle,
@@ -79,7 +76,7 @@ static Vec3 light_facet(const FrameState *state, const MeshArrays *mesh, int tri
     return multiply(albedo, irradiance);
 }
 
-Vec3 *light_objects(const FrameState *state) {
+const Vec3 **light_objects(const FrameState *state) {
     const Frame *frame = state->frame;
     size_t count = 0;
     for (int object = 0; object < frame->num_objects; object++)
@@ -89,8 +86,12 @@ Vec3 *light_objects(const FrameState *state) {
             return NULL;
     if (!count || count > MAX_LIT_FACETS || frame->has_shadows || frame->num_poses > 1)
         return NULL;
-    Vec3 *radiance = malloc(sizeof(Vec3) * count), *next = radiance;
+    /* One block: where each object's facets begin, then the facets. */
+    size_t pointers = sizeof(Vec3 *) * (size_t)frame->num_objects;
+    const Vec3 **radiance = malloc(pointers + sizeof(Vec3) * count);
+    Vec3 *next = (Vec3 *)((char *)radiance + pointers);
     for (int object = 0; radiance && object < frame->num_objects; object++) {
+        radiance[object] = next;
         const MeshArrays *mesh = &frame->objects[object]->arrays;
         const float *rotation = frame->object_poses[object].rotation;
         for (int32_t i = 0; i < mesh->num_triangles; i++)
@@ -164,7 +165,8 @@ static uint32_t find_occluded(const FrameState *state, RayBlock *shadow, int is_
 }
 
 static void add_light(const FrameState *state, const Light *light, const RayBlock *rays,
-                      const HitBlock *hits, const SurfaceBlock *surface, Vec3 *radiance) {
+                      const HitBlock *hits, const SurfaceBlock *surface,
+                      float radiance[3][BLOCK_RAYS]) {
     float factor[BLOCK_RAYS];
     RayBlock shadow;
     uint32_t facing = 0;
@@ -189,30 +191,29 @@ static void add_light(const FrameState *state, const Light *light, const RayBloc
     Vec3 intensity = vec3(light->intensity);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         if (facing >> lane & 1)
-            radiance[lane] = add(radiance[lane], scale(factor[lane], multiply(surface->albedo[lane],
-                                                                               intensity)));
+            add_lane(radiance, lane,
+                     scale(factor[lane], multiply(surface->albedo[lane], intensity)));
 }
 
-static void apply_texture(const FrameState *state, int triangle, float u, float v,
-                          Vec3 *radiance) {
+static Vec3 texture_at(const FrameState *state, int triangle, float u, float v) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     const float *uv = mesh->uv + 6 * (size_t)triangle;
     const Texture *texture = state->scene->textures + mesh->texture[triangle];
     TexelSquare square = find_texels(texture, uv[0] + u * uv[2] + v * uv[4],
                                      uv[1] + u * uv[3] + v * uv[5]);
-    *radiance = multiply(*radiance, mix_texels(&square));
+    return mix_texels(&square);
 }
 
 /* Radiance from the tables; which other rays' radiance has to be computed, and how. */
 static void look_up(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                    SurfaceBlock *surface, Vec3 *radiance) {
+                    SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
     surface->computed = surface->lit = surface->textured = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         if (!(rays->active >> lane & 1))
             continue;
         int object = hits->object[lane], triangle = hits->triangle[lane];
         if (is_tabulated(state, object, triangle)) {
-            radiance[lane] = table_entry(state, object, triangle);
+            set_lane(radiance, lane, table_entry(state, object, triangle));
             continue;
         }
         uint8_t flags = mesh_of(state, object)->flags[triangle];
@@ -242,26 +243,27 @@ static int is_unshadowed(const FrameState *state, const HitBlock *hits,
 }
 
 static void begin_surfaces(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                           SurfaceBlock *surface, Vec3 *radiance) {
+                           SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
     find_hit_points(state, rays, hits, surface->computed, &surface->points);
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         if (!(surface->computed >> lane & 1))
             continue;
         int object = hits->object[lane], triangle = hits->triangle[lane];
         if (is_unshadowed(state, hits, surface, lane)) {
-            radiance[lane] = vec3(state->scene->sharp_radiance + 3 * (size_t)triangle);
+            set_lane(radiance, lane, vec3(state->scene->sharp_radiance + 3 * (size_t)triangle));
             surface->lit &= ~(1u << lane);
             continue;
         }
         surface->albedo[lane] = albedo_at(mesh_of(state, object), triangle,
                                           surface->points.u[lane], surface->points.v[lane]);
-        radiance[lane] = base_radiance(state, object, triangle, surface->albedo[lane],
-                                       get_lane(surface->points.normal, lane));
+        set_lane(radiance, lane,
+                 base_radiance(state, object, triangle, surface->albedo[lane],
+                               get_lane(surface->points.normal, lane)));
     }
 }
 
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                 Vec3 radiance[BLOCK_RAYS]) {
+                 float radiance[3][BLOCK_RAYS]) {
     SurfaceBlock surface;
     look_up(state, rays, hits, &surface, radiance);
     if (!surface.computed)
@@ -272,6 +274,7 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
             add_light(state, &state->scene->lights[light], rays, hits, &surface, radiance);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         if (surface.textured >> lane & 1)
-            apply_texture(state, hits->triangle[lane], surface.points.u[lane],
-                          surface.points.v[lane], &radiance[lane]);
+            multiply_lane(radiance, lane,
+                          texture_at(state, hits->triangle[lane], surface.points.u[lane],
+                                     surface.points.v[lane]));
 }

@@ -4,17 +4,17 @@
 
 #include "frame_state.h"
 
-/* Radiance of the facets of all objects at their poses, object by object, for frames in which it
- * is the same over each facet; NULL where it is not, where a table takes longer than the rays, or
- * where memory is short. Freed by the caller. */
-Vec3 *light_objects(const FrameState *state);
+/* Radiance of the facets of each object at its pose, for frames in which it is the same over each
+ * facet; NULL where it is not, where a table takes longer than the rays, or where memory is short.
+ * Freed by the caller. */
+const Vec3 **light_objects(const FrameState *state);
 
 /* Whether the radiance of a hit comes from a table, and the entry. */
 int is_tabulated(const FrameState *state, int object, int triangle);
 Vec3 table_entry(const FrameState *state, int object, int triangle);
 
-/* Radiance by ray, (16, 3); rays that are not active are left as they are. */
+/* Radiance, (3, 16); rays that are not active are left as they are. */
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                 Vec3 radiance[BLOCK_RAYS]);
+                 float radiance[3][BLOCK_RAYS]);
 
 #endif

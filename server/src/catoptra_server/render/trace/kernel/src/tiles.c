@@ -25,17 +25,45 @@ static void set_hits(const FrameState *state, RayBlock *rays, HitBlock *hits, in
     find_distances(&plane, rays, rays->limit);
 }
 
+/* Rays in the frame of an object. */
+static void move_rays(const RayBlock *rays, const Pose *pose, RayBlock *moved) {
+    const float *r = pose->rotation;
+    *moved = *rays;
+    Vec3 origin = rotate_back(r, subtract(get_lane(rays->origin, 0), vec3(pose->translation)));
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        set_lane(moved->origin, lane, origin);
+    for (int axis = 0; axis < 3; axis++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            moved->direction[axis][lane] = r[axis] * rays->direction[0][lane] +
+                                           r[3 + axis] * rays->direction[1][lane] +
+                                           r[6 + axis] * rays->direction[2][lane];
+}
+
+/* Hits with one dynamic object, in its own frame: without the search among instances. */
+static void intersect_object(const FrameState *state, int32_t object, RayBlock *rays,
+                             HitBlock *hits) {
+    RTCScene scene = state->frame->objects[object - 1]->scene;
+    const Pose *pose = state->frame->object_poses + object - 1;
+    RayBlock local;
+    if (!scene)
+        return;
+    move_rays(rays, pose, &local);
+    intersect_block(state->device, scene, object, &local, hits);
+    memcpy(rays->limit, local.limit, sizeof rays->limit);
+}
+
 static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
                       const TileContent *content) {
-    int may_show_objects = state->objects && content->may_show_objects;
     clear_hits(hits);
     if (content->triangle == SURFACE_UNKNOWN && state->scene->mesh->scene)
-        intersect_block(state->device, state->scene->mesh->scene, 0, rays, hits);
+        intersect_block(state->device, state->scene->mesh->scene, OBJECT_STATIC, rays, hits);
     else if (content->triangle >= 0)
         set_hits(state, rays, hits, content->triangle);
     /* The scene's hits limit the rays: only nearer objects overwrite them. */
-    if (may_show_objects)
-        intersect_block(state->device, state->objects, 1, rays, hits);
+    if (state->objects && content->object == OBJECT_ANY)
+        intersect_block(state->device, state->objects, OBJECT_ANY, rays, hits);
+    else if (content->object != OBJECT_NONE && content->object != OBJECT_ANY)
+        intersect_object(state, content->object, rays, hits);
 }
 
 void trace_tile(const FrameState *state, int tile) {
@@ -155,9 +183,9 @@ static int is_block_lit(const FrameState *state, int32_t triangle, size_t block)
     return is_quad_lit(state, triangle, corners);
 }
 
-static void set_all(Vec3 *radiance, Vec3 value) {
+static void set_all(float radiance[3][BLOCK_RAYS], Vec3 value) {
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        radiance[lane] = value;
+        set_lane(radiance, lane, value);
 }
 
 /* Triangle that all rays of a block meet, or SURFACE_UNKNOWN. */
@@ -169,7 +197,7 @@ static int32_t find_common_triangle(const RayBlock *rays, const HitBlock *hits) 
 }
 
 static void shade(const FrameState *state, size_t block, const RayBlock *rays,
-                  const HitBlock *hits, int is_unshadowed, Vec3 *radiance) {
+                  const HitBlock *hits, int is_unshadowed, float radiance[3][BLOCK_RAYS]) {
     int32_t triangle = state->has_one_origin ? find_common_triangle(rays, hits) : SURFACE_UNKNOWN;
     is_unshadowed = is_unshadowed || is_block_lit(state, triangle, block);
     if (triangle < 0 || !has_constant_light(state, triangle, is_unshadowed)) {
@@ -187,12 +215,12 @@ static void shade(const FrameState *state, size_t block, const RayBlock *rays,
 
 static void render_samples(const FrameState *state, int tile, const TileContent *content) {
     int blocks = state->rays->samples * state->rays->samples;
-    SampleGrid grid;
+    PixelSums sums;
     for (int block = 0; block < blocks; block++) {
         size_t index = (size_t)tile * (size_t)blocks + (size_t)block;
         RayBlock rays;
         HitBlock hits;
-        Vec3 radiance[BLOCK_RAYS];
+        _Alignas(64) float radiance[3][BLOCK_RAYS];
         load_block(state, index, &rays);
         find_hits(state, &rays, &hits, content);
         if (blocks == 1 && has_table_colours(state, &hits)) {
@@ -200,9 +228,9 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
             return;
         }
         shade(state, index, &rays, &hits, content->is_unshadowed, radiance);
-        store_radiance(state, block, rays.active, radiance, &grid);
+        add_samples(state, block, rays.active, radiance, &sums);
     }
-    write_pixels(state, tile, &grid);
+    write_pixels(state, tile, &sums);
 }
 
 static void identify_samples(const FrameState *state, int tile) {
@@ -223,8 +251,8 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         return;
     }
     int32_t triangle = content->triangle;
-    int may_fill = triangle != SURFACE_UNKNOWN && is_wholly_valid(state, tile) &&
-                   !(state->objects && content->may_show_objects);
+    int may_fill = triangle != SURFACE_UNKNOWN && content->object == OBJECT_NONE &&
+                   is_wholly_valid(state, tile);
     int64_t entry =
         may_fill ? find_single_radiance(state, triangle, content->is_unshadowed) : -1;
     if (entry >= 0)

@@ -9,12 +9,12 @@ enum { SURFACE_BACKGROUND = -1, SURFACE_UNKNOWN = -2 };
 
 /* What is known of a tile. */
 typedef struct {
-    int32_t triangle;     /* whose plane all rays meet first in the static scene, or as above */
-    int may_show_objects; /* 0: no ray meets a dynamic object first */
-    int is_unshadowed;    /* nothing occludes a light anywhere on the triangle's plane */
+    int32_t triangle; /* whose plane all rays meet first in the static scene, or as above */
+    int32_t object;   /* the only dynamic object that rays may meet; OBJECT_NONE or OBJECT_ANY */
+    int is_unshadowed; /* nothing occludes a light anywhere on the triangle's plane */
 } TileContent;
 
-#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, 1, 0})
+#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, 0})
 
 /* Render a tile; where its triangle is unknown, its rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);
