@@ -52,11 +52,19 @@ static void intersect_object(const FrameState *state, int32_t object, RayBlock *
     memcpy(rays->limit, local.limit, sizeof rays->limit);
 }
 
+static void intersect_scene(const FrameState *state, const ShortList *short_list, RayBlock *rays,
+                            HitBlock *hits) {
+    if (short_list && intersect_short_list(short_list, rays, hits))
+        return;
+    if (state->scene->mesh->scene)
+        intersect_block(state->device, state->scene->mesh->scene, OBJECT_STATIC, rays, hits);
+}
+
 static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
                       const TileContent *content) {
     clear_hits(hits);
-    if (content->triangle == SURFACE_UNKNOWN && state->scene->mesh->scene)
-        intersect_block(state->device, state->scene->mesh->scene, OBJECT_STATIC, rays, hits);
+    if (content->triangle == SURFACE_UNKNOWN)
+        intersect_scene(state, content->short_list, rays, hits);
     else if (content->triangle >= 0)
         set_hits(state, rays, hits, content->triangle);
     /* The scene's hits limit the rays: only nearer objects overwrite them. */

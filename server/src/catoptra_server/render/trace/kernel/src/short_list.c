@@ -1,0 +1,110 @@
+#include "short_list.h"
+
+#include <math.h>
+
+/* Rounding error of a component of cross product and direction, relative to the product of the
+ * lengths, here and in Embree together. */
+#define PRODUCT_ERROR 1e-6f
+/* Volume of corners below which they are a plane through the viewpoint, relative to the product of
+ * their distances. */
+#define MIN_VOLUME 1e-4f
+
+static int set_dual(const Vec3 corners[3], ShortTriangle *triangle) {
+    float length[3];
+    for (int i = 0; i < 3; i++)
+        length[i] = sqrtf(dot(corners[i], corners[i]));
+    Vec3 normals[3] = {cross(corners[1], corners[2]), cross(corners[2], corners[0]),
+                       cross(corners[0], corners[1])};
+    float volume = dot(corners[0], normals[0]), product = length[0] * length[1] * length[2];
+    if (!(fabsf(volume) > MIN_VOLUME * product))
+        return 0;
+    triangle->sum_error = 0.0f;
+    for (int i = 0; i < 3; i++) {
+        triangle->dual[i] = scale(1.0f / volume, normals[i]);
+        triangle->error[i] = PRODUCT_ERROR * length[(i + 1) % 3] * length[(i + 2) % 3] /
+                             fabsf(volume);
+        triangle->sum_error += triangle->error[i];
+    }
+    return 1;
+}
+
+int make_short_list(const FrameState *state, const CandidateList *candidates, ShortList *list) {
+    list->count = 0;
+    for (int i = 0; i < candidates->count; i++) {
+        int32_t id = candidates->id[i];
+        if (candidate_object(id) != OBJECT_STATIC)
+            continue;
+        if (id == CLUSTER || list->count == MAX_SHORT)
+            return 0;
+        Vec3 corners[3];
+        for (int corner = 0; corner < 3; corner++)
+            corners[corner] = candidate_corner(candidates, i, corner);
+        ShortTriangle *triangle = &list->triangles[list->count++];
+        triangle->triangle = state->scene->surfaces.triangles[id];
+        if (!set_dual(corners, triangle))
+            return 0;
+    }
+    return 1;
+}
+
+typedef float Floats __attribute__((vector_size(4 * BLOCK_RAYS)));
+typedef int32_t Masks __attribute__((vector_size(4 * BLOCK_RAYS))); /* 0 or -1 */
+
+static inline Floats select(Masks mask, Floats yes, Floats no) {
+    return (Floats)((mask & (Masks)yes) | (~mask & (Masks)no));
+}
+
+static inline Floats load(const float *values) {
+    Floats loaded;
+    __builtin_memcpy(&loaded, values, sizeof loaded);
+    return loaded;
+}
+
+/* Inverse distances along 16 rays: of the nearest hit, and the greatest of anything else. */
+typedef struct {
+    Floats nearest, error; /* 0 without a hit */
+    Floats rival;          /* upper bound of all others that may be met */
+    Masks index;
+} Nearest;
+
+static inline void test_triangle(const ShortTriangle *t, int32_t index, Floats x, Floats y, Floats z,
+                                 Nearest *found) {
+    Floats first = t->dual[0].x * x + t->dual[0].y * y + t->dual[0].z * z;
+    Floats second = t->dual[1].x * x + t->dual[1].y * y + t->dual[1].z * z;
+    Floats third = t->dual[2].x * x + t->dual[2].y * y + t->dual[2].z * z;
+    Floats inverse = first + second + third;
+    Masks is_inside = (first > t->error[0]) & (second > t->error[1]) & (third > t->error[2]);
+    Masks is_outside = (first < -t->error[0]) | (second < -t->error[1]) | (third < -t->error[2]);
+    Masks is_nearest = is_inside & (inverse > found->nearest);
+    /* What is not the nearest may still be met in front of it: the nearest so far, this triangle, or
+     * one whose edge the ray passes. */
+    Floats most = select(is_nearest, found->nearest + found->error, inverse + t->sum_error);
+    Masks is_rival = (is_nearest | ~is_outside) & (most > found->rival);
+    found->rival = select(is_rival, most, found->rival);
+    found->nearest = select(is_nearest, inverse, found->nearest);
+    found->error = select(is_nearest, t->sum_error - (Floats){0}, found->error);
+    found->index = (is_nearest & index) | (~is_nearest & found->index);
+}
+
+int intersect_short_list(const ShortList *list, RayBlock *rays, HitBlock *hits) {
+    Nearest found = {.index = (Masks){0} - 1};
+    Floats x = load(rays->direction[0]), y = load(rays->direction[1]), z = load(rays->direction[2]);
+    for (int i = 0; i < list->count; i++)
+        test_triangle(&list->triangles[i], i, x, y, z, &found);
+    Masks is_uncertain = (found.rival > 0.0f) & (found.rival >= found.nearest - found.error);
+    uint32_t uncertain = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        uncertain |= (uint32_t)(is_uncertain[lane] & 1) << lane;
+    if (uncertain & rays->active)
+        return 0;
+    Floats distance = 1.0f / found.nearest;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        int32_t index = found.index[lane];
+        if (index < 0)
+            continue;
+        rays->limit[lane] = distance[lane];
+        hits->triangle[lane] = list->triangles[index].triangle;
+        hits->object[lane] = OBJECT_STATIC;
+    }
+    return 1;
+}
