@@ -29,7 +29,6 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.frames.frame_request import CameraChannel
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.sensors.sensor_environment import EmptyScene
@@ -263,11 +262,6 @@ def test_robot_when_driving_at_a_wall_stops_at_the_surface() -> None:
     assert 1.0 - 1e-3 < nose <= 1.0
 
 
-def test_frame_without_a_robot_is_black_and_of_the_camera_s_size() -> None:
-    frame = render_channel(make_fleet())
-    assert (frame.rgb.shape, frame.metadata.camera, frame.rgb.any()) == ((6, 8, 3), "", False)
-
-
 def test_frame_of_the_image_port_is_of_the_first_robot() -> None:
     views, fleet = FakeViewProvider(), make_fleet()
     spawn(fleet, dataclasses.replace(INIT, location_m=(1.0, 2.0, 0.0)))
@@ -277,26 +271,6 @@ def test_frame_of_the_image_port_is_of_the_first_robot() -> None:
     assert is_.world_from_robot.translation[:2].tolist() == [1.0, 2.0]
     viewpoint = views.view_requests[0].camera_state.world_from_mirror.translation
     assert viewpoint == pytest.approx((1.0, 2.0, -0.6))
-
-
-def test_frame_of_a_named_robot_is_of_that_robot() -> None:
-    fleet = make_fleet()
-    spawn(fleet)
-    spawn(fleet, dataclasses.replace(INIT, name="Other", location_m=(3.0, 2.0, 0.0)))
-    for camera in ("", "OmniCam", "omnicam"):
-        is_ = render_channel(fleet, channel=CameraChannel("Other", camera)).metadata
-        assert (is_.robot, is_.camera, is_.world_from_robot.translation[0]) == (
-            "Other",
-            "OmniCam",
-            3,
-        )
-
-
-@pytest.mark.parametrize("channel", [CameraChannel("Nobody", ""), CameraChannel("R", "Periscope")])
-def test_frame_without_such_a_robot_or_camera_is_none(channel: CameraChannel) -> None:
-    fleet = make_fleet()
-    spawn(fleet)
-    assert fleet.compose_frame(channel) is None
 
 
 def test_frame_of_a_robot_without_a_camera_is_black() -> None:

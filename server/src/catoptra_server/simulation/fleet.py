@@ -28,15 +28,8 @@ from catoptra_server.frames.frame_request import (
     CameraChannel,
     Channel,
     FrameComposition,
-    ImagePortChannel,
-)
-from catoptra_server.frames.image_port_layout import (
-    ImagePortLayout,
-    compose_camera_frame,
-    find_displayed_robot,
 )
 from catoptra_server.frames.multi_view import TileLayout
-from catoptra_server.frames.robot_camera import CameraRobot, VisibleObjects
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import RobotDescription
@@ -44,6 +37,7 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import World
 from catoptra_server.sensors.sensor_environment import EmptyScene, RayCaster, SensorEnvironment
 from catoptra_server.simulation.collision_index import CollisionIndex
+from catoptra_server.simulation.fleet_cameras import FleetCameras
 from catoptra_server.simulation.get_commands import (
     ErrorBoundLookup,
     execute_get_conf,
@@ -53,8 +47,7 @@ from catoptra_server.simulation.landmark_visibility import (
     LandmarkVisibility,
     compute_landmark_visibility,
 )
-from catoptra_server.simulation.robot import CameraSensor, Robot
-from catoptra_server.simulation.robot_meshes import RobotMeshes
+from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.set_commands import execute_set
 from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
 from catoptra_server.simulation.spawning import (
@@ -66,9 +59,6 @@ from catoptra_server.simulation.spawning import (
 )
 
 log = logging.getLogger(__name__)
-
-# Width and height of the black image of a server whose robots have no omnidirectional camera.
-_DEFAULT_BLANK_SIZE_PX = (320, 240)
 
 # More than any program has spawned; each costs its share of every tick.
 MAX_ROBOTS = 64
@@ -112,10 +102,7 @@ class Fleet:
         # Clients whose robots raised in the present tick.
         self._faulty: list[Client] = []
         self._collision_index = CollisionIndex(scene, self._classes)
-        self._robot_meshes = RobotMeshes(self._classes)
-        self._image_port_layout = ImagePortLayout(
-            multi_view, blank_size_px=_blank_size_px(self._classes)
-        )
+        self._cameras = FleetCameras(self._robots.values(), self._classes, multi_view)
 
     def find_robot(self, client: Client) -> Robot | None:
         """Robot of a client; None before INIT."""
@@ -127,7 +114,7 @@ class Fleet:
         if robot is None:
             return None
         self._collision_index.invalidate(robot)
-        self._image_port_layout.release(robot)
+        self._cameras.release(robot)
         # The name is free at once: a client that reconnects spawns under its old name.
         log.info("robot %s removed", robot.name)
         return robot.name
@@ -209,7 +196,7 @@ class Fleet:
             moved_to = robot.location_m
         client.confirm_spawn(name, moved_to)
         # Before the first CONF of the cameras, which names their tiles.
-        self._image_port_layout.assign_tiles(robot)
+        self._cameras.assign_tiles(robot)
         # The first cycle confirms the spawn, there is no other reply; UDK's clients learn from
         # CONF of the cameras which tile of the image is theirs.
         tiled = [camera.configuration() for camera in robot.all_cameras if camera.tile]
@@ -257,16 +244,14 @@ class Fleet:
     def sense(self, robot: Robot) -> SensorEnvironment:
         """Environment of a robot, with the other robots as boxes at their present poses."""
         world = self._world
+        others = (other for other in self._robots.values() if other is not robot)
         return SensorEnvironment(
             scene=self._ray_caster,
-            robot_boxes=tuple(map(self._collision_index.bounding_box, self._others(robot))),
+            robot_boxes=tuple(map(self._collision_index.bounding_box, others)),
             rfid_tags=world.rfid_tags,
             victims=world.victims,
             gps_origin=world.gps_origin,
         )
-
-    def _others(self, except_robot: CameraRobot) -> list[Robot]:
-        return [robot for robot in self._robots.values() if robot is not except_robot]
 
     def read_sensors(self, client: Client, time_s: float) -> list[Report]:
         """Reports of a whole cycle of a client's robot; empty without one."""
@@ -316,22 +301,13 @@ class Fleet:
 
     def compose_frame(self, channel: Channel) -> FrameComposition | None:
         """Compose the frame of a channel; None without such a robot or camera."""
-        match channel:
-            case ImagePortChannel(tile):
-                return self._image_port_layout.compose_frame(
-                    self._robots.values(), self._visible_objects, tile=tile
-                )
-            case CameraChannel():
-                found = self._find_camera(channel)
-                return compose_camera_frame(*found, self._visible_objects) if found else None
-            case _:
-                assert_never(channel)
+        return self._cameras.compose_frame(channel)
 
     def compute_landmark_visibility(
         self, channel: CameraChannel
     ) -> tuple[LandmarkVisibility, ...] | None:
         """Landmarks in view of a camera; None without such a robot or camera."""
-        found = self._find_camera(channel)
+        found = self._cameras.find(channel)
         if found is None:
             return None
         robot, camera = found
@@ -341,25 +317,3 @@ class Fleet:
             self._world.landmarks,
             self.sense(robot),
         )
-
-    def _find_camera(self, channel: CameraChannel) -> tuple[Robot, CameraSensor] | None:
-        """Robot and camera of a channel; without a robot's name, of the displayed robot."""
-        robots = self._robots.values()
-        # Names of robots are unique with their case, as `unique_name` compares them.
-        if channel.robot:
-            robot = next((robot for robot in robots if robot.name == channel.robot), None)
-        else:
-            robot = find_displayed_robot(robots)
-        camera = robot.find_camera(channel.camera) if robot else None
-        return (robot, camera) if robot and camera else None
-
-    def _visible_objects(self, robot: CameraRobot) -> VisibleObjects:
-        meshes = self._robot_meshes
-        return VisibleObjects(meshes.dynamic_objects(self._others(robot)), meshes.ego_body(robot))
-
-
-def _blank_size_px(classes: Sequence[RobotDescription]) -> tuple[int, int]:
-    """Width and height of the image port's image before the first robot."""
-    # The size that the first robot will have: clients need not resize at the first INIT.
-    cameras = [d.omni_camera.camera for d in classes if d.omni_camera]
-    return (cameras[0].width_px, cameras[0].height_px) if cameras else _DEFAULT_BLANK_SIZE_PX

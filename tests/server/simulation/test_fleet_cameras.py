@@ -1,0 +1,109 @@
+"""Cameras of several robots: which one a channel shows, its tile, and what it can see."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_server.frames.frame_request import (
+    IMAGE_PORT,
+    CameraChannel,
+    Channel,
+    FrameComposition,
+    ImagePortChannel,
+)
+from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.simulation.fleet_cameras import FleetCameras
+from catoptra_server.simulation.robot import Robot
+from helpers.robots import make_p2at
+
+
+class Cameras:
+    """Cameras of robots that are a metre apart."""
+
+    def __init__(
+        self, description: RobotDescription | None = None, multi_view: TileLayout | None = None
+    ) -> None:
+        self.robots: dict[str, Robot] = {}
+        self._description = description or make_p2at()
+        self.cameras = FleetCameras(self.robots.values(), [self._description], multi_view)
+
+    def spawn(self, *names: str) -> None:
+        for name in names:
+            pose = PlanarPose(float(len(self.robots)), 0.0, 0.0)
+            robot = Robot(self._description, pose, name=name, seed=1, time_s=0.0)
+            self.robots[name] = robot
+            self.cameras.assign_tiles(robot)
+
+    def remove(self, name: str) -> None:
+        self.cameras.release(self.robots.pop(name))
+
+    def compose(self, channel: Channel = IMAGE_PORT) -> FrameComposition:
+        composition = self.cameras.compose_frame(channel)
+        assert composition is not None
+        return composition
+
+
+def test_image_port_without_a_robot_is_black_and_of_the_camera_s_size() -> None:
+    composition = Cameras().compose()
+    assert (composition.views, composition.layout.shape) == ((None,), (6, 8))
+    no_camera = Cameras(make_p2at(omni_camera=None))
+    no_camera.spawn("R")
+    composition = no_camera.compose()
+    assert (composition.views, composition.layout.shape) == ((None,), (240, 320))
+
+
+def test_image_port_shows_the_first_robot_and_then_the_next() -> None:
+    cameras = Cameras()
+    cameras.spawn("R", "S")
+    assert cameras.compose().metadata.robot == "R"
+    cameras.remove("R")
+    composition = cameras.compose()
+    assert composition.metadata.robot == "S"
+    assert composition.metadata.world_from_robot.translation[0] == 1.0
+
+
+@pytest.mark.parametrize("camera", ["", "OmniCam", "omnicam"])
+@pytest.mark.parametrize(("robot", "expected"), [("S", "S"), ("", "R")])
+def test_camera_of_a_channel_is_found_by_robot_and_name(
+    robot: str, expected: str, camera: str
+) -> None:
+    cameras, channel = Cameras(), CameraChannel(robot, camera)
+    cameras.spawn("R", "S")
+    found = cameras.cameras.find(channel)
+    assert found is not None
+    assert (found[0].name, found[1].name) == (expected, "OmniCam")
+    assert cameras.compose(channel).metadata.robot == expected
+
+
+@pytest.mark.parametrize(
+    "channel",
+    [CameraChannel("Nobody", ""), CameraChannel("R", "Periscope"), CameraChannel("r", "")],
+)
+def test_channel_without_such_a_robot_or_camera_has_no_frame(channel: CameraChannel) -> None:
+    cameras = Cameras()
+    assert cameras.cameras.find(channel) is None
+    cameras.spawn("R")
+    assert cameras.cameras.find(channel) is None
+    assert cameras.cameras.compose_frame(channel) is None
+
+
+def test_camera_sees_all_robots_but_its_own() -> None:
+    cameras = Cameras()
+    cameras.spawn("R", "S", "T")
+    (view,) = cameras.compose(CameraChannel("S", "")).views
+    assert view is not None
+    x_m = sorted(one.world_from_object.translation[0] for one in view.camera_state.objects)
+    assert x_m == [0.0, 2.0]
+
+
+def test_tile_when_its_robot_is_removed_is_free_for_the_next() -> None:
+    cameras = Cameras(multi_view=TileLayout(2, 1, 8, 6, 16, 6))
+    cameras.spawn("R", "S", "T")
+    assert [robot.tile_index for robot in cameras.robots.values()] == [0, 1, -1]
+    cameras.remove("R")
+    cameras.spawn("U")
+    assert cameras.robots["U"].tile_index == 0
+    assert cameras.compose(ImagePortChannel(0)).metadata.robot == "U"
+    assert [view is not None for view in cameras.compose().views] == [True, True]
