@@ -98,15 +98,7 @@ class KernelDevice:
         self._library.catoptra_release_view(view)
 
     def commit_watertight_mesh(self, arrays: MeshArrays) -> int:
-        """Commit triangles for `cast`: no ray slips between two that share an edge.
-
-        Raises:
-            KernelUnavailableError: The library is older than these two functions.
-        """
-        cast_arguments = (c_void_p, c_int64, *(c_void_p,) * 4)
-        _declare(self._library, "catoptra_cast", None, cast_arguments)
-        name = "catoptra_commit_watertight_mesh"
-        _declare(self._library, name, c_void_p, (c_void_p, c_void_p, c_void_p))
+        """Commit triangles for `cast`: no ray slips between two that share an edge."""
         error = ctypes.create_string_buffer(_ERROR_BYTES)
         commit = self._library.catoptra_commit_watertight_mesh
         return _require(commit(self._require_open(), ctypes.byref(arrays), error), error)
@@ -190,6 +182,8 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_close": (None, (c_void_p,)),
         "catoptra_packet_width": (c_int32, (c_void_p,)),
         "catoptra_commit_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
+        "catoptra_commit_watertight_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
+        "catoptra_cast": (None, (c_void_p, c_int64, *(c_void_p,) * 4)),
         "catoptra_release_mesh": (None, (c_void_p,)),
         "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_view_bytes": (c_int64, (c_void_p,)),
@@ -200,7 +194,10 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_trace": (c_int32, (c_void_p,) * 5),
     }
     for name, (result, arguments) in signatures.items():
-        _declare(library, name, result, arguments)
+        function = getattr(library, name, None)
+        if function is None:
+            raise KernelUnavailableError(f"{path} has no function {name}; install the server again")
+        function.restype, function.argtypes = result, arguments
     for number, structure in enumerate(STRUCTURES):
         # A library of another release would read our structures wrongly.
         if library.catoptra_abi(number) != ctypes.sizeof(structure):
@@ -209,15 +206,3 @@ def _load_library(path: Path) -> ctypes.CDLL:
                 "install the server again"
             )
     return library
-
-
-def _declare(
-    library: ctypes.CDLL, name: str, result: type | None, arguments: tuple[type, ...]
-) -> None:
-    """Declare the types of a function."""
-    function = getattr(library, name, None)
-    if function is None:
-        raise KernelUnavailableError(
-            f"{library._name} has no function {name}; install the server again"
-        )
-    function.restype, function.argtypes = result, arguments
