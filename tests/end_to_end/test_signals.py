@@ -46,12 +46,12 @@ def start_process(robot: Path, world: Path, *arguments: str) -> Iterator[subproc
             process.kill()
 
 
-def read_ports(process: subprocess.Popen[str]) -> tuple[int, int]:
-    """Control and image port, once the server listens."""
+def read_ports(process: subprocess.Popen[str]) -> tuple[int, int, int]:
+    """Control, image and stream port, once the server listens."""
     assert process.stdout is not None
     found = LISTENING_PATTERN.fullmatch(process.stdout.readline())
     assert found, "the server did not start"
-    return int(found[1]), int(found[2])
+    return int(found[1]), int(found[2]), int(found[3])
 
 
 def wait_for_handler(process: subprocess.Popen[str]) -> None:
@@ -108,7 +108,7 @@ def test_server_ends_under_load_with_a_log_that_nobody_reads(
     robot = write_small_robot(tmp_path)
     arguments = ("--clock", "lockstep", "--verbose")
     with start_process(robot, write_small_world(tmp_path), *arguments) as process:
-        port, _ = read_ports(process)
+        port, _, _ = read_ports(process)
         with connect_control_lines(port) as control, connect_control_lines(port) as other:
             # Each line is logged: far more than a pipe takes.
             for _ in range(20):
@@ -132,11 +132,14 @@ def test_server_ends_while_a_frame_takes_long_and_leaves_no_file(
         use_own_temporary_folder(monkeypatch) as folder,
         start_process(robot, FIELD) as process,
     ):
-        control_port, image_port = read_ports(process)
+        control_port, image_port, stream_port = read_ports(process)
         with (
             connect_control_lines(control_port) as control,
             socket.create_connection(("127.0.0.1", image_port), DEADLINE_S) as viewer,
+            socket.create_connection(("127.0.0.1", stream_port), DEADLINE_S) as peer,
         ):
+            # The stream is served after the other ports; it has the file.
+            assert peer.recv(1)
             control.send("INIT {ClassName OmniP2AT} {Start Centre}")
             viewer.sendall(b"OK")
             # Two cycles of reports: the frame of the robot has begun.

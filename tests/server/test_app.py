@@ -272,3 +272,18 @@ def test_modules_are_loaded_soon_also_where_no_client_connects(
     use_renderer(monkeypatch, FakeView())
     monkeypatch.setattr(app, "load_deferred_modules", lambda _: loaded.set())
     run_scenario(serve_for(make_options(tmp_path), visit))
+
+
+def test_server_that_is_stopped_at_once_loads_nothing_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded: list[str] = []
+
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        stop.set()
+
+    use_renderer(monkeypatch, FakeView())
+    monkeypatch.setattr(app, "_FIRST_FRAME_TIME_S", None)
+    monkeypatch.setattr(app, "load_deferred_modules", loaded.append)
+    run_scenario(serve_for(make_options(tmp_path), visit))
+    assert loaded == []

@@ -111,12 +111,13 @@ async def _open_ports(
         announce(ListeningAddress(host, control.port, image_port, stream.getsockname()[1]))
         # Clients of the stream wait in its backlog meanwhile, as they would for the line.
         await _wait_for_first_frame(stream, stop)
-        await asyncio.to_thread(load_deferred_modules, server.options.renderer)
-        from catoptra_server.stream_port import serve_stream_port  # see deferred_modules
+        if not stop.is_set():
+            await asyncio.to_thread(load_deferred_modules, server.options.renderer)
+            from catoptra_server.stream_port import serve_stream_port  # see deferred_modules
 
-        await open_ports.enter_async_context(serve_stream_port(server, stream, limits.stream))
-        # Those modules, too.
-        gc.freeze()
+            await open_ports.enter_async_context(serve_stream_port(server, stream, limits.stream))
+            # Those modules, too.
+            gc.freeze()
         await stop.wait()
         log.info("stopping")
 
