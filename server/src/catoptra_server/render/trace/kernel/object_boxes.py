@@ -61,4 +61,5 @@ def _running_area(low: Floats, high: Floats) -> Floats:
 def _area(low: Floats, high: Floats) -> Floats:
     """Surface of boxes between (..., 3) corners."""
     x, y, z = np.moveaxis(high - low, -1, 0)
-    return 2.0 * (x * y + y * z + z * x)
+    area: Floats = 2.0 * (x * y + y * z + z * x)
+    return area
