@@ -127,6 +127,15 @@ def test_view_that_grows_when_it_is_used_counts_with_its_new_size() -> None:
     assert renderer.closed == [2]
 
 
+def test_view_that_grew_while_it_was_alone_counts_with_its_new_size() -> None:
+    renderer = SizedRenderer()
+    store = make_store(renderer, max_bytes=9)
+    use(store, 2)
+    cast(SizedView, store.get(plan_camera(2))).memory_bytes = 8
+    use(store, 2, 3)
+    assert (renderer.closed, store.memory_bytes) == ([8], 3)
+
+
 def test_views_are_limited_in_number_too() -> None:
     renderer = SizedRenderer()
     store = make_store(renderer, max_views=2)

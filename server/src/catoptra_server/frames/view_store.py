@@ -68,7 +68,7 @@ class ViewStore:
 
     @property
     def memory_bytes(self) -> int:
-        """Memory of all views, each as of its last use."""
+        """Memory of all views, each as of its last use; of a single view as of its preparation."""
         return sum(stored.memory_bytes for stored in self._views.values())
 
     def get(self, planned: PlannedCamera) -> View:
@@ -77,6 +77,8 @@ class ViewStore:
         # By identity first: hashing camera and plan takes longer than all else here.
         if self._newest is not None and self._newest[0] is key:
             return self._newest[1].view
+        if len(self._views) == 1:
+            self._measure_newest()  # `trim` has not, as long as there was no other
         # Removed and inserted again: dicts keep the order of insertion.
         stored = self._views.pop(key, None) or self._prepare(planned)
         self._views[key] = stored
@@ -99,10 +101,10 @@ class ViewStore:
 
     def trim(self) -> None:
         """Close the views used longest ago, down to the limits; to be called after each use."""
-        # The view used last: effects and shadows of a frame may have added to its memory.
-        last = next(reversed(self._views.values()), None)
-        if last is not None:
-            last.memory_bytes = last.view.memory_bytes
+        # A single view stays whatever its size; its memory, counted by the renderer's library, would
+        # take a quarter of the time that rendering a frame takes beside the drawing itself.
+        if len(self._views) > 1:
+            self._measure_newest()
         while len(self._views) > 1 and (
             len(self._views) > self._max_views or self.memory_bytes > self._max_bytes
         ):
@@ -110,6 +112,11 @@ class ViewStore:
         if self._changed_bytes >= _RELEASE_BYTES:
             release_freed_memory()
             self._changed_bytes = 0
+
+    def _measure_newest(self) -> None:
+        """Record the memory of the view used last, to which effects and shadows may have added."""
+        newest = next(reversed(self._views.values()))
+        newest.memory_bytes = newest.view.memory_bytes
 
     def close_views_of(self, kind: RendererKind) -> None:
         """Close all views of one renderer."""
