@@ -127,11 +127,12 @@ def _join_triangles(
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
     """(p, 2) pairs of large triangles that continue each other, and the edges without any pair."""
     corners = scene.corners[large].reshape(-1, 3).round(_SAME_POSITION_DIGITS)
-    _, corner = np.unique(corners, axis=0, return_inverse=True)
+    _, corner = np.unique(_number_rows(corners), return_inverse=True)
     triangles = corner.reshape(-1, 3)
     follower = np.roll(triangles, -1, axis=1)
     ends = np.sort(np.stack((triangles, follower), axis=-1), axis=-1)
-    _, edge, count = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
+    numbers = _number_rows(ends.reshape(-1, 2))
+    _, edge, count = np.unique(numbers, return_inverse=True, return_counts=True)
     order = np.argsort(edge.reshape(-1), kind="stable")
     first = (np.cumsum(count) - count)[count == 2]
     # Flat indices 3 * triangle + edge of the two sides of each edge that two triangles share.
@@ -144,6 +145,18 @@ def _join_triangles(
     is_outer = np.ones(3 * len(large), dtype=bool)
     is_outer[sides.reshape(-1)] = False
     return sides // 3, (is_outer.reshape(-1, 3) @ np.array([1, 2, 4])).astype(np.uint8)
+
+
+def _number_rows(rows: npt.NDArray[np.generic]) -> npt.NDArray[np.int64]:
+    """(n,) numbers that order and tell apart (n, k) rows, as their elements do.
+
+    Sorted column by column: `np.unique` of whole rows takes seven times as long.
+    """
+    numbers = np.zeros(len(rows), dtype=np.int64)
+    for column in rows.T:
+        values, rank = np.unique(column, return_inverse=True)
+        numbers = numbers * len(values) + rank
+    return numbers
 
 
 def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools:
