@@ -101,8 +101,8 @@ class ViewStore:
 
     def trim(self) -> None:
         """Close the views used longest ago, down to the limits; to be called after each use."""
-        # A single view stays whatever its size; its memory, counted by the renderer's library, would
-        # take a quarter of the time that rendering a frame takes beside the drawing itself.
+        # A single view stays whatever its size; to have its memory counted by the renderer's
+        # library takes a quarter of the time that a frame takes here beside the drawing.
         if len(self._views) > 1:
             self._measure_newest()
         while len(self._views) > 1 and (

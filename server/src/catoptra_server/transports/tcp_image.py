@@ -113,11 +113,13 @@ class _ImagePeer:
         """
         if self._options.legacy_mode:
             await self._answer(FullFrameRequest())
-        requests = ImageRequestReader()
+        reader = ImageRequestReader()
         while data := await self._connection.read():
-            self._is_dialogue = not self._connection.has_more_input
+            requests = reader.receive(data)
+            if not requests:
+                self._is_dialogue = not self._connection.has_more_input
             # In order, and the next read waits for all replies: TCP holds back a fast client.
-            for request in requests.receive(data):
+            for request in requests:
                 self._connection.has_handshake = True
                 await self._answer(request)
             if self._is_dialogue:
