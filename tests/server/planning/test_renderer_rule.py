@@ -71,7 +71,7 @@ KERNEL, REFERENCE, OPENGL = RenderEngine
         (SceneLoad(846, has_textures=True, num_point_lights=0), 640, 4, KERNEL),
         (SceneLoad(2840, has_textures=False, num_point_lights=2), 640, 1, KERNEL),
         (SceneLoad(2840, has_textures=False, num_point_lights=2), 640, 3, OPENGL),
-        (SceneLoad(846, has_textures=True, num_point_lights=2), 1024, 2, OPENGL),
+        (SceneLoad(2840, has_textures=False, num_point_lights=2), 1024, 2, OPENGL),
         (SceneLoad(58_502, has_textures=False, num_point_lights=0), 1024, 2, KERNEL),
         (SceneLoad(975_002, has_textures=False, num_point_lights=0), 640, 2, KERNEL),
     ],

@@ -40,9 +40,9 @@ class RenderEngine(Enum):
 
 # Milliseconds of one unit of each quantity of `rule_features`.
 _RATES: Mapping[RenderEngine, tuple[float, ...]] = {
-    RenderEngine.KERNEL: (1.61, 3.32, 1.46, 21.4, 3.25, 11.5),
-    RenderEngine.REFERENCE: (8.42, 0.0, 244.0, 0.0, 171.0, 59.3),
-    RenderEngine.SOFTWARE_OPENGL: (2.47, 113.0, 21.4, 5.41, 25.3, 15.0),
+    RenderEngine.KERNEL: (1.10, 1.66, 1.78, 24.6, 1.76, 12.4),
+    RenderEngine.REFERENCE: (2.21, 0.0, 290.0, 0.0, 128.0, 64.5),
+    RenderEngine.SOFTWARE_OPENGL: (2.05, 121.0, 28.3, 5.63, 27.6, 19.4),
 }
 
 
