@@ -1,4 +1,4 @@
-"""Command line of the client: `train` a colour classifier, print the `bearings` of landmarks."""
+"""Command line: save a `snapshot`, `train` a colour classifier, print `bearings` of landmarks."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from itertools import count, islice
 from pathlib import Path
 
 from catoptra_client.bundled_landmarks import find_landmark_file
+from catoptra_client.frame_pictures import make_panorama, write_image
+from catoptra_client.frame_sources.frame_source import open_frame_source
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks import (
     DEFAULT_THETA,
@@ -26,6 +28,7 @@ from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
+from catoptra_protocol.stream.requests import ImageEncoding
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,6 +43,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 0
     return 0
+
+
+def _save_snapshot(parsed: argparse.Namespace) -> None:
+    """Save one frame of a robot's camera, or its panorama, as an image file."""
+    host = f"[{parsed.host}]" if ":" in parsed.host else parsed.host
+    with open_frame_source(
+        f"zmq://{host}:{parsed.stream_port}",
+        robot=parsed.robot,
+        camera=parsed.camera,
+        encoding=ImageEncoding.PNG,
+    ) as source:
+        frame = source.get_frame()
+    if frame.camera is None and not frame.rgb.any():
+        raise CatoptraError("nothing to save: no robot with a camera has been spawned")
+    image = make_panorama(frame) if parsed.panorama else frame.rgb
+    write_image(parsed.output, image)
+    height, width = image.shape[:2]
+    print(f"{parsed.output}: {width} x {height} px, {frame.camera_name or 'image port'}")
 
 
 def _train(parsed: argparse.Namespace) -> None:
@@ -102,6 +123,18 @@ def _server_address(parsed: argparse.Namespace) -> ServerAddress:
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="catoptra-client", description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    snapshot_parser = commands.add_parser(
+        "snapshot", help="save one frame of a robot's camera as an image file"
+    )
+    snapshot_parser.set_defaults(run=_save_snapshot)
+    snapshot_parser.add_argument("output", type=Path, metavar="OUT.png", help="PNG or JPEG file")
+    snapshot_parser.add_argument("--robot", help="name of the robot; the image port's picture")
+    snapshot_parser.add_argument("--camera", help="name of the camera; the robot's first one")
+    snapshot_parser.add_argument(
+        "--panorama", action="store_true", help="the panorama instead of the camera's image"
+    )
+    snapshot_parser.add_argument("--host", default="127.0.0.1")
+    snapshot_parser.add_argument("--stream-port", type=int, default=5005)
     train_parser = commands.add_parser(
         "train", help="train the colour classifier from labelled frames"
     )

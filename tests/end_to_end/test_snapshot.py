@@ -1,0 +1,66 @@
+"""`catoptra-client snapshot` against a server process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_client.__main__ import main
+from catoptra_client.frame import Pixels, rgb_from_image_bytes
+from catoptra_client.frame_pictures import make_panorama
+from catoptra_client.frame_sources.frame_source import open_frame_source
+from helpers.server_process import RunningServer, start_server, write_small_robot
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    """Server under lockstep, in which nothing moves."""
+    folder = tmp_path_factory.mktemp("snapshot")
+    with start_server(folder, "--clock", "lockstep", robot=write_small_robot(folder)) as running:
+        yield running
+        assert running.terminate() == 0
+
+
+def take_snapshot(server: RunningServer, path: Path, *options: str) -> int:
+    """Exit status of the command."""
+    port = str(server.stream_port)
+    return main(["snapshot", str(path), "--stream-port", port, *options])
+
+
+def read_image(path: Path) -> Pixels:
+    return rgb_from_image_bytes(path.read_bytes())
+
+
+def test_snapshot_holds_the_frame_or_its_panorama(
+    server: RunningServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with server.connect_stream() as client:
+        client.spawn("USARBot.OmniP2AT", name="A", start_pose="Centre")
+        source = open_frame_source(f"zmq://127.0.0.1:{server.stream_port}?robot=A&encoding=png")
+        with source:
+            frame = source.get_frame()
+        assert take_snapshot(server, tmp_path / "a.png", "--robot", "A") == 0
+        assert take_snapshot(server, tmp_path / "b.png", "--robot", "A", "--panorama") == 0
+        client.reset()
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), frame.rgb)
+    np.testing.assert_array_equal(read_image(tmp_path / "b.png"), make_panorama(frame))
+    assert f"{tmp_path / 'a.png'}: {frame.rgb.shape[1]} x" in capsys.readouterr().out
+
+
+def test_snapshot_without_any_robot_fails_instead_of_saving_a_black_picture(
+    server: RunningServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert take_snapshot(server, tmp_path / "a.png") == 1
+    assert "no robot with a camera has been spawned" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_snapshot_of_a_robot_that_does_not_exist_fails_with_a_reason(
+    server: RunningServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert take_snapshot(server, tmp_path / "a.png", "--robot", "Nobody") == 1
+    assert "catoptra-client: " in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
