@@ -8,8 +8,8 @@
 #include "beams.h"
 #include "frame_state.h"
 
-/* Candidates that are no surfaces: a sphere around small triangles, a side of a box around a part of
- * a dynamic object, of which the first has the identifier OBJECT_BOX, the next one less. */
+/* Candidates that are no surfaces: a sphere around small triangles, a side of a box around a part
+ * of a dynamic object, of which the first has the identifier OBJECT_BOX, the next one less. */
 enum { CLUSTER = -1, OBJECT_BOX = -2 };
 
 typedef struct {

@@ -5,7 +5,7 @@
 #include "kernel.h"
 #include "vectors.h"
 
-/* 0.8 MB of cells: finer maps prove more, but wait for memory, and take 1.04 to 1.08 times as long. */
+/* 0.8 MB of cells: finer maps prove more, but wait for memory, and take 1.04 to 1.08 of the time. */
 enum { MAP_SIDE = 256, MAP_CELLS = MAP_SIDE * MAP_SIDE };
 
 typedef struct {

@@ -20,8 +20,8 @@ typedef struct {
 
 TilePixels find_pixels(const FrameState *state, int tile);
 
-/* Add the (3, 16) radiance of a block's rays to the tile's pixels, from block 0 on. Samples beside the
- * mirror are black. */
+/* Add the (3, 16) radiance of a block's rays to the tile's pixels, from block 0 on. Samples beside
+ * the mirror are black. */
 void add_samples(const FrameState *state, int block, uint32_t active,
                  float radiance[3][BLOCK_RAYS], PixelSums *sums);
 

@@ -67,8 +67,8 @@ typedef struct {
     Masks index;
 } Nearest;
 
-static inline void test_triangle(const ShortTriangle *t, int32_t index, Floats x, Floats y, Floats z,
-                                 Nearest *found) {
+static inline void test_triangle(const ShortTriangle *t, int32_t index, Floats x, Floats y,
+                                 Floats z, Nearest *found) {
     Floats first = t->dual[0].x * x + t->dual[0].y * y + t->dual[0].z * z;
     Floats second = t->dual[1].x * x + t->dual[1].y * y + t->dual[1].z * z;
     Floats third = t->dual[2].x * x + t->dual[2].y * y + t->dual[2].z * z;
@@ -76,8 +76,8 @@ static inline void test_triangle(const ShortTriangle *t, int32_t index, Floats x
     Masks is_inside = (first > t->error[0]) & (second > t->error[1]) & (third > t->error[2]);
     Masks is_outside = (first < -t->error[0]) | (second < -t->error[1]) | (third < -t->error[2]);
     Masks is_nearest = is_inside & (inverse > found->nearest);
-    /* What is not the nearest may still be met in front of it: the nearest so far, this triangle, or
-     * one whose edge the ray passes. */
+    /* What is not the nearest may still be met in front of it: the nearest so far, this triangle,
+     * or one whose edge the ray passes. */
     Floats most = select(is_nearest, found->nearest + found->error, inverse + t->sum_error);
     Masks is_rival = (is_nearest | ~is_outside) & (most > found->rival);
     found->rival = select(is_rival, most, found->rival);

@@ -1,9 +1,9 @@
 /* Hits of rays from the viewpoint with a few triangles, all tested in vector code.
  *
- * What reaches into a narrow beam is mostly two or three surfaces and the edges between them: 16 rays
- * take 0.2 us, a search through the scene's hierarchy 1 us. Only certain hits count. Where a ray
- * passes an edge, or two triangles at one distance, as near as rounding, the search decides: so both
- * find the same triangles.
+ * What reaches into a narrow beam is mostly two or three surfaces and the edges between them: 16
+ * rays take 0.2 us, a search through the scene's hierarchy 1 us. Only certain hits count. Where a
+ * ray passes an edge, or two triangles at one distance, as near as rounding, the search decides:
+ * so both find the same triangles.
  */
 #ifndef CATOPTRA_SHORT_LIST_H
 #define CATOPTRA_SHORT_LIST_H
