@@ -50,6 +50,29 @@ class EffectRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class PlanAlternative:
+    """A neighbour of the current plan on the Pareto front of error bound and cost."""
+
+    plan: str
+    error_bound_px: float
+    cost_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class ImageDifference:
+    """Difference of a picture from a reference, the right half of the image that shows both."""
+
+    reference_plan: str
+    """Description of the reference's rendering plan."""
+    max_levels: int
+    """Largest absolute difference of an encoded value."""
+    rms_levels: float
+    """Root mean square over all pixels and colours."""
+    changed_fraction: float
+    """Fraction of the pixels that differ in a colour."""
+
+
+@dataclass(frozen=True, slots=True)
 class FrameHeader:
     """Metadata of the image in the next part."""
 
@@ -92,6 +115,16 @@ class FrameHeader:
     """`error_bound_px` and its parts by name (SPEC.md 9.5)."""
     effects: tuple[EffectRecord, ...] = ()
     """Decisions about the effects that the robot file names, in optical order."""
+    predicted_ms: float | None = None
+    """Predicted duration of a frame; None without an accuracy target."""
+    target_met: bool = True
+    """Whether the plan meets the accuracy target."""
+    more_accurate: PlanAlternative | None = None
+    """Next more accurate plan; None without an accuracy target."""
+    faster: PlanAlternative | None = None
+    """Next cheaper plan, likewise."""
+    difference: ImageDifference | None = None
+    """Set where the request names a reference: the image is twice as wide as the picture."""
 
     def __str__(self) -> str:
         # Without the pairs of the camera model, which would fill the log of every frame.
@@ -133,6 +166,8 @@ class SensorReports:
     moved_to: Vector3 | None = None
     """Location of a spawned robot in the world frame, in metres, where the requested place was not
     free; otherwise None."""
+    robot: str = ""
+    """Name of a spawned robot; empty in other replies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,15 +265,6 @@ class StatusReply:
 
 
 @dataclass(frozen=True, slots=True)
-class PlanAlternative:
-    """A neighbour of the current plan on the Pareto front of error bound and cost."""
-
-    plan: str
-    error_bound_px: float
-    cost_ms: float
-
-
-@dataclass(frozen=True, slots=True)
 class PlanReply:
     """The rendering plan of a camera, and its neighbours in either direction."""
 
@@ -266,6 +292,72 @@ class PlanReply:
 
 
 @dataclass(frozen=True, slots=True)
+class RobotState:
+    """One robot in the world frame."""
+
+    name: str
+    class_name: str
+    world_from_robot: Transform
+    """True pose of the chassis frame."""
+    world_from_start: Transform
+    """Pose at which the robot was spawned, to which odometry is relative."""
+    wheel_speeds_rad_s: tuple[float, float]
+    """Commanded speeds of the left and the right wheels."""
+    shares_control: bool
+    """Whether other clients may drive it."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoteRecord:
+    """Newest note of one name."""
+
+    name: str
+    time_s: float
+    """Simulation time of its arrival."""
+    text: str
+    """A JSON object."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateReply:
+    """All robots, and the newest readings and notes of one of them."""
+
+    KIND: ClassVar[str] = "state"
+
+    id: int
+    time_s: float
+    """Simulation time."""
+    robots: tuple[RobotState, ...]
+    """In the order of spawning."""
+    robot: str
+    """Robot of readings and notes; empty if there is none of the requested name."""
+    reports: tuple[str, ...]
+    """Newest reading of each sensor, as in SensorReports."""
+    notes: tuple[NoteRecord, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PixelReply:
+    """What a camera sees at a point of its image."""
+
+    KIND: ClassVar[str] = "pixel"
+
+    id: int
+    time_s: float
+    """Simulation time."""
+    theta_rad: float | None
+    """Incidence angle; None outside the camera model's domain, as all below."""
+    azimuth_rad: float | None
+    """Azimuth in the camera frame, x towards y."""
+    range_m: float | None
+    """Distance along the ray; None if it meets nothing."""
+    object: str
+    """Name of the world's item or of the robot that the ray meets; empty for none."""
+    bound_px: float | None
+    """Bound on the displacement of outlines at this point; None without a bound."""
+
+
+@dataclass(frozen=True, slots=True)
 class Heartbeat:
     """Unsolicited sign of life, independent of simulation and rendering."""
 
@@ -284,6 +376,8 @@ Reply = (
     | StartPosesReply
     | StatusReply
     | PlanReply
+    | StateReply
+    | PixelReply
     | Heartbeat
 )
 
@@ -299,6 +393,8 @@ REPLIES: dict[str, type[Reply]] = {
         StartPosesReply,
         StatusReply,
         PlanReply,
+        StateReply,
+        PixelReply,
         Heartbeat,
     )
 }

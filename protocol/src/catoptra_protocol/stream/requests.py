@@ -27,6 +27,31 @@ class ImageEncoding(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class FrameVariant:
+    """Other settings for the frames of one request; those of the robot's camera stay as they are.
+
+    None leaves a value as the camera has it. Polygons or samples without a target take the place of
+    the camera's own target.
+    """
+
+    max_error_px: float | None = None
+    """Tolerance on the displacement of outlines; 0 = no tolerance."""
+    budget_ms: float | None = None
+    """Duration of a frame; 0 = no budget."""
+    polygons: int | None = None
+    """Polygons of the mirror mesh, a square number; 0 = the exact camera model in every sample."""
+    samples: int | None = None
+    """Samples along a pixel's side."""
+    renderer: str | None = None
+    """`trace` or `raster`."""
+    effects: dict[str, str] | None = None
+    """Mode of each named effect: `auto`, `always` or `never`."""
+    reference: str | None = None
+    """`exact` or `camera`: the image shows, to the right of the picture, its difference from the
+    same exposure by the exact model with 4 x 4 samples, or by the camera's own settings."""
+
+
+@dataclass(frozen=True, slots=True)
 class GetFrameRequest:
     """Request the newest frame that this client has not received.
 
@@ -42,6 +67,9 @@ class GetFrameRequest:
     camera: str
     """Name of the camera in any case, or empty."""
     encoding: ImageEncoding
+    # A default, as for all fields that clients of an earlier release do not send.
+    variant: FrameVariant | None = None
+    """Other settings, of an omnidirectional camera that is requested by name; None for its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +104,8 @@ class DriveRequest:
     right: float | None
     """As `left`."""
     normalized: bool
+    robot: str = ""
+    """Exact name of a robot whose owner shares its control; empty for the client's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +201,57 @@ class SetAccuracyRequest:
     """Duration of a frame; 0 = no budget, None = unchanged."""
 
 
+@dataclass(frozen=True, slots=True)
+class GetStateRequest:
+    """Request the poses of all robots, and the newest readings and notes of one."""
+
+    KIND: ClassVar[str] = "get_state"
+
+    id: int
+    robot: str
+    """Exact name of the robot; empty for the one that the image port displays."""
+
+
+@dataclass(frozen=True, slots=True)
+class GetPixelRequest:
+    """Request what a camera sees at a point of its image; the camera as in GetFrameRequest."""
+
+    KIND: ClassVar[str] = "get_pixel"
+
+    id: int
+    robot: str
+    camera: str
+    u_px: float
+    """Column; pixel centres are at +0.5."""
+    v_px: float
+    """Row, likewise."""
+
+
+@dataclass(frozen=True, slots=True)
+class PublishRequest:
+    """Publish a note about the client's robot, such as the belief of its localization.
+
+    A note replaces the one of the same name; SPEC.md 9.7 lists the keys that viewers draw.
+    """
+
+    KIND: ClassVar[str] = "publish"
+
+    id: int
+    name: str
+    text: str
+    """A JSON object of at most 8 KiB."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShareControlRequest:
+    """Let other clients drive the client's robot, or no longer."""
+
+    KIND: ClassVar[str] = "share_control"
+
+    id: int
+    shared: bool
+
+
 Request = (
     GetFrameRequest
     | SpawnRequest
@@ -183,6 +264,10 @@ Request = (
     | GetStartPosesRequest
     | GetStatusRequest
     | SetAccuracyRequest
+    | GetStateRequest
+    | GetPixelRequest
+    | PublishRequest
+    | ShareControlRequest
 )
 
 # Listed beside the union: mypy needs the union spelled out, and a table built from it with get_args
@@ -201,5 +286,9 @@ REQUESTS: dict[str, type[Request]] = {
         GetStartPosesRequest,
         GetStatusRequest,
         SetAccuracyRequest,
+        GetStateRequest,
+        GetPixelRequest,
+        PublishRequest,
+        ShareControlRequest,
     )
 }
