@@ -19,6 +19,7 @@ from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.simulation import SimulationEvent
 from catoptra_server.transports.listener import create_listener
 from catoptra_server.transports.stream.server_info import CameraInfo, ServerInfo
+from catoptra_server.transports.stream.stream_context import StreamContext
 from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from catoptra_server.transports.tcp_server import ConnectionLimits
 from helpers.loopback import HOST
@@ -95,18 +96,25 @@ class FakeSimulation:
         self.mailboxes.put(frame)
 
 
+def create_fake_context(simulation: FakeSimulation) -> StreamContext:
+    """What the clients of a fake simulation share; sets its mailboxes."""
+    simulation.mailboxes = Mailboxes(simulation.post, prefetch=False)
+    return StreamContext(
+        mailboxes=simulation.mailboxes,
+        post=simulation.post,
+        server_info=SERVER_INFO,
+        query_plan=lambda _, camera, reply: reply(FakeViewProvider().view_state(camera)),
+    )
+
+
 @asynccontextmanager
 async def serve_fake_simulation(
     simulation: FakeSimulation, *, limits: ConnectionLimits | None = None
 ) -> AsyncIterator[StreamServer]:
     """Serve a fake simulation on a free port."""
-    simulation.mailboxes = Mailboxes(simulation.post, prefetch=False)
     async with serve_stream(
         create_listener(HOST, 0, name="stream"),
-        mailboxes=simulation.mailboxes,
-        post=simulation.post,
-        server_info=SERVER_INFO,
-        query_plan=lambda _, camera, reply: reply(FakeViewProvider().view_state(camera)),
+        create_fake_context(simulation),
         limits=limits or ConnectionLimits(),
     ) as server:
         yield server

@@ -113,9 +113,11 @@ async def _open_ports(
         await _wait_for_first_frame(stream, stop)
         if not stop.is_set():
             await asyncio.to_thread(load_deferred_modules, server.options.renderer)
-            from catoptra_server.stream_port import serve_stream_port  # see deferred_modules
+            # See deferred_modules.
+            from catoptra_server.stream_port import create_stream_context, serve_stream_port
 
-            await open_ports.enter_async_context(serve_stream_port(server, stream, limits.stream))
+            context = create_stream_context(server)
+            await open_ports.enter_async_context(serve_stream_port(context, stream, limits.stream))
             # Those modules, too.
             gc.freeze()
         await stop.wait()

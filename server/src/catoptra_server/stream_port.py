@@ -7,22 +7,26 @@ from contextlib import AbstractAsyncContextManager
 from catoptra_server.server_threads import ServerThreads
 from catoptra_server.transports.listener import Listener
 from catoptra_server.transports.stream.server_info import build_server_info
+from catoptra_server.transports.stream.stream_context import StreamContext
 from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from catoptra_server.transports.tcp_server import ConnectionLimits
 
 
-def serve_stream_port(
-    server: ServerThreads, listener: Listener, limits: ConnectionLimits
-) -> AbstractAsyncContextManager[StreamServer]:
-    """Serve the stream of a server, on a listening socket, for the length of a block."""
+def create_stream_context(server: ServerThreads) -> StreamContext:
+    """What the stream's clients share, on ZeroMQ and on WebSockets."""
     startup = server.startup
-    return serve_stream(
-        listener,
+    return StreamContext(
         mailboxes=server.mailboxes,
         post=server.simulation.post,
         server_info=build_server_info(
             startup.robots, startup.world, clock=server.options.clock.value, plans=server.plans
         ),
         query_plan=server.render_thread.query_plan,
-        limits=limits,
     )
+
+
+def serve_stream_port(
+    context: StreamContext, listener: Listener, limits: ConnectionLimits
+) -> AbstractAsyncContextManager[StreamServer]:
+    """Serve the stream on a listening socket, for the length of a block."""
+    return serve_stream(listener, context, limits=limits)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from catoptra_server.transports.stream.outbox import Outbox
-from catoptra_server.transports.stream.router_socket import SendResult
+from catoptra_server.transports.stream.outbox import Outbox, SendResult
 
 
 @dataclass

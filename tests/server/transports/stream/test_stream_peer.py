@@ -235,14 +235,13 @@ def inject_fault(
     monkeypatch: pytest.MonkeyPatch, session: PeerSession, raise_error: Callable[..., None]
 ) -> None:
     """Make each step behind the dispatch of a request raise."""
-    peer, info = session.client, session.server._server_info
+    peer, info = session.client, session.server._context.server_info
     for name in ("post", "readings_reply"):
         monkeypatch.setattr(RobotSession, name, raise_error)
     monkeypatch.setattr(type(info), "find_camera", raise_error)
-    monkeypatch.setattr(type(session.server), "_status_reply", raise_error)
     monkeypatch.setattr(peer.frame_sender._mailboxes, "get", raise_error)
-    for name in ("landmarks_reply", "StartPosesReply"):
-        monkeypatch.setattr(f"catoptra_server.transports.stream.stream_server.{name}", raise_error)
+    for name in ("landmarks_reply", "StartPosesReply", "status_reply"):
+        monkeypatch.setattr(stream_peer, name, raise_error)
 
 
 def test_client_when_it_reads_nothing_for_long_has_stalled_outbox(

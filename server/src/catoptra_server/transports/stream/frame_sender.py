@@ -10,8 +10,8 @@ import logging
 import time
 from collections.abc import Callable
 
-from catoptra_protocol.stream.messages import SCHEMA_VERSION, bytes_from_message
-from catoptra_protocol.stream.replies import Error, FrameHeader
+from catoptra_protocol.stream.messages import SCHEMA_VERSION
+from catoptra_protocol.stream.replies import Error, FrameHeader, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.encode import Payload
@@ -42,6 +42,7 @@ class FrameSender:
         mailboxes: Mailboxes,
         *,
         send_reply: SendReply,
+        encode: Callable[[Reply], bytes],
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """Start without a request.
@@ -50,11 +51,13 @@ class FrameSender:
             outbox: Receives frames.
             mailboxes: Newest frame of each channel.
             send_reply: Sends an error to the client.
+            encode: Encodes the header of a frame.
             monotonic: Clock of the frame age, in seconds.
         """
         self._outbox = outbox
         self._mailboxes = mailboxes
         self._send_reply = send_reply
+        self._encode = encode
         self._monotonic = monotonic
         self._task: asyncio.Task[None] | None = None
         # A request waits for a frame, then its frame is encoded, then sent.
@@ -148,7 +151,7 @@ class FrameSender:
             self.num_dropped += 1
             self._reject_old_request(self._last_sent_id, by=request.id)
         header = self._make_header(frame, request)
-        self._outbox.send_frame(bytes_from_message(header), payload)
+        self._outbox.send_frame(self._encode(header), payload)
         self._last_sent_id = request.id
         self.num_sent += 1
 

@@ -1,12 +1,21 @@
-"""Messages to one client that wait for room in the queue of ZeroMQ, in order."""
+"""Messages to one client that wait for room in the queue of its socket, in order."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from enum import Enum, auto
 
 from catoptra_server.frames.encode import Payload
-from catoptra_server.transports.stream.router_socket import SendResult
+
+
+class SendResult(Enum):
+    """Outcome of a send."""
+
+    SENT = auto()
+    QUEUE_FULL = auto()
+    DISCONNECTED = auto()
+
 
 SendMessage = Callable[[list[Payload]], SendResult]
 

@@ -14,13 +14,13 @@ import os
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from enum import Enum, auto
 
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
 from catoptra_server.transports.listener import BACKLOG
 from catoptra_server.transports.stream.connection_guard import ConnectionGuard
+from catoptra_server.transports.stream.outbox import SendResult
 from catoptra_server.transports.stream.private_folder import SOCKET_NAME, create_private_folder
 from catoptra_server.transports.tcp_server import ConnectionLimits
 
@@ -36,14 +36,6 @@ _MAX_MESSAGES_PER_READ = 32
 _MONITOR_ENDPOINT = "inproc://monitor"
 
 MessageHandler = Callable[[bytes, list[bytes]], None]
-
-
-class SendResult(Enum):
-    """Outcome of a send."""
-
-    SENT = auto()
-    QUEUE_FULL = auto()
-    DISCONNECTED = auto()
 
 
 class RouterSocket:

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 from typing import assert_never
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.stream.messages import bytes_from_message
-from catoptra_protocol.stream.replies import Error, Ok, Reply
+from catoptra_protocol.stream.replies import Error, Ok, Reply, StartPosesReply
 from catoptra_protocol.stream.requests import (
     DriveRequest,
+    GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
     GetReadingsRequest,
+    GetStartPosesRequest,
+    GetStatusRequest,
     Request,
     ResetRequest,
     SetAccuracyRequest,
@@ -24,17 +27,21 @@ from catoptra_protocol.stream.requests import (
     StepRequest,
 )
 from catoptra_server.fault_log import log_fault
-from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.transports.stream.frame_sender import FrameSender
-from catoptra_server.transports.stream.landmark_replies import request_projections
+from catoptra_server.transports.stream.landmark_replies import (
+    landmarks_reply,
+    request_projections,
+)
 from catoptra_server.transports.stream.outbox import Outbox
 from catoptra_server.transports.stream.pending_requests import (
     INTERNAL_FAULT,
     MAX_PENDING,
     PendingRequests,
 )
-from catoptra_server.transports.stream.plan_replies import QueryPlan, request_plan
-from catoptra_server.transports.stream.robot_session import Post, RobotSession
+from catoptra_server.transports.stream.plan_replies import request_plan
+from catoptra_server.transports.stream.robot_session import RobotSession
+from catoptra_server.transports.stream.server_replies import camera_reply, status_reply
+from catoptra_server.transports.stream.stream_context import StreamContext
 
 log = logging.getLogger(__name__)
 
@@ -43,45 +50,36 @@ _NO_ROBOT = "this client has no robot: spawn one first (a lost connection remove
 # its queue is full. Linux ends the connection itself then (TCP_USER_TIMEOUT of the guard).
 _MAX_BLOCKED_S = 6.0
 
-# Requests of a single client; StreamServer serves the others.
-PeerRequest = (
-    GetFrameRequest
-    | SpawnRequest
-    | StepRequest
-    | ResetRequest
-    | DriveRequest
-    | GetReadingsRequest
-    | GetLandmarksRequest
-    | SetAccuracyRequest
-)
+EncodeReply = Callable[[Reply], bytes]
 
 
 class StreamPeer:
     """One client, from its first request to the end of its connection."""
 
-    def __init__(
-        self, outbox: Outbox, *, mailboxes: Mailboxes, post: Post, query_plan: QueryPlan
-    ) -> None:
+    def __init__(self, outbox: Outbox, context: StreamContext, *, encode: EncodeReply) -> None:
         """Begin without a robot.
 
         Args:
             outbox: Messages to the client.
-            mailboxes: Newest frame of each channel.
-            post: Hands an event to the simulation.
-            query_plan: Hands a camera to the render thread, for its plan.
+            context: What the clients of the server share.
+            encode: Encodes a reply for the client's transport.
         """
         self._loop = asyncio.get_running_loop()
         self.outbox = outbox
-        self._post = post
-        self._query_plan = query_plan
+        self._context = context
+        self._encode = encode
         self._pending = PendingRequests(self.send_reply)
-        self.frame_sender = FrameSender(outbox, mailboxes, send_reply=self.send_reply)
-        self.robot = RobotSession(post, on_fault=self._replace_robot)
+        self.frame_sender = FrameSender(
+            outbox, context.mailboxes, send_reply=self.send_reply, encode=encode
+        )
+        self.robot = RobotSession(context.post, on_fault=self._replace_robot)
+        context.clients.add(self)
         self._idle_heartbeats = 0
         self._blocked_since_s: float | None = None
 
     def disconnect(self) -> None:
         """Cancel pending work; the robot is removed from the world."""
+        self._context.clients.discard(self)
         self.outbox.close()
         self._pending.cancel_all()
         self.frame_sender.close()
@@ -89,7 +87,7 @@ class StreamPeer:
 
     def send_reply(self, reply: Reply) -> None:
         """Send a reply, after all replies that wait for the client to read."""
-        self.outbox.send(_encode_reply(reply))
+        self.outbox.send(self._encode_reply(reply))
 
     def reset_idle_count(self) -> None:
         """Record a request: the client has read its earlier messages."""
@@ -115,7 +113,19 @@ class StreamPeer:
         self._blocked_since_s = self._blocked_since_s or now_s
         return now_s - self._blocked_since_s > _MAX_BLOCKED_S
 
-    def find_refusal(self, request: Request) -> str:
+    def serve(self, request: Request) -> None:
+        """Reply to a request; a fault in its handling ends this request only."""
+        refusal = self._find_refusal(request)
+        if refusal:
+            self.send_reply(Error(request.id, refusal))
+            return
+        try:
+            self._handle_request(request)
+        except Exception:
+            log_fault(log, "a stream request %s failed", request.KIND)
+            self._pending.reject(request.id, INTERNAL_FAULT)
+
+    def _find_refusal(self, request: Request) -> str:
         """Reason against any further request now; empty if there is none."""
         # A request for a frame replaces the pending one.
         if isinstance(request, GetFrameRequest):
@@ -126,8 +136,8 @@ class StreamPeer:
             return "the simulation has not executed the commands before: wait, and send it again"
         return ""
 
-    def handle_request(self, request: PeerRequest) -> None:
-        """Serve a request about the client's own robot and frames."""
+    def _handle_request(self, request: Request) -> None:
+        """Serve a request; one without a case here fails the type check."""
         match request:
             case GetFrameRequest():
                 self.frame_sender.submit(request)
@@ -137,10 +147,13 @@ class StreamPeer:
                 self.robot.step(time_s, self._pending.add(id_))
             case ResetRequest(id_):
                 self.robot.reset(self._pending.add(id_))
+            # True positions never change, so neither robot nor simulation is needed.
+            case GetLandmarksRequest(id_, None, None):
+                self.send_reply(landmarks_reply(id_, self._context.server_info.landmarks))
             case GetLandmarksRequest(id_):
                 request_projections(request, self._pending.add(id_), self.robot)
             case SetAccuracyRequest(id_):
-                request_plan(request, self._pending.add(id_), self.robot, self._query_plan)
+                request_plan(request, self._pending.add(id_), self.robot, self._context.query_plan)
             case DriveRequest() | GetReadingsRequest() if not self.robot.has_robot:
                 self.send_reply(Error(request.id, _NO_ROBOT))
             case DriveRequest(id_):
@@ -148,12 +161,17 @@ class StreamPeer:
                 self.send_reply(Ok(id_))
             case GetReadingsRequest(id_):
                 self.send_reply(self.robot.readings_reply(id_))
+            case GetCameraRequest(id_, camera):
+                info = self._context.server_info
+                self.send_reply(camera_reply(id_, camera, info, self.robot))
+            case GetStartPosesRequest(id_):
+                start_poses = self._context.server_info.start_poses
+                self.send_reply(StartPosesReply(id_, start_poses))
+            case GetStatusRequest(id_):
+                num_sent = self.frame_sender.num_sent
+                self.send_reply(status_reply(id_, self._context, self.robot, num_sent=num_sent))
             case _:
                 assert_never(request)
-
-    def reject_request(self, request: Request, reason: str) -> None:
-        """Send an error to a request that was handed to this client."""
-        self._pending.reject(request.id, reason)
 
     def _spawn(self, request: SpawnRequest) -> None:
         # Reasons known here go to the client at once.
@@ -166,14 +184,13 @@ class StreamPeer:
     def _replace_robot(self, reason: str) -> None:
         """Go on without a robot after a fault."""
         # Another object: late messages of the simulation about the old robot find it closed.
-        self.robot = RobotSession(self._post, on_fault=self._replace_robot)
+        self.robot = RobotSession(self._context.post, on_fault=self._replace_robot)
         self._pending.reject_all(reason)
 
-
-def _encode_reply(reply: Reply) -> bytes:
-    try:
-        return bytes_from_message(reply)
-    except LocalProtocolError:
-        # Contained here, since every reply passes here: the client is told in any case.
-        log_fault(log, "a reply of kind %s was not sent", reply.KIND)
-        return bytes_from_message(Error(getattr(reply, "id", 0), INTERNAL_FAULT))
+    def _encode_reply(self, reply: Reply) -> bytes:
+        try:
+            return self._encode(reply)
+        except LocalProtocolError:
+            # Contained here, since every reply passes here: the client is told in any case.
+            log_fault(log, "a reply of kind %s was not sent", reply.KIND)
+            return self._encode(Error(getattr(reply, "id", 0), INTERNAL_FAULT))

@@ -20,30 +20,14 @@ from catoptra_protocol.stream.messages import (
     bytes_from_message,
     request_from_bytes,
 )
-from catoptra_protocol.stream.replies import (
-    CameraReply,
-    Error,
-    Heartbeat,
-    StartPosesReply,
-    StatusReply,
-)
-from catoptra_protocol.stream.requests import (
-    GetCameraRequest,
-    GetLandmarksRequest,
-    GetStartPosesRequest,
-    GetStatusRequest,
-    Request,
-)
+from catoptra_protocol.stream.replies import Error, Heartbeat
+from catoptra_protocol.stream.requests import Request
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.encode import Payload
-from catoptra_server.frames.mailbox import Mailboxes
-from catoptra_server.transports.stream.landmark_replies import landmarks_reply
-from catoptra_server.transports.stream.outbox import Outbox
+from catoptra_server.transports.stream.outbox import Outbox, SendResult
 from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT
-from catoptra_server.transports.stream.plan_replies import QueryPlan
-from catoptra_server.transports.stream.robot_session import Post
-from catoptra_server.transports.stream.router_socket import RouterSocket, SendResult
-from catoptra_server.transports.stream.server_info import ServerInfo, transform_from_pose
+from catoptra_server.transports.stream.router_socket import RouterSocket
+from catoptra_server.transports.stream.stream_context import StreamContext
 from catoptra_server.transports.stream.stream_peer import StreamPeer
 from catoptra_server.transports.tcp_server import ConnectionLimits
 
@@ -69,33 +53,20 @@ class StreamServer:
     """All clients of the stream, from their first request to the end of their connection."""
 
     def __init__(
-        self,
-        listener: socket.socket,
-        *,
-        mailboxes: Mailboxes,
-        post: Post,
-        server_info: ServerInfo,
-        query_plan: QueryPlan,
-        limits: ConnectionLimits,
+        self, listener: socket.socket, context: StreamContext, *, limits: ConnectionLimits
     ) -> None:
         """Accept clients.
 
         Args:
             listener: Listening socket of the port; closed with this server.
-            mailboxes: Newest frame of each channel.
-            post: Hands an event to the simulation; thread-safe.
-            server_info: Constant part of the replies.
-            query_plan: Hands a camera to the render thread, for its plan.
+            context: What the clients of the server share.
             limits: Limits of the connections.
 
         Raises:
             OSError: The private socket of the ROUTER is not available.
         """
         self._loop = asyncio.get_running_loop()
-        self._mailboxes = mailboxes
-        self._post = post
-        self._server_info = server_info
-        self._query_plan = query_plan
+        self._context = context
         self._peers: dict[bytes, StreamPeer] = {}
         # Peers with waiting messages, and the timer that sends them.
         self._blocked: deque[StreamPeer] = deque()
@@ -178,11 +149,7 @@ class StreamServer:
             return
         # A client that sends a request has read its heartbeats.
         peer.reset_idle_count()
-        refusal = peer.find_refusal(request)
-        if refusal:
-            peer.send_reply(Error(request.id, refusal))
-        else:
-            self._handle_request(peer, request)
+        peer.serve(request)
 
     def _reject(self, identity: bytes, error: Error) -> None:
         """Send an error about a message, whether or not its sender is a client."""
@@ -203,9 +170,7 @@ class StreamServer:
             # Later: the caller has more to do with the peer.
             on_overflow=lambda: self._loop.call_soon(self._end_connection, identity, peer),
         )
-        peer = self._peers[identity] = StreamPeer(
-            outbox, mailboxes=self._mailboxes, post=self._post, query_plan=self._query_plan
-        )
+        peer = self._peers[identity] = StreamPeer(outbox, self._context, encode=bytes_from_message)
         log.info("stream client %s connected", identity.hex())
         return peer
 
@@ -226,80 +191,17 @@ class StreamServer:
                 self._blocked.append(peer)
         self._schedule_flush()
 
-    def _handle_request(self, peer: StreamPeer, request: Request) -> None:
-        """Reply to a request; a fault in its handling ends this request only."""
-        try:
-            self._dispatch_request(peer, request)
-        except Exception:
-            log_fault(log, "a stream request %s failed", request.KIND)
-            peer.reject_request(request, INTERNAL_FAULT)
-
-    def _dispatch_request(self, peer: StreamPeer, request: Request) -> None:
-        """Serve requests about the server itself; all others belong to the client.
-
-        A request without a case here or in StreamPeer fails the type check.
-        """
-        match request:
-            case GetCameraRequest(id_, camera):
-                peer.send_reply(self._camera_reply(id_, camera, peer))
-            # True positions never change, so neither robot nor simulation is needed.
-            case GetLandmarksRequest(id_, None, None):
-                peer.send_reply(landmarks_reply(id_, self._server_info.landmarks))
-            case GetStartPosesRequest(id_):
-                peer.send_reply(StartPosesReply(id_, self._server_info.start_poses))
-            case GetStatusRequest(id_):
-                peer.send_reply(self._status_reply(id_, peer))
-            case _:
-                peer.handle_request(request)
-
-    def _camera_reply(self, id_: int, camera: str, peer: StreamPeer) -> CameraReply | Error:
-        spawned_as = peer.robot.class_name if peer.robot.has_robot else ""
-        found = self._server_info.find_camera(camera, spawned_as=spawned_as)
-        if found is None:
-            known = ", ".join(name for _, name in self._server_info.cameras) or "none"
-            return Error(id_, f"no camera {camera[:80]!r}: this server's robots have {known}")
-        (class_name, name), info = found
-        model, mount = dict(info.camera_model), transform_from_pose(info.robot_from_mirror)
-        return CameraReply(id_, class_name, name, model, mount, info.plan)
-
-    def _status_reply(self, id_: int, peer: StreamPeer) -> StatusReply:
-        info = self._server_info
-        return StatusReply(
-            version=SCHEMA_VERSION,
-            id=id_,
-            server=info.server,
-            world=info.world,
-            class_names=info.class_names,
-            clock=info.clock,
-            num_clients=len(self._peers),
-            has_robot=peer.robot.has_robot,
-            sent_frames=peer.frame_sender.num_sent,
-        )
-
 
 @asynccontextmanager
 async def serve_stream(
-    listener: socket.socket,
-    *,
-    mailboxes: Mailboxes,
-    post: Post,
-    server_info: ServerInfo,
-    query_plan: QueryPlan,
-    limits: ConnectionLimits,
+    listener: socket.socket, context: StreamContext, *, limits: ConnectionLimits
 ) -> AsyncIterator[StreamServer]:
     """Serve the stream until the block ends; for the arguments see StreamServer.
 
     Raises:
         OSError: The private socket of the ROUTER is not available.
     """
-    server = StreamServer(
-        listener,
-        mailboxes=mailboxes,
-        post=post,
-        server_info=server_info,
-        query_plan=query_plan,
-        limits=limits,
-    )
+    server = StreamServer(listener, context, limits=limits)
     heartbeats = asyncio.create_task(_run_heartbeats(server))
     try:
         yield server
