@@ -9,30 +9,40 @@ from catoptra_protocol.stream.replies import (
     Error,
     FrameHeader,
     Heartbeat,
+    ImageDifference,
     LandmarkRecord,
     LandmarksReply,
+    NoteRecord,
     Ok,
+    PixelReply,
     PlanAlternative,
     PlanReply,
     Reply,
+    RobotState,
     SensorReports,
     StartPoseRecord,
     StartPosesReply,
+    StateReply,
     StatusReply,
     Transform,
 )
 from catoptra_protocol.stream.requests import (
     DriveRequest,
+    FrameVariant,
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPixelRequest,
     GetReadingsRequest,
     GetStartPosesRequest,
+    GetStateRequest,
     GetStatusRequest,
     ImageEncoding,
+    PublishRequest,
     Request,
     ResetRequest,
     SetAccuracyRequest,
+    ShareControlRequest,
     SpawnRequest,
     StepRequest,
 )
@@ -60,13 +70,27 @@ HEADER = FrameHeader(
     missed_frames=2,
     dropped_frames=0,
     effects=(EffectRecord("ShotNoise", True, 9.4, 0.5, "grey levels", "few electrons", 2.5),),
+    predicted_ms=11.5,
+    target_met=False,
+    more_accurate=PlanAlternative("trace, 4x4", 0.25, 30.0),
+    faster=PlanAlternative("trace, 1x1", 0.5, 8.0),
+    difference=ImageDifference("exact, 4x4", 12, 0.75, 0.125),
 )
 LANDMARK = LandmarkRecord("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
+ROBOT_STATE = RobotState(
+    *("Mine", "USARBot.OmniP2AT", UPRIGHT_TRANSFORM, UPRIGHT_TRANSFORM, (1.5, -1.5), True)
+)
 
 SAMPLE_REQUESTS: list[Request] = [
-    GetFrameRequest(1, "OmniP2AT", "", ImageEncoding.PNG),
+    GetFrameRequest(
+        *(1, "OmniP2AT", "", ImageEncoding.PNG),
+        FrameVariant(
+            *(0.5, 40.0, 256, 2, "trace", {"ShotNoise": "never"}),
+            reference="exact",
+        ),
+    ),
     SpawnRequest(2, "USARBot.OmniP2AT", None, (1.0, 2.0, 3.0), None, (0.0, 0.0, 0.5)),
-    DriveRequest(3, 1.0, None, True),
+    DriveRequest(3, 1.0, None, True, "Shared"),
     StepRequest(4, 0.2),
     ResetRequest(5),
     GetReadingsRequest(6),
@@ -75,12 +99,16 @@ SAMPLE_REQUESTS: list[Request] = [
     GetStartPosesRequest(9),
     GetStatusRequest(10),
     SetAccuracyRequest(11, "", 0.5, None),
+    GetStateRequest(12, "Mine"),
+    GetPixelRequest(13, "Mine", "Omni", 320.5, 240.5),
+    PublishRequest(14, "ekf", '{"pose":[1.0,2.0,0.5]}'),
+    ShareControlRequest(15, True),
 ]
 SAMPLE_REPLIES: list[Reply] = [
     HEADER,
     Ok(1),
     Error(2, "no robot"),
-    SensorReports(3, ("SEN {Time 1.0}",)),
+    SensorReports(3, ("SEN {Time 1.0}",), (1.0, 2.0, 0.0), "Mine"),
     CameraReply(4, "USARBot.OmniP2AT", "Omni", CAMERA_MODEL, UPRIGHT_TRANSFORM, None),
     LandmarksReply(5, (LANDMARK,)),
     StartPosesReply(6, (StartPoseRecord("Centre", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)),
@@ -90,4 +118,9 @@ SAMPLE_REPLIES: list[Reply] = [
         *(8, "Omni", 0.5, 0.0, "trace, 2^2 samples: the fastest within 0.5 px", True),
         *(0.375, {"outline_px": 0.375}, 12.5, None, PlanAlternative("trace", 0.25, 30.0), None),
     ),
+    StateReply(
+        *(9, 1.25, (ROBOT_STATE,), "Mine", ("SEN {Time 1.0}",)),
+        (NoteRecord("ekf", 1.0, '{"pose":[1.0,2.0,0.5]}'),),
+    ),
+    PixelReply(10, 1.25, 1.5, -0.5, None, "", 0.375),
 ]

@@ -13,24 +13,21 @@ from catoptra_protocol.errors import (
     LocalProtocolError,
     RemoteProtocolError,
 )
+from catoptra_protocol.stream.field_maps import FieldMap
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
     bytes_from_message,
     reply_from_bytes,
     request_from_bytes,
 )
-from catoptra_protocol.stream.msgpack_codec import (
-    MAX_REPLY_BYTES,
-    MAX_REQUEST_BYTES,
-    FieldMap,
-)
+from catoptra_protocol.stream.msgpack_codec import MAX_REPLY_BYTES, MAX_REQUEST_BYTES
 from catoptra_protocol.stream.replies import REPLIES, Reply
 from catoptra_protocol.stream.requests import REQUESTS, Request
 from helpers.stream_messages import SAMPLE_REPLIES, SAMPLE_REQUESTS
 
 MESSAGES = [*SAMPLE_REQUESTS, *SAMPLE_REPLIES]
 FIELDS = [(message, field) for message in MESSAGES for field in dataclasses.fields(message)]
-OPTIONAL_FIELDS = [(m, field.name) for m, field in FIELDS if field.default is None]
+OPTIONAL_FIELDS = [(m, f) for m, f in FIELDS if f.default is not dataclasses.MISSING]
 MISSING = [(m, field.name) for m, field in FIELDS if field.default is dataclasses.MISSING]
 
 
@@ -56,11 +53,15 @@ def test_message_when_encoded_and_decoded_is_equal(message: Request | Reply) -> 
     assert decode(bytes_from_message(message)) == message
 
 
-@pytest.mark.parametrize(("message", "name"), OPTIONAL_FIELDS, ids=lambda x: getattr(x, "KIND", x))
-def test_field_when_optional_and_missing_is_none(message: Request | Reply, name: str) -> None:
+@pytest.mark.parametrize(
+    ("message", "field"), OPTIONAL_FIELDS, ids=lambda x: getattr(x, "KIND", None) or x.name
+)
+def test_field_when_optional_and_missing_has_its_default(
+    message: Request | Reply, field: dataclasses.Field[object]
+) -> None:
     fields = msgpack.unpackb(bytes_from_message(message))
-    del fields[name]
-    assert getattr(decode(msgpack.packb(fields)), name) is None
+    del fields[field.name]
+    assert getattr(decode(msgpack.packb(fields)), field.name) == field.default
 
 
 @pytest.mark.parametrize(("message", "name"), MISSING, ids=lambda x: getattr(x, "KIND", x))

@@ -1,16 +1,21 @@
-"""Messages of the ZeroMQ stream as bytes: one msgpack map each, `kind` first (SPEC.md 9.1)."""
+"""Messages of the stream as bytes: one msgpack map each, `kind` first (SPEC.md 9.1).
+
+`json_codec` encodes the same maps as JSON, by the functions from maps of this module.
+"""
 
 from __future__ import annotations
 
 from catoptra_protocol.errors import InvalidRequestError, RemoteProtocolError
+from catoptra_protocol.stream.field_maps import (
+    FieldMap,
+    dataclass_from_fields,
+    read_int_field,
+    read_str_field,
+)
 from catoptra_protocol.stream.msgpack_codec import (
     MAX_REPLY_BYTES,
     MAX_REQUEST_BYTES,
-    FieldMap,
-    dataclass_from_fields,
     pack,
-    read_int_field,
-    read_str_field,
     unpack,
 )
 from catoptra_protocol.stream.replies import REPLIES, Reply
@@ -37,10 +42,19 @@ def request_from_bytes(data: bytes) -> Request:
         InvalidRequestError: The id is readable; the kind or another field is wrong.
         RemoteProtocolError: The bytes are no request with an id above 0.
     """
-    fields = unpack(data, MAX_REQUEST_BYTES)
+    return request_from_fields(unpack(data, MAX_REQUEST_BYTES))
+
+
+def request_from_fields(fields: FieldMap) -> Request:
+    """Request of a client from a decoded map.
+
+    Raises:
+        InvalidRequestError: The id is readable; the kind or another field is wrong.
+        RemoteProtocolError: The map is no request with an id above 0.
+    """
     id_ = _readable_id(fields)
     try:
-        request = _request_from_fields(fields)
+        request = _dataclass_of_request(fields)
     except RemoteProtocolError as error:
         # With the id the client relates the error to its request; 0 would fit any.
         raise (InvalidRequestError(str(error), id_) if id_ else error) from error
@@ -57,7 +71,7 @@ def _readable_id(fields: FieldMap) -> int:
         return 0
 
 
-def _request_from_fields(fields: FieldMap) -> Request:
+def _dataclass_of_request(fields: FieldMap) -> Request:
     kind = read_str_field(fields, "kind")
     # An error, unlike an unknown reply: the client waits for the outcome of its request.
     if kind not in REQUESTS:
@@ -73,7 +87,16 @@ def reply_from_bytes(data: bytes) -> Reply | None:
         RemoteProtocolError: The bytes are no reply, or one of another protocol version; names the
             missing or wrong field.
     """
-    fields = unpack(data, MAX_REPLY_BYTES)
+    return reply_from_fields(unpack(data, MAX_REPLY_BYTES))
+
+
+def reply_from_fields(fields: FieldMap) -> Reply | None:
+    """Message of a server from a decoded map; None for an unknown kind.
+
+    Raises:
+        RemoteProtocolError: The map is no reply, or one of another protocol version; names the
+            missing or wrong field.
+    """
     # Before the kind: a field of another version may have another meaning under the same name.
     version = fields.get("version", SCHEMA_VERSION)
     if version != SCHEMA_VERSION:
