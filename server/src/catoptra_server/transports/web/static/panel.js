@@ -1,0 +1,112 @@
+/**
+ * What every panel needs of its section: its parts, whether it is shown, when to draw, and elements
+ * whose text never becomes markup.
+ */
+
+const STORAGE_KEY = "catoptra.panels";
+const intersecting = new WeakSet();
+const shownHandlers = new WeakMap();
+
+/** Element that holds the contents of a panel. */
+export const bodyOf = (section) => section.querySelector(".body");
+
+/** Element beside the title, for a few small controls. */
+export const toolsOf = (section) => section.querySelector(".tools");
+
+/** Whether the panel is expanded, whether or not it is scrolled into view. */
+export const isOpen = (section) => !section.classList.contains("closed");
+
+/** Whether drawing the panel can be seen: tab visible, panel expanded and scrolled into view. */
+export const isShown = (section) =>
+  document.visibilityState === "visible" && isOpen(section) && intersecting.has(section);
+
+const observer = new IntersectionObserver((entries) => {
+  for (const { target, isIntersecting } of entries) {
+    if (isIntersecting) intersecting.add(target);
+    else intersecting.delete(target);
+    notify(target);
+  }
+});
+
+function notify(section) {
+  for (const handler of shownHandlers.get(section) ?? []) handler(isShown(section));
+}
+
+/** Call `handler(isShown)` whenever the panel may have come into view or gone. */
+export function onShown(section, handler) {
+  const handlers = shownHandlers.get(section) ?? [];
+  shownHandlers.set(section, [...handlers, handler]);
+  observer.observe(section);
+  document.addEventListener("visibilitychange", () => handler(isShown(section)));
+}
+
+/**
+ * A function that asks for one call of `draw` in the next animation frame, if the panel is shown
+ * then; calls in between count once. A panel that comes into view is drawn.
+ */
+export function drawOnDemand(section, draw) {
+  let isPending = false;
+  const request = () => {
+    if (isPending || !isShown(section)) return;
+    isPending = true;
+    requestAnimationFrame(() => {
+      isPending = false;
+      if (isShown(section)) draw();
+    });
+  };
+  onShown(section, request);
+  return request;
+}
+
+/** Number, bounded and finite, from the page's local storage; private windows may forbid it. */
+export function remembered(key, fallback) {
+  try {
+    return JSON.parse(localStorage.getItem(key)) ?? fallback;
+  } catch {
+    return fallback;
+  }
+}
+
+/** Keep a value for the next visit, if the browser allows it. */
+export function remember(key, value) {
+  try {
+    localStorage.setItem(key, JSON.stringify(value));
+  } catch {
+    // The page works without a memory.
+  }
+}
+
+/** Make the panel's title expand and collapse it, from the state of the last visit. */
+export function setUpToggles(section) {
+  const toggle = section.querySelector(".toggle");
+  observer.observe(section);
+  if (!toggle) return;
+  const apply = (open) => {
+    toggle.setAttribute("aria-expanded", String(open));
+    section.classList.toggle("closed", !open);
+    notify(section);
+  };
+  apply(remembered(STORAGE_KEY, {})[section.id] !== false);
+  toggle.addEventListener("click", () => {
+    apply(!isOpen(section));
+    remember(STORAGE_KEY, { ...remembered(STORAGE_KEY, {}), [section.id]: isOpen(section) });
+  });
+}
+
+/**
+ * An element with properties and children; text is always text.
+ * `make("button", { type: "button", className: "small", ariaLabel: "Zoom in" }, "+")`
+ */
+export function make(tag, properties = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name in element) element[name] = value;
+    else element.setAttribute(name, value);
+  }
+  element.append(...children);
+  return element;
+}
+
+/** A name from the wire, short enough for a list or a label. */
+export const shorten = (text, length = 40) =>
+  text.length > length ? `${text.slice(0, length - 1)}\u2026` : text;

@@ -1,0 +1,51 @@
+/**
+ * The panels of the page: which there are, and what holds for all of them: creation, collapsing.
+ *
+ * To add a panel: its section in index.html, its line in PANELS, its module with
+ * `create(section, context)`. The module fills `bodyOf(section)` and, for small controls beside
+ * the title, `toolsOf(section)`; it draws only while `isShown(section)` (panel.js).
+ */
+
+import { bodyOf, setUpToggles } from "./panel.js";
+
+/** Loads a module on first use, so that a panel with a fault leaves the others intact. */
+const from = (path) => async (section, context) => (await import(path)).create(section, context);
+
+/** In the order of their creation: the pictures first. */
+export const PANELS = [
+  { id: "omni", title: "Omnidirectional picture", create: from("./views/omni.js") },
+  { id: "status", title: "Status", create: from("./panels/status.js") },
+  { id: "drive", title: "Drive", create: from("./panels/drive.js") },
+  { id: "panorama", title: "Panorama", create: from("./views/panorama.js") },
+  { id: "map", title: "Map", create: from("./panels/map.js") },
+  { id: "perspective", title: "Perspective view", create: from("./views/perspective.js") },
+  { id: "cursor", title: "Under the cursor", create: from("./panels/cursor.js") },
+  { id: "robot", title: "Robots", create: from("./panels/robot.js") },
+  { id: "accuracy", title: "Accuracy", create: from("./panels/accuracy.js") },
+  { id: "effects", title: "Image effects", create: from("./panels/effects.js") },
+  { id: "plots", title: "Plots", create: from("./panels/plots.js") },
+  { id: "scans", title: "Range scans", create: from("./panels/scans.js") },
+  { id: "snapshot", title: "Snapshot", create: from("./panels/snapshot.js") },
+];
+
+/** Section of the panel with this id. */
+export const sectionOf = (id) => document.getElementById(`panel-${id}`);
+
+/** Make the panels collapsible, as they were left; needs no connection. */
+export function preparePanels() {
+  for (const { id } of PANELS) setUpToggles(sectionOf(id));
+}
+
+/** Create all panels. The fault of one is shown in its place. */
+export async function createPanels(context) {
+  await Promise.all(
+    PANELS.map(async ({ id, title, create }) => {
+      try {
+        await create(sectionOf(id), context);
+      } catch (error) {
+        console.error(`panel ${id}:`, error);
+        bodyOf(sectionOf(id)).textContent = `${title} cannot be shown: ${error.message}`;
+      }
+    }),
+  );
+}
