@@ -14,10 +14,10 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test stability lint format bench cost effects conformance fuzz soak wheels compose clean
+.PHONY: help setup demo test browser-test stability lint format bench cost effects conformance fuzz soak wheels compose clean
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## Make the virtual environment .venv with everything pinned in constraints.txt
 
@@ -43,6 +43,11 @@ demo: $(READY) ## Repeat the paper's experiment with servers as processes; write
 
 test: $(READY) ## Run all tests
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile tests
+
+# The tests end with the way to install Chromium where it is missing.
+browser-test: $(READY) ## Drive the live page in headless Chromium; writes out/browser: [BROWSER=chromium] [LONG=yes] [SECONDS=60]
+	$(BIN)/python -m pytest tests/browser -q --browser "$(or $(BROWSER),chromium)" \
+	  --soak-seconds $(or $(SECONDS),$(if $(LONG),600,60))
 
 stability: $(READY) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html
 	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py \

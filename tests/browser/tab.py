@@ -122,7 +122,7 @@ class Tab:
 
     def mouse(self, kind: str, x: float, y: float, *, delta_y: float = 0.0) -> None:
         """Send a mouse event: mouseMoved, mousePressed, mouseReleased or mouseWheel."""
-        parameters: dict[str, object] = {"type": kind, "x": x, "y": y}
+        parameters: Message = {"type": kind, "x": x, "y": y}
         if kind == "mouseWheel":
             parameters |= {"deltaX": 0, "deltaY": delta_y}
         elif kind != "mouseMoved":
@@ -169,7 +169,7 @@ class Tab:
     def _key(self, kind: str, key: str, *, shift: bool = False) -> None:
         code, text = _KEYS.get(key, (ord(key[0].upper()), key))
         name = _CODES.get(key, f"Key{key.upper()}" if len(key) == 1 else key)
-        parameters: dict[str, object] = {
+        parameters: Message = {
             "type": kind,
             "key": key,
             "code": name,
