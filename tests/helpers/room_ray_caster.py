@@ -9,7 +9,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.world_description import Box, Item, Material, World
 from catoptra_server.sensors import SensorContext
-from catoptra_server.sensors.sensor_environment import SensorEnvironment
+from catoptra_server.sensors.sensor_environment import SensorEnvironment, Triangles
 
 
 class RoomRayCaster:
@@ -32,6 +32,10 @@ class RoomRayCaster:
         wall = np.abs(points).argmax(axis=1)
         normals = -np.sign(np.take_along_axis(points, wall[:, None], axis=1)) * np.eye(3)[wall]
         return distances, normals
+
+    def closest_triangles(self, origins: Floats, directions: Floats) -> tuple[Floats, Triangles]:
+        """Distances (n,), and no triangles: the walls are planes."""
+        return self.distances(origins, directions), np.full(len(directions), -1, dtype=np.int32)
 
 
 def make_room_world(half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> World:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
 from catoptra_protocol.stream.replies import (
     CameraReply,
+    DifferenceRecord,
     EffectRecord,
     Error,
     FrameHeader,
     Heartbeat,
-    ImageDifference,
     LandmarkRecord,
     LandmarksReply,
     NoteRecord,
@@ -74,7 +74,7 @@ HEADER = FrameHeader(
     target_met=False,
     more_accurate=PlanAlternative("trace, 4x4", 0.25, 30.0),
     faster=PlanAlternative("trace, 1x1", 0.5, 8.0),
-    difference=ImageDifference("exact, 4x4", 12, 0.75, 0.125),
+    difference=DifferenceRecord("exact, 4x4", 12, 0.75, 0.125),
 )
 LANDMARK = LandmarkRecord("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 ROBOT_STATE = RobotState(

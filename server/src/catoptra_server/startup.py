@@ -18,7 +18,7 @@ from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
 from catoptra_server.sensors import casts_rays
-from catoptra_server.sensors.sensor_environment import RayCaster
+from catoptra_server.sensors.sensor_environment import RayCaster, Triangles
 
 log = logging.getLogger(__name__)
 
@@ -116,3 +116,7 @@ class _LazyRayCaster:
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Distances (n,), metres, and normals (n, 3) of the closest hits."""
         return self.build().closest_hits(origins, directions)
+
+    def closest_triangles(self, origins: Floats, directions: Floats) -> tuple[Floats, Triangles]:
+        """Distances (n,), metres, and indices (n,) of the closest triangles; inf and -1 for none."""
+        return self.build().closest_triangles(origins, directions)

@@ -135,7 +135,7 @@ def test_waiting_task_when_cancelled_leaves_the_others_waiting() -> None:
         await let_it_wait(stays)
         gone.cancel()
         await let_it_wait(stays)
-        assert mailbox.is_awaited
+        assert mailbox.wants_next
         mailbox.put(frame(1))
         assert (await stays).sequence == 1
         assert gone.cancelled()
@@ -147,10 +147,10 @@ def test_mailbox_whose_last_waiting_task_is_cancelled_is_awaited_by_nobody() -> 
     async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
         task = asyncio.create_task(mailbox.wait_for_newer(0))
         await let_it_wait(task)
-        assert mailbox.is_awaited
+        assert mailbox.wants_next
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
-        assert not mailbox.is_awaited
+        assert not mailbox.wants_next
 
     run(scenario)
 

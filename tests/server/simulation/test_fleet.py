@@ -31,7 +31,7 @@ from catoptra_protocol.usarsim.reports import (
 )
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.sensors.sensor_environment import EmptyScene
+from catoptra_server.sensors.sensor_environment import EmptyScene, Triangles
 from catoptra_server.simulation.fleet import Fleet
 from helpers.robots import (
     CAMERA,
@@ -229,6 +229,10 @@ class CountingRayCaster:
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         self.num_queries += 1
         return EmptyScene().closest_hits(origins, directions)
+
+    def closest_triangles(self, origins: Floats, directions: Floats) -> tuple[Floats, Triangles]:
+        self.num_queries += 1
+        return EmptyScene().closest_triangles(origins, directions)
 
 
 def test_sensors_when_none_is_due_cast_no_rays() -> None:

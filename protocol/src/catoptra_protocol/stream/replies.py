@@ -59,7 +59,7 @@ class PlanAlternative:
 
 
 @dataclass(frozen=True, slots=True)
-class ImageDifference:
+class DifferenceRecord:
     """Difference of a picture from a reference, the right half of the image that shows both."""
 
     reference_plan: str
@@ -123,7 +123,7 @@ class FrameHeader:
     """Next more accurate plan; None without an accuracy target."""
     faster: PlanAlternative | None = None
     """Next cheaper plan, likewise."""
-    difference: ImageDifference | None = None
+    difference: DifferenceRecord | None = None
     """Set where the request names a reference: the image is twice as wide as the picture."""
 
     def __str__(self) -> str:

@@ -17,6 +17,8 @@ TICK_NS = 20_000_000
 TICK_S = TICK_NS / NS_PER_S
 # Two times closer than this are one tick: the interval was added as a float.
 _SAME_TIME_S = 1e-9
+# Channels above which those without a request are removed: variants of a camera come from clients.
+MAX_CHANNELS = 512
 
 
 class ChannelState:
@@ -63,8 +65,21 @@ class CaptureScheduler:
         """State of a channel, which exists from here on."""
         state = self._channels.get(channel)
         if state is None:
+            self._trim()
             state = self._channels[channel] = ChannelState()
         return state
+
+    def _trim(self) -> None:
+        """Remove channels that nobody waits for while there are too many, the oldest first."""
+        if len(self._channels) < MAX_CHANNELS:
+            return
+        idle = [
+            channel
+            for channel, state in self._channels.items()
+            if not (state.is_requested or state.is_rendering)
+        ]
+        for channel in idle[: len(self._channels) - MAX_CHANNELS + 1]:
+            self.remove(channel)
 
     def request_frame(self, channel: Channel, newer_than: float) -> None:
         """Request a frame with a larger sequence number than `newer_than`."""

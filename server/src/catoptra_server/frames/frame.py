@@ -16,6 +16,8 @@ from catoptra_server.frames.encode import (
     payload_of_reply,
 )
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, FrameMetadata
+from catoptra_server.frames.image_difference import ImageDifference
+from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.render.renderer import Image
 
 _Encoding = ImageType | ImageEncoding
@@ -48,6 +50,10 @@ class Frame:
     """All error bounds and their parts by name; None where unknown."""
     effect_decisions: tuple[EffectDecision, ...] = ()
     """Decisions about the effects of the camera, in a frame of one camera."""
+    choice: PlanChoice | None = None
+    """Choice of the plan, in a frame of one omnidirectional camera."""
+    difference: ImageDifference | None = None
+    """Set where the right half of the image shows a difference from a reference."""
     # A frozen frame with caches: encodings follow from the image alone.
     _encoded: dict[_Encoding, Payload] = field(default_factory=dict)
     _running: dict[_Encoding, asyncio.Task[Payload]] = field(default_factory=dict)

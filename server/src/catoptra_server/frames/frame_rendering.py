@@ -8,6 +8,7 @@ from typing import Protocol
 from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import FrameComposition, FrameRequest, ViewRequest
+from catoptra_server.frames.image_difference import append_difference
 from catoptra_server.frames.multi_view import compose_tiles
 from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.planning.camera_spec import OmniCameraSpec
@@ -40,9 +41,14 @@ def render_frame(
         None if view is None or views is None else views.render(view) for view in composition.views
     ]
     rgb = _compose_image(composition, rendered)
+    difference = None
+    if composition.reference is not None and views is not None:
+        reference = views.render(composition.reference)
+        rgb, difference = append_difference(rgb, reference.image.rgb, reference.plan)
     # Up to here the duration counts: the rest gathers numbers.
     end_s = monotonic()
     present = [view for view in rendered if view is not None]
+    single = present[0] if len(rendered) == len(present) == 1 else None
     bounds = max_bounds(view.error_bounds for view in present)
     return Frame(
         sequence=request.sequence,
@@ -59,7 +65,9 @@ def render_frame(
         error_bound_px=bounds["outline_px"] if bounds else None,
         error_bounds=bounds,
         # In a list of several cameras' decisions the camera of each would be lost.
-        effect_decisions=present[0].effect_decisions if len(rendered) == len(present) == 1 else (),
+        effect_decisions=single.effect_decisions if single else (),
+        choice=single.choice if single else None,
+        difference=difference,
     )
 
 

@@ -14,6 +14,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.planning.camera_spec import CameraSpec
+from catoptra_server.planning.camera_variant import CameraVariant
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +33,18 @@ class CameraChannel:
     """Name of the robot; empty for the robot that the image port displays."""
     camera: str
     """Name of the camera in any case; empty for the robot's first camera."""
+    variant: CameraVariant | None = None
+    """Other settings, of an omnidirectional camera; None for those of the camera."""
 
 
 # Compared by value: channels are keys of mailboxes and of the scheduler.
 Channel = ImagePortChannel | CameraChannel
 IMAGE_PORT = ImagePortChannel()
+
+
+def is_variant(channel: Channel) -> bool:
+    """Whether a channel shows a camera by other settings than its own."""
+    return isinstance(channel, CameraChannel) and channel.variant is not None
 
 
 # eq=False here and below: states hold arrays, whose comparison is no truth value.
@@ -74,6 +82,8 @@ class FrameComposition:
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
     min_interval_s: float = 0.0
     """Shortest simulation time to the next exposure of the same channel."""
+    reference: ViewRequest | None = None
+    """View to compare a single view with; None for no comparison."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,12 +8,16 @@ removal: the first free tile.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
+from catoptra_protocol.errors import DomainError
 from catoptra_server.frames.frame_request import FrameComposition, FrameMetadata
 from catoptra_server.frames.mounted_camera import MountedCamera
 from catoptra_server.frames.multi_view import Tile, TileLayout, ViewportConfig, viewport_layout
 from catoptra_server.frames.robot_camera import CameraRobot, RobotCamera, VisibleObjectsLookup
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_variant import CameraVariant
 
 
 class ImagePortLayout:
@@ -100,6 +104,23 @@ def compose_camera_frame(
     """Compose the image of one camera at the camera's own size."""
     layout = _single_tile_layout(camera.size_px)
     return _compose(layout, [MountedCamera(robot, camera)], visible_objects_of)
+
+
+def compose_variant(composition: FrameComposition, variant: CameraVariant) -> FrameComposition:
+    """Composition of one camera by other settings, with the reference that these ask for.
+
+    Raises:
+        DomainError: The camera is no omnidirectional one, or has no effect of a name.
+    """
+    (view,) = composition.views
+    if view is None or not isinstance(view.camera, OmniCameraSpec):
+        raise DomainError("only omnidirectional cameras have variants")
+    reference = variant.make_reference(view.camera)
+    return replace(
+        composition,
+        views=(replace(view, camera=variant.apply_to(view.camera)),),
+        reference=None if reference is None else replace(view, camera=reference),
+    )
 
 
 def _compose(

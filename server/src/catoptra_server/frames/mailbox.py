@@ -17,7 +17,7 @@ from weakref import WeakValueDictionary
 from catoptra_server.frames.capture_scheduler import TICK_S
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_events import FrameEvent, FrameRendered, FrameRequested
-from catoptra_server.frames.frame_request import Channel
+from catoptra_server.frames.frame_request import Channel, is_variant
 from catoptra_server.immediate_future import ImmediateFuture
 
 
@@ -61,9 +61,9 @@ class Mailbox:
         self._waiting: list[ImmediateFuture[Frame]] = []
 
     @property
-    def is_awaited(self) -> bool:
-        """Whether a coroutine waits for the next frame; may be read from any thread."""
-        return bool(self._waiting)
+    def wants_next(self) -> bool:
+        """Whether the next frame is to be requested before this one arrives; from any thread."""
+        return self._prefetch and bool(self._waiting)
 
     def put(self, frame: Frame, *, is_next_requested: bool = False) -> None:
         """Store a frame and resume all waiting coroutines.
@@ -157,7 +157,9 @@ class Mailboxes:
         mailbox = self._mailboxes.get(channel)
         if mailbox is None:
             request = partial(self._request_frame, channel)
-            mailbox = self._mailboxes[channel] = Mailbox(request, prefetch=self._prefetch)
+            # Viewers look at a variant now and then: a frame ahead would mostly be for nobody.
+            prefetch = self._prefetch and not is_variant(channel)
+            mailbox = self._mailboxes[channel] = Mailbox(request, prefetch=prefetch)
         return mailbox
 
     def __len__(self) -> int:
@@ -172,8 +174,8 @@ class Mailboxes:
         # Posted before the frame arrives: the next capture need not wait for the event loop. Nor
         # its request: a coroutine that waits takes this frame, and would request the next one.
         self._post(FrameRendered(frame.channel))
-        mailbox = self._mailboxes.get(frame.channel) if self._prefetch else None
-        is_next_requested = mailbox is not None and mailbox.is_awaited
+        mailbox = self._mailboxes.get(frame.channel)
+        is_next_requested = mailbox is not None and mailbox.wants_next
         if is_next_requested:
             self._request_frame(frame.channel, frame.sequence)
         self._loop.call_soon_threadsafe(self._put_on_loop, frame, is_next_requested)

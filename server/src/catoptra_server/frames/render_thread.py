@@ -22,7 +22,7 @@ from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.channel_backoff import ChannelBackoff
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_rendering import ViewProvider, render_frame
-from catoptra_server.frames.frame_request import Channel, FrameRequest
+from catoptra_server.frames.frame_request import CameraChannel, Channel, FrameRequest, is_variant
 from catoptra_server.frames.view_cache import ViewFailedError
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 
@@ -41,6 +41,9 @@ _RETRY_S = 0.01
 # Time without a request after which work beside the frames goes on: more than between two frames of
 # a viewer at 10 Hz.
 _PAUSE_S = 0.2
+
+# No camera has this name.
+_VARIANTS = CameraChannel("", "\0variants")
 
 # A request, and the future that is set after the frame was put or rejected; None if nobody waits.
 _PendingFrame = tuple[FrameRequest, Future[None] | None]
@@ -126,7 +129,7 @@ class RenderThread:
         with self._changed:
             # Under the lock a request is either cancelled here or found by `_cancel_pending`.
             if not self._has_ended:
-                self._frames.put(request.channel, (request, future))
+                self._frames.put(_account_of(request.channel), (request, future))
                 self._changed.notify()
             elif future is not None:
                 future.cancel()
@@ -208,7 +211,7 @@ class RenderThread:
         duration_s = self._monotonic() - begin_s
         weight = min(max(1.0, duration_s / _LONG_FRAME_S), _MAX_WEIGHT)
         with self._changed:
-            self._frames.charge(request.channel, duration_s, weight=weight)
+            self._frames.charge(_account_of(request.channel), duration_s, weight=weight)
 
     def _render_or_fail(self, request: FrameRequest, views: ViewProvider | None) -> str:
         """Render a frame and put it; the reason of a failure, empty after success."""
@@ -239,6 +242,12 @@ class RenderThread:
         for _, future in pending:
             if future is not None:
                 future.cancel()
+
+
+def _account_of(channel: Channel) -> Channel:
+    """Account that pays for the frames of a channel."""
+    # One for all variants, of which a client may request another one for each frame.
+    return _VARIANTS if is_variant(channel) else channel
 
 
 def _find_plan(camera: OmniCameraSpec, views: ViewProvider | None) -> ViewState | PlanFailure:

@@ -38,6 +38,7 @@ from catoptra_server.frames.renderer_trial import RendererTrials
 from catoptra_server.frames.view_store import MAX_VIEW_BYTES, MAX_VIEWS, ViewStore
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.exposure_budget import explain_limit, limit_time_samples
+from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import OmniView, RenderedImage
@@ -63,6 +64,8 @@ class RenderedView:
     """Bounds of the image error by name; None for perspective cameras, whose error has no bound."""
     effect_decisions: tuple[EffectDecision, ...] = ()
     """Decisions about the effects of an omnidirectional camera, in optical order."""
+    choice: PlanChoice | None = None
+    """Choice of the plan; None for a perspective camera."""
 
 
 class ViewCache:
@@ -234,7 +237,12 @@ class ViewCache:
     ) -> RenderedView:
         """Render a view with the effects that the camera state calls for."""
         if not camera.effect_settings.settings:
-            return RenderedView(view.render(camera_state), planned.plan_text, planned.bounds)
+            return RenderedView(
+                view.render(camera_state),
+                planned.plan_text,
+                planned.bounds,
+                choice=planned.choice,
+            )
         plan = self._decide_effects(camera, camera_state)
         # Bounds move with every pose; only a change of the enabled effects is worth a log line.
         if planned.effects is NO_EFFECTS or plan.enabled_effects != planned.effects.enabled_effects:
@@ -244,7 +252,7 @@ class ViewCache:
         limited = limit_time_samples(wanted, camera.camera, cast(RenderPlan, planned.plan))
         image = view.render(limited, plan.image_effects)
         decisions = explain_limit(plan.decisions, wanted, limited)
-        return RenderedView(image, planned.plan_text, planned.bounds, decisions)
+        return RenderedView(image, planned.plan_text, planned.bounds, decisions, planned.choice)
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""

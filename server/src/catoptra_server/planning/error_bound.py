@@ -37,7 +37,7 @@ from catoptra_server.planning.face_lookup_error import (
     face_lookup_error,
     max_edge_displacement_texels,
 )
-from catoptra_server.planning.facet_error import facet_error, rim_gap
+from catoptra_server.planning.facet_error import facet_error, facet_error_by_radius, rim_gap
 from catoptra_server.planning.geometric_error import GeometricError, apply_floor, sum_errors
 from catoptra_server.planning.rounding_error import corner_error, rounding_error
 from catoptra_server.planning.sampling_error import SamplingError, sampling_error
@@ -67,6 +67,10 @@ class ErrorBound:
     """Further displacement by the spacing of the samples."""
     components: tuple[ErrorComponent, ...]
     """Components of the geometric error."""
+    rim_radius_px: float
+    polygons_by_radius_px: tuple[float, ...] = ()
+    """Displacement by flat facets in rings of equal width, from the centre to the rim; empty for
+    the exact model."""
 
     @property
     def outline_error_px(self) -> float:
@@ -75,6 +79,23 @@ class ErrorBound:
         An accuracy target limits this number, and every frame carries it.
         """
         return self.geometric.max_px + self.sampling.edge_error_px
+
+    def outline_error_at_px(self, radius: float) -> float:
+        """Largest displacement of an outline at a place in the image.
+
+        Args:
+            radius: Distance from the image centre over that of the rim, 0 to 1.
+        """
+        rings = self.polygons_by_radius_px
+        if not rings:
+            return self.outline_error_px
+        own_px = rings[min(int(radius * len(rings)), len(rings) - 1)]
+        others_px = sum(p.max_px for p in self.components if p.name not in ("polygons", "rim"))
+        rim_px = next(p.max_px for p in self.components if p.name == "rim")
+        # Straight sides cut into the outermost part of the image alone. Its ring is one wider.
+        rim_ring = 1.0 - rim_px / self.rim_radius_px - 1.0 / len(rings)
+        geometric_px = max(own_px + others_px, rim_px if radius >= rim_ring else 0.0)
+        return geometric_px + self.sampling.edge_error_px
 
     @property
     def marker_error_px(self) -> float:
@@ -132,7 +153,15 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
         reason = f"{plan.surface.sectors} straight sides end within the rim"
         components = (*components, ("rim", gap, reason))
     named = tuple(ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
-    return ErrorBound(geometric, sampling_error(camera, plan), named)
+    return ErrorBound(
+        geometric,
+        sampling_error(camera, plan),
+        named,
+        camera.rim_radius_px,
+        facet_error_by_radius(camera, plan.surface)
+        if isinstance(plan.surface, Tessellation)
+        else (),
+    )
 
 
 _Component = tuple[str, GeometricError, str]  # name, error, reason

@@ -28,6 +28,8 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.geometric_error import GeometricError
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
 
+# Rings of the bound by place: a picture of 640 px has rings of 5 px.
+NUM_RADII = 64
 # Finest first; even, as the quadrature needs. Two steps overstate the error by a third: 1 / (1 -
 # 1/4).
 _STEP_COUNTS = (32, 16, 8, 6, 4, 2)
@@ -39,13 +41,29 @@ _ASYMPTOTE_FRACTION = 0.999
 _MAX_INCIDENCE_RAD = math.radians(178.0)
 
 
-@lru_cache(maxsize=256)
 def facet_error(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
     """Displacement over the pixels that the mesh covers.
 
     Raises:
         DomainError: An orthographic camera; a mesh is projected from a pinhole.
     """
+    return _facet_errors(camera, tessellation)[0]
+
+
+def facet_error_by_radius(camera: OmniCamera, tessellation: Tessellation) -> tuple[float, ...]:
+    """Largest displacement in each of NUM_RADII rings of equal width from centre to rim, pixels.
+
+    Raises:
+        DomainError: An orthographic camera; a mesh is projected from a pinhole.
+    """
+    return _facet_errors(camera, tessellation)[1]
+
+
+@lru_cache(maxsize=256)
+def _facet_errors(
+    camera: OmniCamera, tessellation: Tessellation
+) -> tuple[GeometricError, tuple[float, ...]]:
+    """Displacement over the image, and by ring."""
     if not math.isfinite(camera.mirror.pinhole_distance_m):
         raise DomainError("a mirror mesh needs a capture camera with a pinhole")
     corners, directions = _distinct_triangles(camera, tessellation)
@@ -61,11 +79,27 @@ def facet_error(camera: OmniCamera, tessellation: Tessellation) -> GeometricErro
     error_px = _displacement_px(camera, projected.point_px, lookup_direction)
     error_rad = _displacement_rad(camera, projected.point_px, lookup_direction)
     reserve = (1.0 + math.pi / tessellation.sectors / steps) / (1.0 - 1.0 / steps**2)
-    return GeometricError(
+    error = GeometricError(
         max_px=reserve * float(error_px[projected.is_near_image].max()),
         rms_px=_weighted_rms(error_px, area),
         max_deg=reserve * math.degrees(float(error_rad[projected.is_near_image].max())),
         rms_deg=math.degrees(_weighted_rms(error_rad, area)),
+    )
+    return error, _max_by_radius(camera, projected, reserve * error_px)
+
+
+def _max_by_radius(
+    camera: OmniCamera, projected: _ProjectedPoints, error_px: Floats
+) -> tuple[float, ...]:
+    """Largest of (n, q) errors in each ring that a triangle reaches into."""
+    # By whole triangles: between the points of its grid an error belongs to all of a triangle.
+    radius = np.linalg.norm(projected.point_px, axis=-1) / camera.rim_radius_px * NUM_RADII
+    largest = np.where(projected.is_near_image, error_px, 0.0).max(axis=1)
+    first = np.clip(np.floor(radius.min(axis=1)).astype(int), 0, NUM_RADII - 1)
+    last = np.clip(np.floor(radius.max(axis=1)).astype(int), 0, NUM_RADII - 1)
+    return tuple(
+        float(largest[(first <= ring) & (ring <= last)].max(initial=0.0))
+        for ring in range(NUM_RADII)
     )
 
 

@@ -94,13 +94,12 @@ class RenderPlanner:
         table = self._tables.get_or_make(
             _cost_key(camera), lambda: self._make_table(camera, camera_states)
         )
-        if not table.options:
+        options = _options_of(table, camera.render_settings.renderer)
+        if not options:
             choice = self._follow_settings(camera)
             reason = f"no target can be met: this mirror's error has no bound; {choice.plan.reason}"
             return PlanChoice(replace(choice.plan, reason=reason), None, target_met=False)
-        choice = choose_plan(
-            camera.camera, pareto_front(self._correct(camera, table.options)), target
-        )
+        choice = choose_plan(camera.camera, pareto_front(self._correct(camera, options)), target)
         note = self.renderers.replacement_note
         if note:
             plan = replace(choice.plan, reason=f"{choice.plan.reason}; {note}")
@@ -116,6 +115,9 @@ class RenderPlanner:
     def choose_renderer(self, camera: OmniCameraSpec) -> tuple[RendererKind, str]:
         """Renderer of a camera without an accuracy target, and the reason."""
         pool = self.renderers
+        requested = camera.render_settings.renderer
+        if requested and pool.is_usable(RendererKind(requested)):
+            return RendererKind(requested), "as requested"
         kind, reason = self.preferences.choose(camera, pool.default_kind, pool.reason)
         return (kind, reason) if pool.is_usable(kind) else (pool.default_kind, pool.reason)
 
@@ -206,6 +208,12 @@ class RenderPlanner:
     def close(self) -> None:
         """Close all renderers."""
         self.renderers.close()
+
+
+def _options_of(table: CandidateTable, renderer: str) -> tuple[PlanOption, ...]:
+    """Candidates of a requested renderer; all without one, or where it has none."""
+    own = tuple(one for one in table.options if one.plan.renderer.value == renderer)
+    return own or table.options
 
 
 _CostKey = tuple[OmniCamera, MirrorSurface]

@@ -132,7 +132,8 @@ class RendererPreferences:
 
     def _find(self, camera: OmniCameraSpec) -> _CameraTimes | None:
         """Times of a camera, those of an earlier run at first; None where the choice is final."""
-        if self._rule is None or camera.render_settings.accuracy_target.is_set:
+        settings = camera.render_settings
+        if self._rule is None or settings.accuracy_target.is_set or settings.renderer:
             return None
         return self._cameras.get_or_make(camera, lambda: self._read(camera))
 

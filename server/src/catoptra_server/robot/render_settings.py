@@ -70,5 +70,7 @@ class RenderSettings:
     """Samples along a texel's side of a face."""
     texels_per_px: float = 0.0
     """Density of the faces in their densest pixel, where no face size is set."""
+    renderer: str = ""
+    """`trace` or `raster`; empty for the server's choice."""
     accuracy_target: AccuracyTarget = AccuracyTarget()
     """Where set, the planner chooses all numbers, whatever is requested above."""

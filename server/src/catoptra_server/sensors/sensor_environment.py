@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.oriented_box import OrientedBox, box_distances, closest_box_hits
 from catoptra_server.scene.world_description import GpsOrigin, RfidTag, Victim
+
+Triangles = npt.NDArray[np.int32]
 
 
 class RayCaster(Protocol):
@@ -21,6 +24,9 @@ class RayCaster(Protocol):
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Distances, and unit normals (n, 3) of either side; inf and 0 without a surface."""
+
+    def closest_triangles(self, origins: Floats, directions: Floats) -> tuple[Floats, Triangles]:
+        """Distances, and indices (n,) of the triangles; inf and -1 without a surface."""
 
 
 class EmptyScene:
@@ -33,6 +39,10 @@ class EmptyScene:
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Infinite distances (n,) and normals (n, 3) of 0."""
         return self.distances(origins, directions), np.zeros(directions.shape)
+
+    def closest_triangles(self, origins: Floats, directions: Floats) -> tuple[Floats, Triangles]:
+        """Infinite distances (n,) and no triangles."""
+        return self.distances(origins, directions), np.full(len(directions), -1, dtype=np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

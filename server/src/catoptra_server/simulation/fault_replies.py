@@ -13,6 +13,7 @@ from catoptra_server.simulation.simulation_events import (
     CommandReceived,
     Fault,
     LandmarksRequested,
+    PixelRequested,
     ResetRequested,
     StepRequested,
     StepResult,
@@ -39,7 +40,7 @@ def reply_fault(event: ClientWork, time_s: float) -> None:
             reply()
         case AccuracyTargetChanged():
             event.reply(Fault(FAULT_REASON), event.camera)
-        case LandmarksRequested():
+        case LandmarksRequested() | PixelRequested():
             event.reply(time_s, Fault(FAULT_REASON))
         case _:
             assert_never(event)

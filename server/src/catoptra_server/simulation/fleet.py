@@ -47,6 +47,7 @@ from catoptra_server.simulation.landmark_visibility import (
     LandmarkVisibility,
     compute_landmark_visibility,
 )
+from catoptra_server.simulation.pixel_view import NamedScene, PixelView, look_through_pixel
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.set_commands import execute_set
 from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
@@ -94,6 +95,7 @@ class Fleet:
         """
         self._classes = tuple(descriptions)
         self._world = world
+        self._scene = scene
         self._seed = seed
         self._error_bound_of = error_bound_of
         self._ray_caster = ray_caster or EmptyScene()
@@ -316,4 +318,28 @@ class Fleet:
             robot.world_from_robot @ camera.robot_from_camera(robot.joint_angles_rad),
             self._world.landmarks,
             self.sense(robot),
+        )
+
+    def look_through_pixel(
+        self, channel: CameraChannel, point_px: tuple[float, float]
+    ) -> PixelView | None:
+        """What a camera sees at a point of its image; None without such a robot or camera."""
+        found = self._cameras.find(channel)
+        if found is None:
+            return None
+        robot, camera = found
+        others = [other for other in self._robots.values() if other is not robot]
+        things = NamedScene(
+            self._scene,
+            self._ray_caster,
+            [other.name for other in others],
+            [self._collision_index.bounding_box(other) for other in others],
+        )
+        spec = camera.camera_spec()
+        return look_through_pixel(
+            spec,
+            robot.world_from_robot @ camera.robot_from_camera(robot.joint_angles_rad),
+            point_px,
+            things,
+            self._error_bound_of(spec) if isinstance(spec, OmniCameraSpec) else None,
         )

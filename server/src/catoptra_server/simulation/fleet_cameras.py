@@ -14,6 +14,7 @@ from catoptra_server.frames.frame_request import (
 from catoptra_server.frames.image_port_layout import (
     ImagePortLayout,
     compose_camera_frame,
+    compose_variant,
     find_displayed_robot,
 )
 from catoptra_server.frames.multi_view import TileLayout
@@ -61,7 +62,11 @@ class FleetCameras:
                 return self._layout.compose_frame(self._robots, self._visible_objects, tile=tile)
             case CameraChannel():
                 found = self.find(channel)
-                return compose_camera_frame(*found, self._visible_objects) if found else None
+                if found is None:
+                    return None
+                composition = compose_camera_frame(*found, self._visible_objects)
+                variant = channel.variant
+                return composition if variant is None else compose_variant(composition, variant)
             case _:
                 assert_never(channel)
 

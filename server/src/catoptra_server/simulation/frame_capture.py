@@ -12,6 +12,7 @@ import logging
 import threading
 from collections.abc import Callable
 
+from catoptra_protocol.errors import DomainError
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.capture_scheduler import CaptureScheduler, ChannelState
 from catoptra_server.frames.frame_events import FrameRequested
@@ -152,6 +153,10 @@ class FrameCapture:
             return self._compositions[channel]
         try:
             composition = self._compose(channel)
+        # A request that does not suit the camera is no fault.
+        except DomainError as error:
+            self._remove(channel, str(error))
+            return None
         except Exception:
             log_fault(log, "the frame of %s could not be composed", channel)
             self._remove(channel, FAULT_REASON)

@@ -30,6 +30,7 @@ from catoptra_server.simulation.simulation_events import (
     ClientWork,
     CommandReceived,
     LandmarksRequested,
+    PixelRequested,
     ResetRequested,
     SimulationEvent,
     StepRequested,
@@ -223,6 +224,9 @@ class Simulation:
             case LandmarksRequested(_, channel, landmarks_reply):
                 landmarks = self._fleet.compute_landmark_visibility(channel)
                 landmarks_reply(self._time_s, landmarks)
+            case PixelRequested(_, channel, point_px, pixel_reply):
+                view = self._fleet.look_through_pixel(channel, point_px)
+                pixel_reply(self._time_s, view)
             case _:
                 assert_never(event)
 

@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.usarsim.commands import Command
+from catoptra_protocol.usarsim.commands import Command, Drive, Note
 from catoptra_protocol.usarsim.reports import Report
 from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import CameraChannel
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
+from catoptra_server.simulation.pixel_view import PixelView
 
 
 class Client(Protocol):
@@ -108,6 +109,18 @@ class LandmarksRequested:
 
 
 @dataclass(frozen=True, slots=True)
+class PixelRequested:
+    """A connection requests what a camera sees at a point of its image."""
+
+    client: Client
+    channel: CameraChannel
+    point_px: tuple[float, float]
+    """(u, v), pixel centres at +0.5."""
+    reply: Callable[[float, PixelView | Fault | None], None]
+    """Receives the simulation time and the view, None without such a camera."""
+
+
+@dataclass(frozen=True, slots=True)
 class AccuracyTargetChanged:
     """A client requests another accuracy target of its robot's camera, or the present one."""
 
@@ -138,7 +151,12 @@ class StopRequested:
 # Work waits in a queue by client. To add an event: its class, its line in one of the unions, and
 # its case in `Simulation`, which the type check demands.
 ClientWork = (
-    CommandReceived | StepRequested | ResetRequested | LandmarksRequested | AccuracyTargetChanged
+    CommandReceived
+    | StepRequested
+    | ResetRequested
+    | LandmarksRequested
+    | PixelRequested
+    | AccuracyTargetChanged
 )
 # Handled ahead of all work; at most one of each kind a client or channel.
 UrgentEvent = ClientDisconnected | FrameRequested | StopRequested

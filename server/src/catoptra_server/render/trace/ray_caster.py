@@ -11,6 +11,7 @@ import logging
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
@@ -33,6 +34,11 @@ class SceneRayCaster(Protocol):
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
+
+    def closest_triangles(
+        self, origins: Floats, directions: Floats
+    ) -> tuple[Floats, npt.NDArray[np.int32]]:
+        """(n,) distances and triangles; infinite and -1 without a hit."""
 
 
 def commit_ray_caster(scene: SceneMesh) -> SceneRayCaster:
@@ -73,12 +79,20 @@ class EmbreeRayCaster:
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
+        distances, triangles = self.closest_triangles(origins, directions)
+        normals = np.zeros(directions.shape)
+        is_hit = triangles >= 0
+        normals[is_hit] = self._normals[triangles[is_hit]]
+        return distances, normals
+
+    def closest_triangles(
+        self, origins: Floats, directions: Floats
+    ) -> tuple[Floats, npt.NDArray[np.int32]]:
+        """(n,) distances and triangles; infinite and -1 without a hit."""
         if self._is_empty:
-            return self.distances(origins, directions), np.zeros(directions.shape)
+            return self.distances(origins, directions), np.full(len(directions), -1, np.int32)
         starts = (origins - self._origin).astype(np.float32)
         rays = directions.astype(np.float32)
         hits = self._embree.run(starts, rays, query="INTERSECT", output=True)
-        distance, is_hit = hits["tfar"], hits["primID"] >= 0
-        # Index -1 of a miss picks the last normal, which the mask then replaces.
-        normals = np.where(is_hit[:, None], self._normals[hits["primID"]], 0.0)
-        return np.where(is_hit, distance, np.inf).astype(np.float64), normals
+        triangles = hits["primID"].astype(np.int32)
+        return np.where(triangles >= 0, hits["tfar"], np.inf).astype(np.float64), triangles

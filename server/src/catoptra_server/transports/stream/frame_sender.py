@@ -10,17 +10,21 @@ import logging
 import time
 from collections.abc import Callable
 
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
-from catoptra_protocol.stream.replies import Error, FrameHeader, Reply
+from catoptra_protocol.stream.replies import DifferenceRecord, Error, FrameHeader, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.encode import Payload
 from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
+from catoptra_server.frames.frame_request import Channel, is_variant
+from catoptra_server.frames.image_difference import ImageDifference
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
+from catoptra_server.transports.stream.frame_channel import select_channel
 from catoptra_server.transports.stream.landmark_replies import camera_not_found
 from catoptra_server.transports.stream.outbox import Outbox
 from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT, SendReply
+from catoptra_server.transports.stream.plan_replies import plan_alternative
 from catoptra_server.transports.stream.server_info import (
     records_from_decisions,
     transform_from_pose,
@@ -83,11 +87,16 @@ class FrameSender:
         if request.id == self._last_received_id:
             return
         self._last_received_id = request.id
+        try:
+            channel = select_channel(request)
+        except DomainError as error:
+            self._send_reply(Error(request.id, str(error)))
+            return
         replaced, self._waiting = self._waiting, request
         if replaced is not None:
             self._reject_old_request(replaced.id, by=request.id)
             # A wait for another channel's frame would delay this one.
-            if self._encoding is None and _select_channel(replaced) != _select_channel(request):
+            if self._encoding is None and select_channel(replaced) != channel:
                 self.close()
         # A running task serves the replaced request: one task per client at most.
         if self._task is None or self._task.done():
@@ -103,7 +112,7 @@ class FrameSender:
         """Reply to requests until none waits."""
         while self._waiting is not None:
             try:
-                await self._answer(_select_channel(self._waiting))
+                await self._answer(select_channel(self._waiting))
             except Exception:
                 log_fault(log, "a frame request failed")
                 failed = self._encoding or self._take_waiting()
@@ -133,6 +142,9 @@ class FrameSender:
 
     def _remember(self, channel: Channel, mailbox: Mailbox, sequence: int) -> None:
         """Record the last frame sent of a channel."""
+        # Its frame would be kept as long: a client may try any number of variants.
+        if is_variant(channel):
+            return
         # Removed and set again: the dict's order is that of use.
         self._subscriptions.pop(channel, None)
         while len(self._subscriptions) >= _MAX_CHANNELS:
@@ -161,6 +173,7 @@ class FrameSender:
     def _make_header(self, frame: Frame, request: GetFrameRequest) -> FrameHeader:
         metadata, mount = frame.metadata, frame.metadata.robot_from_camera
         height_px, width_px = frame.rgb.shape[:2]
+        choice = frame.choice
         return FrameHeader(
             version=SCHEMA_VERSION,
             id=request.id,
@@ -183,13 +196,23 @@ class FrameSender:
             dropped_frames=self.num_dropped,
             error_bounds=frame.error_bounds,
             effects=records_from_decisions(frame.effect_decisions, frame.stage_ms),
+            predicted_ms=choice.predicted_ms if choice else None,
+            target_met=choice is None or choice.target_met,
+            more_accurate=plan_alternative(choice.more_accurate) if choice else None,
+            faster=plan_alternative(choice.faster) if choice else None,
+            difference=_record_from_difference(frame.difference),
         )
 
 
-def _select_channel(request: GetFrameRequest) -> Channel:
-    """Channel of a request: the image port, or a camera by name."""
-    has_name = request.robot or request.camera
-    return CameraChannel(request.robot, request.camera) if has_name else IMAGE_PORT
+def _record_from_difference(difference: ImageDifference | None) -> DifferenceRecord | None:
+    if difference is None:
+        return None
+    return DifferenceRecord(
+        reference_plan=difference.reference_plan,
+        max_levels=difference.max_levels,
+        rms_levels=difference.rms_levels,
+        changed_fraction=difference.changed_fraction,
+    )
 
 
 def _channel_error(request: GetFrameRequest, reason: str) -> Error:

@@ -90,12 +90,13 @@ def _plan_reply(
         error_bounds=choice.bound.as_dict() if choice.bound else None,
         cost_ms=choice.predicted_ms,
         median_frame_ms=state.median_ms,
-        more_accurate=_plan_alternative(choice.more_accurate),
-        faster=_plan_alternative(choice.faster),
+        more_accurate=plan_alternative(choice.more_accurate),
+        faster=plan_alternative(choice.faster),
     )
 
 
-def _plan_alternative(option: PlanOption | None) -> PlanAlternative | None:
+def plan_alternative(option: PlanOption | None) -> PlanAlternative | None:
+    """Record of a neighbour of a plan; None for none."""
     return (
         PlanAlternative(option.plan.description, option.error_bound_px, option.predicted_ms)
         if option

@@ -17,6 +17,7 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPixelRequest,
     GetReadingsRequest,
     GetStartPosesRequest,
     GetStatusRequest,
@@ -38,6 +39,7 @@ from catoptra_server.transports.stream.pending_requests import (
     MAX_PENDING,
     PendingRequests,
 )
+from catoptra_server.transports.stream.pixel_replies import request_pixel
 from catoptra_server.transports.stream.plan_replies import request_plan
 from catoptra_server.transports.stream.robot_session import RobotSession
 from catoptra_server.transports.stream.server_replies import camera_reply, status_reply
@@ -152,6 +154,8 @@ class StreamPeer:
                 self.send_reply(landmarks_reply(id_, self._context.server_info.landmarks))
             case GetLandmarksRequest(id_):
                 request_projections(request, self._pending.add(id_), self.robot)
+            case GetPixelRequest(id_):
+                request_pixel(request, self._pending.add(id_), self.robot)
             case SetAccuracyRequest(id_):
                 request_plan(request, self._pending.add(id_), self.robot, self._context.query_plan)
             case DriveRequest() | GetReadingsRequest() if not self.robot.has_robot:

@@ -49,17 +49,19 @@ class KernelRayCaster:
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""
-        return self._cast(origins, directions)[0]
+        return self.closest_triangles(origins, directions)[0]
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
-        distances, triangles = self._cast(origins, directions)
+        distances, triangles = self.closest_triangles(origins, directions)
         normals = np.zeros(directions.shape)
         is_hit = triangles >= 0
         normals[is_hit] = self._normals[triangles[is_hit]]
         return distances, normals
 
-    def _cast(self, origins: Floats, directions: Floats) -> tuple[Floats, npt.NDArray[np.int32]]:
+    def closest_triangles(
+        self, origins: Floats, directions: Floats
+    ) -> tuple[Floats, npt.NDArray[np.int32]]:
         """(n,) distances and triangles; infinite and -1 without a hit."""
         starts = np.ascontiguousarray(origins - self._centre, dtype=np.float32)
         rays = np.ascontiguousarray(directions, dtype=np.float32)

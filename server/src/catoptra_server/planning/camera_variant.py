@@ -1,0 +1,169 @@
+"""Other settings for a camera's frames, beside the ones of its robot: for comparison, by anyone.
+
+A variant changes nothing of the camera that it belongs to, so that a viewer may try what accuracy
+and effects cost while the robot's own client goes on with the frames it chose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from enum import Enum
+from typing import TypeVar
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects.effect import EffectMode, EffectSettings
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import (
+    AccuracyTarget,
+    MirrorSurface,
+    PerPixel,
+    RenderSettings,
+)
+from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
+
+POLYGON_COUNTS = (16, 64, 256, 1024, 4096)
+"""Mirror meshes of a variant: those of the paper. Finer ones take seconds to prepare."""
+# 4 x 4 samples are the finest level of the study of accuracy and cost.
+MAX_SAMPLES = 4
+_MAX_EFFECTS = 64
+
+_EnumT = TypeVar("_EnumT", bound=Enum)
+
+
+class ReferenceKind(Enum):
+    """Frame that the frame of a variant is compared with."""
+
+    EXACT = "exact"
+    """The exact model in 4 x 4 samples a pixel, with the effects of the variant."""
+    CAMERA = "camera"
+    """The camera's own settings."""
+
+
+# Faces have texels of their own: rays alone show the model in every sample.
+_EXACT_RENDERER = next(kind for kind in RendererKind if not kind.uses_faces)
+_EXACT = RenderSettings(samples=MAX_SAMPLES, renderer=_EXACT_RENDERER.value)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraVariant:
+    """Changes of a camera's settings; None leaves a value as the camera has it."""
+
+    max_error_px: float | None = None
+    """Tolerance; 0 for none."""
+    budget_ms: float | None = None
+    """Time budget of a frame; 0 for none."""
+    polygons: int | None = None
+    """One of POLYGON_COUNTS; 0 for the exact model in every sample."""
+    samples: int | None = None
+    """Samples along a pixel's side."""
+    renderer: RendererKind | None = None
+    effects: tuple[tuple[str, EffectMode], ...] = ()
+    """Modes of effects by name."""
+    reference: ReferenceKind | None = None
+
+    def __post_init__(self) -> None:
+        AccuracyTarget().with_changes(max_error_px=self.max_error_px, budget_ms=self.budget_ms)
+        if self.polygons not in (None, 0, *POLYGON_COUNTS):
+            known = ", ".join(map(str, (0, *POLYGON_COUNTS)))
+            raise DomainError(f"a mirror of {self.polygons} polygons: expected one of {known}")
+        if self.samples is not None and not 1 <= self.samples <= MAX_SAMPLES:
+            raise DomainError(f"samples are 1 to {MAX_SAMPLES} along a side, not {self.samples}")
+        if len(self.effects) > _MAX_EFFECTS:
+            raise DomainError(f"modes of {len(self.effects)} effects: at most {_MAX_EFFECTS}")
+
+    def apply_to(self, camera: OmniCameraSpec) -> OmniCameraSpec:
+        """Camera with the changes.
+
+        Raises:
+            DomainError: The camera has no effect of a name.
+        """
+        return replace(
+            camera,
+            render_settings=self._change_settings(camera.render_settings),
+            effect_settings=self._change_effects(camera.effect_settings),
+        )
+
+    def make_reference(self, camera: OmniCameraSpec) -> OmniCameraSpec | None:
+        """Camera of the frame to compare with; None for none.
+
+        Args:
+            camera: The camera without the changes.
+        """
+        match self.reference:
+            case None:
+                return None
+            case ReferenceKind.EXACT:
+                return replace(self.apply_to(camera), render_settings=_EXACT)
+            case ReferenceKind.CAMERA:
+                return camera
+
+    def _change_settings(self, settings: RenderSettings) -> RenderSettings:
+        is_explicit = self.polygons is not None or self.samples is not None
+        # Numbers that a target would overrule take its place.
+        target = AccuracyTarget() if is_explicit else settings.accuracy_target
+        return replace(
+            settings,
+            surface=self._choose_surface(settings.surface),
+            samples=settings.samples if self.samples is None else self.samples,
+            accuracy_target=target.with_changes(
+                max_error_px=self.max_error_px, budget_ms=self.budget_ms
+            ),
+            renderer=settings.renderer if self.renderer is None else self.renderer.value,
+        )
+
+    def _choose_surface(self, surface: MirrorSurface) -> MirrorSurface:
+        if self.polygons is None:
+            return surface
+        return tessellation_from_polygon_count(self.polygons) if self.polygons else PerPixel()
+
+    def _change_effects(self, settings: EffectSettings) -> EffectSettings:
+        modes = dict(self.effects)
+        known = [one.effect.name for one in settings.settings]
+        unknown = modes.keys() - set(known)
+        if unknown:
+            raise DomainError(
+                f"this camera has no effect {min(unknown)[:80]!r}: it has "
+                f"{', '.join(known) or 'none'}"
+            )
+        changed = (
+            replace(one, mode=modes.get(one.effect.name, one.mode)) for one in settings.settings
+        )
+        return replace(settings, settings=tuple(changed)) if modes else settings
+
+
+def parse_renderer(name: str) -> RendererKind:
+    """Renderer of a name.
+
+    Raises:
+        DomainError: There is none of that name.
+    """
+    return _parse(RendererKind, name, "renderer")
+
+
+def parse_effect_modes(modes: Mapping[str, str]) -> tuple[tuple[str, EffectMode], ...]:
+    """Modes of effects by name, in the order of the names.
+
+    Raises:
+        DomainError: There is no such mode.
+    """
+    return tuple((name, _parse(EffectMode, modes[name], "mode")) for name in sorted(modes))
+
+
+def parse_reference(name: str) -> ReferenceKind:
+    """Reference of a name.
+
+    Raises:
+        DomainError: There is none of that name.
+    """
+    return _parse(ReferenceKind, name, "reference")
+
+
+def _parse(enum: type[_EnumT], name: str, noun: str) -> _EnumT:
+    try:
+        return enum(name)
+    except ValueError:
+        known = ", ".join(str(one.value) for one in enum)
+        raise DomainError(f"no {noun} {name[:80]!r}: expected one of {known}") from None

@@ -1,0 +1,36 @@
+"""The channel that a frame request selects: the image port, a camera, or a variant of one."""
+
+from __future__ import annotations
+
+from catoptra_protocol.stream.requests import FrameVariant, GetFrameRequest
+from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
+from catoptra_server.planning.camera_variant import (
+    CameraVariant,
+    parse_effect_modes,
+    parse_reference,
+    parse_renderer,
+)
+
+
+def select_channel(request: GetFrameRequest) -> Channel:
+    """Channel of a request.
+
+    Raises:
+        DomainError: The request asks for a variant that cannot be.
+    """
+    variant = None if request.variant is None else _make_variant(request.variant)
+    if not (request.robot or request.camera or variant):
+        return IMAGE_PORT
+    return CameraChannel(request.robot, request.camera, variant)
+
+
+def _make_variant(variant: FrameVariant) -> CameraVariant:
+    return CameraVariant(
+        max_error_px=variant.max_error_px,
+        budget_ms=variant.budget_ms,
+        polygons=variant.polygons,
+        samples=variant.samples,
+        renderer=None if variant.renderer is None else parse_renderer(variant.renderer),
+        effects=parse_effect_modes(variant.effects or {}),
+        reference=None if variant.reference is None else parse_reference(variant.reference),
+    )
