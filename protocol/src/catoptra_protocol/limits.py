@@ -40,3 +40,12 @@ MAX_LANDMARKS = 1024
 
 # 256 bytes for each of MAX_LANDMARKS; rows of real files have 60.
 MAX_LANDMARK_FILE_BYTES = 256 * 1024
+
+# A note about a robot: a pose, its covariance and fifty detections are 5 kB of JSON.
+MAX_NOTE_BYTES = 8 * 1024
+
+# Notes of one robot under different names: two localizers with all their stages.
+MAX_NOTES = 8
+
+# A note's name labels a line of a viewer's legend.
+MAX_NOTE_NAME_CHARS = 64

@@ -1,8 +1,9 @@
 """The commands of a control client: one frozen dataclass each, and their table COMMAND_PARSERS.
 
 This module holds spawning, queries and STEP; `commands_drive` the motion commands, `commands_set`
-the settings. A missing or malformed field becomes None, 0 or an empty text, never an error; only a
-motion command beyond the limits of `commands_drive` is no command.
+the settings, `commands_publish` notes and sharing. A missing or malformed field becomes None, 0 or
+an empty text, never an error; only a motion command beyond the limits of `commands_drive` and a
+malformed note are no command.
 
 To add a command: its class beside similar ones (WORD, fields, `from_message`, `to_pairs`), its
 entries in the `Command` union and in COMMAND_PARSERS, a vector in tests/conformance/data/commands,
@@ -27,6 +28,7 @@ from catoptra_protocol.usarsim.commands_drive import (
     MultiDrive,
     drive_from_message,
 )
+from catoptra_protocol.usarsim.commands_publish import Note, ShareControl
 from catoptra_protocol.usarsim.commands_set import Set, SetViewports, Trace, set_from_message
 from catoptra_protocol.usarsim.grammar import Message, Pairs, format_line
 from catoptra_protocol.usarsim.value_format import format_exact
@@ -167,6 +169,8 @@ Command = (
     | GetGeo
     | GetStartPoses
     | Step
+    | Note
+    | ShareControl
 )
 
 # A word may have several classes: the parsers of DRIVE and SET decide by the fields.
@@ -183,13 +187,16 @@ COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
     "GETGEO": GetGeo.from_message,
     "GETSTARTPOSES": GetStartPoses.from_message,
     "STEP": Step.from_message,
+    "NOTE": Note.from_message,
+    "SHARE": ShareControl.from_message,
 }
 
 
 def command_from_message(message: Message) -> Command | None:
     """Command of a message; None for one that the server ignores.
 
-    These are an unknown word, and a motion command with a number or a count beyond all limits.
+    These are an unknown word, a motion command with a number or a count beyond all limits, and a
+    malformed note.
     """
     reader = COMMAND_PARSERS.get(message.word)
     try:
@@ -202,7 +209,7 @@ def line_from_command(command: Command) -> bytes:
     """Line of a command with its line end, numbers exact.
 
     Raises:
-        LocalProtocolError: A text would break the line, or a number is not finite.
+        LocalProtocolError: A text would break the line, a number is not finite, or a note is none.
     """
     return format_line(command.WORD, command.to_pairs())
 
@@ -217,7 +224,7 @@ def _read_location(message: Message) -> Vector3 | None:
     return None if x is None and y is None and z is None else (x or 0.0, y or 0.0, z or 0.0)
 
 
-# All commands are imported from this module, so that a command can move between the three files.
+# All commands are imported from this module, so that a command can move between the files.
 __all__ = [
     "COMMAND_PARSERS",
     "Command",
@@ -232,8 +239,10 @@ __all__ = [
     "LinkCommand",
     "MisPkg",
     "MultiDrive",
+    "Note",
     "Set",
     "SetViewports",
+    "ShareControl",
     "Step",
     "Trace",
     "command_from_message",
