@@ -13,8 +13,11 @@ from catoptra_server.simulation.simulation_events import (
     CommandReceived,
     Fault,
     LandmarksRequested,
+    NotePublished,
     PixelRequested,
     ResetRequested,
+    SharedRobotDriven,
+    StateRequested,
     StepRequested,
     StepResult,
 )
@@ -40,7 +43,9 @@ def reply_fault(event: ClientWork, time_s: float) -> None:
             reply()
         case AccuracyTargetChanged():
             event.reply(Fault(FAULT_REASON), event.camera)
-        case LandmarksRequested() | PixelRequested():
+        case LandmarksRequested() | PixelRequested() | StateRequested():
             event.reply(time_s, Fault(FAULT_REASON))
+        case NotePublished() | SharedRobotDriven():
+            event.reply(FAULT_REASON)
         case _:
             assert_never(event)

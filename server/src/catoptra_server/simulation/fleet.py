@@ -17,8 +17,10 @@ from catoptra_protocol.usarsim.commands import (
     Init,
     MisPkg,
     MultiDrive,
+    Note,
     Set,
     SetViewports,
+    ShareControl,
     Step,
     Trace,
 )
@@ -49,7 +51,9 @@ from catoptra_server.simulation.landmark_visibility import (
 )
 from catoptra_server.simulation.pixel_view import NamedScene, PixelView, look_through_pixel
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_state import FleetState, collect_fleet_state
 from catoptra_server.simulation.set_commands import execute_set
+from catoptra_server.simulation.shared_control import SharedControl
 from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
 from catoptra_server.simulation.spawning import (
     SpawnError,
@@ -105,6 +109,7 @@ class Fleet:
         self._faulty: list[Client] = []
         self._collision_index = CollisionIndex(scene, self._classes)
         self._cameras = FleetCameras(self._robots.values(), self._classes, multi_view)
+        self._shared_control = SharedControl(self._robots)
 
     def find_robot(self, client: Client) -> Robot | None:
         """Robot of a client; None before INIT."""
@@ -117,6 +122,7 @@ class Fleet:
             return None
         self._collision_index.invalidate(robot)
         self._cameras.release(robot)
+        self._shared_control.release(client)
         # The name is free at once: a client that reconnects spawns under its old name.
         log.info("robot %s removed", robot.name)
         return robot.name
@@ -135,7 +141,12 @@ class Fleet:
                     self._spawn(client, command, time_s)
             case GetStartPoses():
                 client.deliver([self._start_poses()])
-            # Without power, too: configuration and geometry move nothing.
+            # Without power, too: notes, configuration and geometry move nothing.
+            case Note():
+                # The control port has no reply to a refused note.
+                self.publish(client, command, time_s)
+            case ShareControl(shared):
+                self._shared_control.share(client, shared, time_s)
             case GetConf():
                 if robot is not None:
                     client.deliver(execute_get_conf(robot, command, self._error_bound_of))
@@ -158,6 +169,7 @@ class Fleet:
         """Execute a command of a robot that has power."""
         match command:
             case Drive():
+                self._shared_control.release(client)
                 robot.drive_wheels(command, time_s)
             case DriveJoints(joints):
                 for joint in joints:
@@ -242,6 +254,23 @@ class Fleet:
         omni.set_accuracy_target(max_error_px=event.max_error_px, budget_ms=event.budget_ms)
         # As tiled: the plan depends on the size that the image port renders.
         return omni.camera_spec(omni.tile), omni.name
+
+    def publish(self, client: Client, note: Note, time_s: float) -> str:
+        """Store a note about a client's robot; the reason if it is refused, else an empty text."""
+        robot = self._robots.get(client)
+        return robot.publish(note, time_s) if robot else "this client has no robot"
+
+    def drive_shared(self, client: Client, name: str, drive: Drive, time_s: float) -> str:
+        """Drive the robot of a name; the reason if the client may not, else an empty text."""
+        return self._shared_control.drive(client, name, drive, time_s)
+
+    def halt_robots_driven_by(self, client: Client, time_s: float) -> None:
+        """Halt the robots of others that a client drives, which disconnects."""
+        self._shared_control.halt_robots_driven_by(client, time_s)
+
+    def get_state(self, name: str) -> FleetState:
+        """All robots; readings and notes of the robot of a name, empty for the displayed one."""
+        return collect_fleet_state(self._robots.values(), self._cameras.find_robot(name))
 
     def sense(self, robot: Robot) -> SensorEnvironment:
         """Environment of a robot, with the other robots as boxes at their present poses."""

@@ -72,13 +72,16 @@ class FleetCameras:
 
     def find(self, channel: CameraChannel) -> tuple[Robot, CameraSensor] | None:
         """Robot and camera of a channel; without a robot's name, of the displayed robot."""
-        # Names of robots are unique with their case, as `unique_name` compares them.
-        if channel.robot:
-            robot = next((robot for robot in self._robots if robot.name == channel.robot), None)
-        else:
-            robot = find_displayed_robot(self._robots)
+        robot = self.find_robot(channel.robot)
         camera = robot.find_camera(channel.camera) if robot else None
         return (robot, camera) if robot and camera else None
+
+    def find_robot(self, name: str) -> Robot | None:
+        """Robot of an exact name; the displayed one for an empty name."""
+        # Names of robots are unique with their case, as `unique_name` compares them.
+        if name:
+            return next((robot for robot in self._robots if robot.name == name), None)
+        return find_displayed_robot(self._robots)
 
     def _visible_objects(self, robot: CameraRobot) -> VisibleObjects:
         others = [other for other in self._robots if other is not robot]

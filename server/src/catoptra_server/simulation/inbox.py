@@ -24,6 +24,7 @@ from catoptra_server.simulation.simulation_events import (
     CommandReceived,
     Fault,
     ResetRequested,
+    SharedRobotDriven,
     StepRequested,
     StopRequested,
     UrgentEvent,
@@ -116,6 +117,10 @@ class Inbox:
             case AccuracyTargetChanged(), AccuracyTargetChanged() if _sets_target_of(event, newest):
                 self._work.replace_newest(event.client, event)
                 return newest
+            case SharedRobotDriven(), SharedRobotDriven() if _drives_over(event, newest):
+                # One DRIVE for both requests, whose outcome is the same.
+                self._work.replace_newest(event.client, _with_reply_of(newest, event))
+                return None
             case ResetRequested(is_last=True), _:
                 self._work.write_off(event.client)
             case StepRequested(), _:
@@ -213,6 +218,21 @@ def _sets_all_of(new: Drive, old: Drive) -> bool:
         and (new.right is not None or old.right is None)
         and (new.light is not None or old.light is None)
     )
+
+
+def _drives_over(new: SharedRobotDriven, old: SharedRobotDriven) -> bool:
+    """Whether a DRIVE by name leaves no effect of an older one that no tick has passed since."""
+    return new.robot == old.robot and _sets_all_of(new.drive, old.drive)
+
+
+def _with_reply_of(old: SharedRobotDriven, new: SharedRobotDriven) -> SharedRobotDriven:
+    """The newer of two events, which replies to both."""
+
+    def reply(reason: str) -> None:
+        old.reply(reason)
+        new.reply(reason)
+
+    return replace(new, reply=reply)
 
 
 def _sets_target_of(new: AccuracyTargetChanged, old: AccuracyTargetChanged) -> bool:

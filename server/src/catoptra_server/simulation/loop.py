@@ -30,9 +30,12 @@ from catoptra_server.simulation.simulation_events import (
     ClientWork,
     CommandReceived,
     LandmarksRequested,
+    NotePublished,
     PixelRequested,
     ResetRequested,
+    SharedRobotDriven,
     SimulationEvent,
+    StateRequested,
     StepRequested,
     StepResult,
     StopRequested,
@@ -169,6 +172,7 @@ class Simulation:
     def _handle_urgent(self, event: UrgentEvent) -> None:
         match event:
             case ClientDisconnected(client):
+                self._fleet.halt_robots_driven_by(client, self._time_s)
                 self._remove_robot(client)
                 if client is self._stepping:
                     self._stepping = None
@@ -227,6 +231,12 @@ class Simulation:
             case PixelRequested(_, channel, point_px, pixel_reply):
                 view = self._fleet.look_through_pixel(channel, point_px)
                 pixel_reply(self._time_s, view)
+            case StateRequested(_, robot, state_reply):
+                state_reply(self._time_s, self._fleet.get_state(robot))
+            case NotePublished(client, note, note_reply):
+                note_reply(self._fleet.publish(client, note, self._time_s))
+            case SharedRobotDriven(client, robot, drive, drive_reply):
+                drive_reply(self._fleet.drive_shared(client, robot, drive, self._time_s))
             case _:
                 assert_never(event)
 

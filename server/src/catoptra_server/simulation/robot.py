@@ -6,8 +6,10 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 
+from catoptra_protocol.notes import find_note_count_error
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.usarsim.commands import Drive, MisPkg
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.usarsim.commands import Drive, MisPkg, Note
 from catoptra_protocol.usarsim.reports import Report, VehicleStatus
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.capture.noise_seed import NoiseSeed
@@ -32,6 +34,14 @@ EnvironmentProvider = Callable[[], SensorEnvironment]
 
 # Name of the random numbers of wheel slip.
 _SLIP_STREAM = "slip"
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedNote:
+    """A note and the simulation time of its arrival."""
+
+    note: Note
+    time_s: float
 
 
 class Robot:
@@ -77,6 +87,8 @@ class Robot:
         )
         self._body = RobotBody(description.drive, pose, WheelSpin())
         self._world_from_robot = pose.at_height(description.drive.ride_height_m)
+        self.world_from_start = self._world_from_robot
+        """Pose of the chassis frame at which the robot was spawned."""
         self._slip = RandomSource.from_names(seed, name, _SLIP_STREAM)
         self._noise_sources = {
             camera.name: RandomSource.from_names(seed, name, f"noise of {camera.name}")
@@ -88,6 +100,11 @@ class Robot:
         self._battery_empty_s = time_s + description.battery_s
         self._light = False
         self._twist = AT_REST
+        # One entry a sensor: as many as the robot file lists.
+        self._newest_reports: dict[object, Report] = {}
+        self._notes: dict[str, PublishedNote] = {}
+        self.shares_control = False
+        """Whether other clients may drive the robot."""
         self.viewports = Viewports([camera.name for camera in self.all_cameras])
         self.tile_index = -1
         """Tile of the first camera in a multi-view, -1 without one."""
@@ -117,6 +134,28 @@ class Robot:
     def is_rolling(self) -> bool:
         """Whether a wheel speed other than 0 is commanded."""
         return self._body.spin != WheelSpin()
+
+    @property
+    def wheel_speeds_rad_s(self) -> tuple[float, float]:
+        """Commanded speeds of the left and the right wheels."""
+        return self._body.spin.left_rad_s, self._body.spin.right_rad_s
+
+    @property
+    def newest_reports(self) -> tuple[Report, ...]:
+        """Newest report of each sensor and package, and the newest status."""
+        return tuple(self._newest_reports.values())
+
+    @property
+    def notes(self) -> tuple[PublishedNote, ...]:
+        """Newest note of each name, in the order of the names' first notes."""
+        return tuple(self._notes.values())
+
+    def publish(self, note: Note, time_s: float) -> str:
+        """Store a note in place of the one of its name; the reason if there are too many names."""
+        reason = find_note_count_error(self._notes, note.name)
+        if not reason:
+            self._notes[note.name] = PublishedNote(note, time_s)
+        return reason
 
     @property
     def bounding_box(self) -> OrientedBox:
@@ -237,6 +276,8 @@ class Robot:
         reports: list[Report] = [self.sensors[i].read(context) for i in due]
         if len(due) < len(indices):
             reports += [*(p.status(time_s) for p in self.mission_packages), self._status(time_s)]
+        for report in reports:
+            self._newest_reports[type(report), getattr(report, "name", "")] = report
         return reports
 
     def _status(self, time_s: float) -> VehicleStatus:

@@ -13,6 +13,7 @@ from catoptra_server.frames.frame_request import CameraChannel
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
 from catoptra_server.simulation.pixel_view import PixelView
+from catoptra_server.simulation.robot_state import FleetState
 
 
 class Client(Protocol):
@@ -137,6 +138,39 @@ class AccuracyTargetChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class StateRequested:
+    """A client requests all robots, and the readings and notes of one."""
+
+    client: Client
+    robot: str
+    """Exact name; empty for the robot that the image port displays."""
+    reply: Callable[[float, FleetState | Fault], None]
+    """Receives the simulation time and the state."""
+
+
+@dataclass(frozen=True, slots=True)
+class NotePublished:
+    """A client publishes a note about its robot, and waits for the outcome."""
+
+    client: Client
+    note: Note
+    reply: Callable[[str], None]
+    """Receives the reason if the note is refused, else an empty text."""
+
+
+@dataclass(frozen=True, slots=True)
+class SharedRobotDriven:
+    """A client drives a robot by its name: its own, or one whose owner shares the control."""
+
+    client: Client
+    robot: str
+    """Exact name."""
+    drive: Drive
+    reply: Callable[[str], None]
+    """Receives the reason if the client may not, else an empty text."""
+
+
+@dataclass(frozen=True, slots=True)
 class ClientDisconnected:
     """A client is gone: its waiting work is dropped and its robot removed, ahead of all work."""
 
@@ -157,6 +191,9 @@ ClientWork = (
     | LandmarksRequested
     | PixelRequested
     | AccuracyTargetChanged
+    | StateRequested
+    | NotePublished
+    | SharedRobotDriven
 )
 # Handled ahead of all work; at most one of each kind a client or channel.
 UrgentEvent = ClientDisconnected | FrameRequested | StopRequested

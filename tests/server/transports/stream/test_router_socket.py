@@ -26,7 +26,7 @@ from helpers.zmtp import (
 UNTERMINATED_BYTES = 32_000_000
 UNTERMINATED = {
     "small parts": zmtp_frame(bytes(30), MORE) * 3000,
-    "largest parts": zmtp_frame(bytes(8 * 1024), LONG | MORE) * 10,
+    "largest parts": zmtp_frame(bytes(16 * 1024), LONG | MORE) * 10,
 }
 
 

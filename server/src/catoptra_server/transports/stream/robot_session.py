@@ -9,26 +9,35 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_NAME_CHARS
-from catoptra_protocol.stream.replies import Ok, Reply, SensorReports
-from catoptra_protocol.stream.requests import DriveRequest, SpawnRequest
+from catoptra_protocol.stream.replies import Error, Ok, Reply, SensorReports
+from catoptra_protocol.stream.requests import DriveRequest, PublishRequest, SpawnRequest
 from catoptra_protocol.usarsim.command_results import STATUS_OK, CommandResult
-from catoptra_protocol.usarsim.commands import Drive, Init, line_from_command
-from catoptra_protocol.usarsim.reports import Report, line_from_report
+from catoptra_protocol.usarsim.commands import (
+    Drive,
+    Init,
+    Note,
+    ShareControl,
+    line_from_command,
+)
+from catoptra_protocol.usarsim.reports import Report
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.fault_log import log_fault
 from catoptra_server.simulation import (
     ClientDisconnected,
     CommandReceived,
+    NotePublished,
     ResetRequested,
+    SharedRobotDriven,
     SimulationEvent,
     StepRequested,
     StepResult,
 )
 from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT, PendingRequest
+from catoptra_server.transports.stream.report_lines import lines_from_reports
 
 log = logging.getLogger(__name__)
 
@@ -56,7 +65,7 @@ class RobotSession:
         # Without the others that are on their way, `has_robot` is the state of the simulation.
         self._pending_spawns: deque[tuple[PendingRequest, str]] = deque()
         self._num_pending_resets = 0
-        self._confirmed_spawn: tuple[PendingRequest, Vector3 | None] | None = None
+        self._confirmed_spawn: tuple[PendingRequest, str, Vector3 | None] | None = None
         self._readings: dict[object, Report] = {}
         self.has_robot = False
         self.expects_robot = False
@@ -72,7 +81,7 @@ class RobotSession:
 
     def confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
         """Receive the success of the oldest spawn; the first reports follow."""
-        self._call_on_loop(self._confirm_spawn, moved_to)
+        self._call_on_loop(self._confirm_spawn, name, moved_to)
 
     def reject_init(self, reason: str) -> None:
         """Receive the failure of the oldest spawn."""
@@ -121,8 +130,22 @@ class RobotSession:
 
     def drive(self, request: DriveRequest) -> None:
         """Set the wheel speeds."""
-        drive = Drive(request.left, request.right, request.normalized)
-        self.post(CommandReceived(self, drive))
+        self.post(CommandReceived(self, _drive_from_request(request)))
+
+    def drive_shared(self, request: DriveRequest, pending: PendingRequest) -> None:
+        """Set the wheel speeds of the robot that the request names."""
+        drive = _drive_from_request(request)
+        receive = self._outcome_receiver(pending)
+        self.post(SharedRobotDriven(self, request.robot, drive, receive))
+
+    def publish(self, request: PublishRequest, pending: PendingRequest) -> None:
+        """Publish a note, which has been checked."""
+        note = Note(request.name, request.text)
+        self.post(NotePublished(self, note, self._outcome_receiver(pending)))
+
+    def share_control(self, shared: bool) -> None:
+        """Let other clients drive the robot, or no longer."""
+        self.post(CommandReceived(self, ShareControl(shared)))
 
     def step(self, duration_s: float, pending: PendingRequest) -> None:
         """Advance a lockstep clock."""
@@ -141,7 +164,17 @@ class RobotSession:
 
     def readings_reply(self, id_: int) -> Reply:
         """Reply with the newest reading of each sensor."""
-        return SensorReports(id_, _lines_from_reports(self._readings.values()))
+        return SensorReports(id_, lines_from_reports(self._readings.values()))
+
+    def _outcome_receiver(self, pending: PendingRequest) -> Callable[[str], None]:
+        """Callback that replies with an error for a reason, with Ok for an empty one."""
+
+        def receive(reason: str) -> None:
+            self._call_on_loop(
+                pending.reply, Error(pending.id, reason) if reason else Ok(pending.id)
+            )
+
+        return receive
 
     def _call_on_loop(self, function: Callable[..., None], *arguments: object) -> None:
         # Sockets and replies belong to the loop.
@@ -164,12 +197,12 @@ class RobotSession:
                 # One entry per sensor: as many as the robot file lists.
                 self._readings[type(report), getattr(report, "name", "")] = report
         if confirmed is not None:
-            pending, moved_to = confirmed
-            pending.reply(SensorReports(pending.id, _lines_from_reports(reports), moved_to))
+            pending, name, moved_to = confirmed
+            pending.reply(SensorReports(pending.id, lines_from_reports(reports), moved_to, name))
 
-    def _confirm_spawn(self, moved_to: Vector3 | None) -> None:
+    def _confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
         pending, self.class_name = self._pending_spawns.popleft()
-        self._confirmed_spawn = pending, moved_to
+        self._confirmed_spawn = pending, name, moved_to
         self.has_robot = not self._num_pending_resets
 
     def _fail_spawn(self, reason: str) -> None:
@@ -186,7 +219,7 @@ class RobotSession:
             return
         self._store_reports(result.readings)
         reports = (*result.readings, CommandResult(result.time_s, "Step", "Clock", STATUS_OK))
-        pending.reply(SensorReports(pending.id, _lines_from_reports(reports)))
+        pending.reply(SensorReports(pending.id, lines_from_reports(reports)))
 
     def _finish_reset(self, pending: PendingRequest) -> None:
         self._num_pending_resets -= 1
@@ -208,12 +241,5 @@ def _init_from_request(request: SpawnRequest) -> Init:
     return Init(request.class_name, request.name, request.location_m, rotation_rad, request.start)
 
 
-def _lines_from_reports(reports: Iterable[Report]) -> tuple[str, ...]:
-    """Lines of the control protocol, without reports that have no valid line."""
-    lines: list[str] = []
-    for report in reports:
-        try:
-            lines += line_from_report(report).decode("latin-1").splitlines()
-        except LocalProtocolError as error:
-            log.error("not sent: %s", error)
-    return tuple(lines)
+def _drive_from_request(request: DriveRequest) -> Drive:
+    return Drive(request.left, request.right, request.normalized)

@@ -18,6 +18,7 @@ from contextlib import ExitStack, suppress
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
+from catoptra_protocol.stream.msgpack_codec import MAX_REQUEST_BYTES
 from catoptra_server.transports.listener import BACKLOG
 from catoptra_server.transports.stream.connection_guard import ConnectionGuard
 from catoptra_server.transports.stream.outbox import SendResult
@@ -29,8 +30,6 @@ from catoptra_server.transports.tcp_server import ConnectionLimits
 _SEND_HIGH_WATER_MARK = 2
 # Messages of one peer that wait for the server; the rest stays in TCP, which blocks the peer.
 _RECEIVE_HIGH_WATER_MARK = 16
-# A longer part ends its connection as soon as its length is read, before memory is allocated.
-_MAX_PART_BYTES = 8 * 1024
 # Messages per turn of the loop, so that a busy peer does not starve the others.
 _MAX_MESSAGES_PER_READ = 32
 _MONITOR_ENDPOINT = "inproc://monitor"
@@ -209,7 +208,9 @@ def _bind_router(
     router.set(zmq.BACKLOG, BACKLOG)
     router.set(zmq.SNDHWM, _SEND_HIGH_WATER_MARK)
     router.set(zmq.RCVHWM, _RECEIVE_HIGH_WATER_MARK)
-    router.set(zmq.MAXMSGSIZE, _MAX_PART_BYTES)
+    # A longer part ends its connection as soon as its length is read, before memory is
+    # allocated.
+    router.set(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
     # A send to a disconnected or full peer fails, in place of a silent drop.
     router.set(zmq.ROUTER_MANDATORY, 1)
     # No HEARTBEAT_IVL: libzmq 4.3.5 aborts the process if its timer meets a connection that ended

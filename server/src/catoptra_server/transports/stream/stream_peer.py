@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import assert_never
 
 from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.notes import find_note_error
 from catoptra_protocol.stream.replies import Error, Ok, Reply, StartPosesReply
 from catoptra_protocol.stream.requests import (
     DriveRequest,
@@ -20,10 +21,13 @@ from catoptra_protocol.stream.requests import (
     GetPixelRequest,
     GetReadingsRequest,
     GetStartPosesRequest,
+    GetStateRequest,
     GetStatusRequest,
+    PublishRequest,
     Request,
     ResetRequest,
     SetAccuracyRequest,
+    ShareControlRequest,
     SpawnRequest,
     StepRequest,
 )
@@ -43,6 +47,7 @@ from catoptra_server.transports.stream.pixel_replies import request_pixel
 from catoptra_server.transports.stream.plan_replies import request_plan
 from catoptra_server.transports.stream.robot_session import RobotSession
 from catoptra_server.transports.stream.server_replies import camera_reply, status_reply
+from catoptra_server.transports.stream.state_replies import request_state
 from catoptra_server.transports.stream.stream_context import StreamContext
 
 log = logging.getLogger(__name__)
@@ -158,13 +163,25 @@ class StreamPeer:
                 request_pixel(request, self._pending.add(id_), self.robot)
             case SetAccuracyRequest(id_):
                 request_plan(request, self._pending.add(id_), self.robot, self._context.query_plan)
-            case DriveRequest() | GetReadingsRequest() if not self.robot.has_robot:
+            case GetStateRequest(id_):
+                pending = self._pending.add(id_)
+                request_state(request, pending, self.robot, self._context.report_lines)
+            case DriveRequest(id_) if request.robot:
+                self.robot.drive_shared(request, self._pending.add(id_))
+            case (
+                DriveRequest() | GetReadingsRequest() | PublishRequest() | ShareControlRequest()
+            ) if not self.robot.has_robot:
                 self.send_reply(Error(request.id, _NO_ROBOT))
             case DriveRequest(id_):
                 self.robot.drive(request)
                 self.send_reply(Ok(id_))
             case GetReadingsRequest(id_):
                 self.send_reply(self.robot.readings_reply(id_))
+            case PublishRequest():
+                self._publish(request)
+            case ShareControlRequest(id_, shared):
+                self.robot.share_control(shared)
+                self.send_reply(Ok(id_))
             case GetCameraRequest(id_, camera):
                 info = self._context.server_info
                 self.send_reply(camera_reply(id_, camera, info, self.robot))
@@ -184,6 +201,14 @@ class StreamPeer:
             self.send_reply(Error(request.id, reason))
         else:
             self.robot.spawn(request, self._pending.add(request.id))
+
+    def _publish(self, request: PublishRequest) -> None:
+        # Checked here, where the JSON of one client delays no robot.
+        reason = find_note_error(request.name, request.text)
+        if reason:
+            self.send_reply(Error(request.id, reason))
+        else:
+            self.robot.publish(request, self._pending.add(request.id))
 
     def _replace_robot(self, reason: str) -> None:
         """Go on without a robot after a fault."""
