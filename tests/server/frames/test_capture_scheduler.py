@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_server.frames.capture_scheduler import CaptureScheduler
+from catoptra_server.frames.capture_scheduler import MAX_CHANNELS, CaptureScheduler
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
 
 OTHER = CameraChannel("R", "Rear")
@@ -92,3 +92,15 @@ def test_cameras_when_the_robot_is_removed_stay_only_while_requested() -> None:
     scheduler.remove_idle("R")
     assert scheduler.count_frames() == 3  # all but the one that nobody waits for
     assert scheduler.due_channels(0.0) == [front]
+
+
+def test_channels_without_a_request_are_removed_where_there_are_too_many() -> None:
+    scheduler = CaptureScheduler()
+    scheduler.request_frame(IMAGE_PORT, 0)
+    for number in range(2 * MAX_CHANNELS):
+        channel = CameraChannel("R", str(number))
+        scheduler.request_frame(channel, 0)
+        scheduler.find_state(channel).start_frame(0.0, interval_s=0.0)
+        scheduler.finish_frame(channel)
+    assert IMAGE_PORT in scheduler.due_channels(1.0)
+    assert scheduler.count_frames() < MAX_CHANNELS

@@ -104,3 +104,18 @@ def test_bounds_of_several_views_are_the_largest_of_each() -> None:
     assert one is not None
     assert four is not None
     assert max_bounds([four.as_dict(), one.as_dict()]) == one.as_dict()
+
+
+def test_frame_with_a_reference_shows_the_difference_and_has_the_view_s_own_numbers() -> None:
+    request = make_request(VIEW)
+    composition = dataclasses.replace(request.composition, reference=VIEW)
+    frame = render_frame(
+        dataclasses.replace(request, composition=composition),
+        FakeViewProvider(),
+        monotonic=lambda: 0.0,
+    )
+    # The fake view counts its frames in grey levels.
+    assert frame.rgb[0, :, 0].tolist() == [1, 1, 1, 1, 1, 1, 1, 1]
+    assert frame.difference is not None
+    assert (frame.difference.max_levels, frame.difference.reference_plan) == (1, "fake plan")
+    assert frame.stage_ms == {"fake": 1.0}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import math
 from collections.abc import Callable, Coroutine
 from typing import Any
@@ -14,6 +15,7 @@ from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
+from catoptra_server.planning.camera_variant import CameraVariant
 from catoptra_server.simulation import SimulationEvent
 from helpers.loopback import run_scenario
 
@@ -275,5 +277,19 @@ def test_mailbox_without_a_reference_is_freed() -> None:
         assert boxes.get(IMAGE_PORT) is held
         boxes.get(CameraChannel("R", ""))
         assert len(boxes) == 1
+
+    run_scenario(scenario())
+
+
+def test_variant_of_a_camera_is_never_requested_ahead() -> None:
+    async def scenario() -> None:
+        posted: list[SimulationEvent] = []
+        boxes = Mailboxes(posted.append, prefetch=True)
+        channel = CameraChannel("R", "Omni", CameraVariant(samples=1))
+        task = asyncio.create_task(boxes.get(channel).wait_for_newer(0))
+        await let_it_wait(task)
+        boxes.put(dataclasses.replace(frame(1), channel=channel))
+        assert (await task).sequence == 1
+        assert posted == [FrameRequested(math.inf, channel), FrameRendered(channel)]
 
     run_scenario(scenario())

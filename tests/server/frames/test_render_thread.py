@@ -23,6 +23,7 @@ from catoptra_server.frames.frame_request import (
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread
 from catoptra_server.frames.view_cache import RenderedView, ViewFailedError
 from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_variant import CameraVariant
 from helpers.frame_requests import VIEW, make_request
 from helpers.loopback import DEADLINE_S
 from helpers.robots import CAMERA, FakeViewProvider
@@ -286,3 +287,18 @@ def test_work_beside_frames_follows_a_frame_and_goes_on_in_a_pause(
     render_thread.run(lambda: views, lambda: None)
     assert len(store.frames) == 1
     assert views.idle == [False, True, True]
+
+
+def test_variants_of_all_cameras_share_one_account() -> None:
+    (render_thread, store), views = make_render_thread(stop_after=4), FakeViewProvider()
+    variants = [CameraChannel("R", "", CameraVariant(max_error_px=px)) for px in (1.0, 2.0, 3.0)]
+    channels: list[Channel] = [*variants, IMAGE_PORT]
+    # The clock stands still: every frame is long for the queue's purposes only by its charge.
+    times = iter(range(1000))
+    render_thread = RenderThread(store, monotonic=lambda: float(next(times)))
+    store.render_thread = render_thread
+    for channel in channels:
+        render_thread.submit(dataclasses.replace(make_request(VIEW), channel=channel))
+    render_thread.run(lambda: views, lambda: None)
+    # After the first variant the others wait behind the image port, which has used nothing.
+    assert [frame.channel for frame in store.frames] == [variants[0], IMAGE_PORT, *variants[1:]]

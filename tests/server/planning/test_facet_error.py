@@ -15,7 +15,7 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_server.planning import facet_error as module
-from catoptra_server.planning.facet_error import facet_error, rim_gap
+from catoptra_server.planning.facet_error import facet_error, facet_error_by_radius, rim_gap
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from helpers.worlds import make_omni_camera
 
@@ -87,6 +87,7 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
     camera = make_omni_camera(width_px=360, rim_deg=rim_deg)
     tessellation = Tessellation(sectors, rings, interpolation)
     bound = facet_error(camera, tessellation)
+    bound_by_radius = facet_error_by_radius(camera, tessellation)
     steps = module._grid_steps(len(module._distinct_triangles(camera, tessellation)[0]))
     # Three times finer, the reserve taken off, no repetition relied on.
     monkeypatch.setattr(module, "_grid_steps", lambda num_triangles: 3 * steps)
@@ -94,10 +95,11 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
         module, "_num_distinct_sectors", lambda camera, tessellation: tessellation.sectors
     )
     reserve = (1.0 + math.pi / sectors / (3 * steps)) / (1.0 - 1.0 / (3 * steps) ** 2)
-    finer = facet_error.__wrapped__(camera, tessellation)
+    finer, finer_by_radius = module._facet_errors.__wrapped__(camera, tessellation)
     assert finer.max_px / reserve <= bound.max_px <= 1.1 * finer.max_px
     assert finer.max_deg / reserve <= bound.max_deg <= 1.1 * finer.max_deg
     assert bound.rms_px == pytest.approx(finer.rms_px, rel=0.01)
+    assert (np.array(finer_by_radius) / reserve <= bound_by_radius).all()
 
 
 def test_error_does_not_depend_on_the_image_rotation() -> None:
@@ -128,3 +130,21 @@ def test_gap_is_the_sagitta_of_the_outer_borders() -> None:
 def test_mesh_under_an_orthographic_camera_is_rejected() -> None:
     with pytest.raises(DomainError, match="pinhole"):
         facet_error(make_omni_camera(mirror=ParabolicMirror(0.03)), Tessellation(8, 8))
+
+
+@pytest.mark.parametrize("interpolation", Interpolation)
+@pytest.mark.parametrize(("sectors", "rings"), [(4, 4), (16, 16), (32, 8)])
+def test_error_by_radius_bounds_every_ring_and_its_largest_is_the_whole(
+    sectors: int, rings: int, interpolation: Interpolation
+) -> None:
+    tessellation = Tessellation(sectors, rings, interpolation)
+    by_radius = facet_error_by_radius(CAMERA, tessellation)
+    assert len(by_radius) == module.NUM_RADII
+    # Straight outer sides end within the rim: only there a ring may hold no facet.
+    assert min(by_radius[: len(by_radius) // 2]) > 0.0
+    assert max(by_radius) == pytest.approx(facet_error(CAMERA, tessellation).max_px)
+
+
+def test_error_by_radius_grows_towards_the_rim_of_a_fine_mesh() -> None:
+    by_radius = facet_error_by_radius(CAMERA, position_tessellation(64, 64))
+    assert by_radius[5] < 0.5 * by_radius[40]

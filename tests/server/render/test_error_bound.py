@@ -124,12 +124,19 @@ def turn_directions(directions: Floats, camera_state: CameraState) -> Floats:
 
 def ray_errors_px(camera: OmniCamera, plan: RenderPlan, camera_state: CameraState) -> Floats:
     """(n,) displacements of the rays of one exposure whose directions lie in the image."""
+    return ray_errors_by_pixel(camera, plan, camera_state)[1]
+
+
+def ray_errors_by_pixel(
+    camera: OmniCamera, plan: RenderPlan, camera_state: CameraState
+) -> tuple[Floats, Floats]:
+    """(n, 2) pixels and (n,) displacements of those rays."""
     rays = omni_ray_table(camera, plan)
     valid = grid_validity(rays)
     pixels = pixel_sample_positions(camera)[:, :, 0][valid]
     directions = turn_directions(grid_directions(rays)[valid], camera_state)
     error_px, known = displacement_px(camera, pixels, directions)
-    return error_px[known]
+    return pixels[known], error_px[known]
 
 
 def widest_gap_px(camera: OmniCamera, plan: RenderPlan) -> float:
@@ -167,6 +174,23 @@ def test_bound_of_polygon_rays_holds_within_a_factor_of_two(
     # Pixel centres are one set of positions in the image, the bound's are another.
     rms_px = math.sqrt(np.square(errors_px).mean())
     assert bound.rms_px == pytest.approx(rms_px, rel=0.03)
+
+
+@pytest.mark.parametrize(("lens", "surface"), FACETED, ids=str)
+def test_bound_at_a_place_holds_there_and_adds_up_to_that_of_the_image(
+    lens: Lens, surface: Tessellation
+) -> None:
+    camera = make_lens_camera(lens)
+    plan = make_bound_plan(camera, surface, RendererKind.TRACE)
+    bound, edge_px = error_bound(camera, plan), error_bound(camera, plan).sampling.edge_error_px
+    pixels, errors_px = ray_errors_by_pixel(camera, plan, CAMERA_STATE)
+    radii = np.linalg.norm(pixels - camera.centre_px, axis=1) / camera.rim_radius_px
+    places = np.linspace(0.0, 1.0, 200)
+    bounds_px = np.array([bound.outline_error_at_px(float(place)) for place in places]) - edge_px
+    assert bounds_px.max() == pytest.approx(bound.geometric.max_px)
+    assert bounds_px[:20].max() < 0.8 * bounds_px.max()
+    allowed_px = np.array([bound.outline_error_at_px(float(radius)) for radius in radii])
+    assert (errors_px <= allowed_px - edge_px).all()
 
 
 def test_bound_of_a_part_of_the_mirror_is_that_of_the_part() -> None:

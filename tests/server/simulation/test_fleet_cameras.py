@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from catoptra_protocol.errors import DomainError
 from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
     CameraChannel,
@@ -12,11 +13,16 @@ from catoptra_server.frames.frame_request import (
     ImagePortChannel,
 )
 from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_variant import CameraVariant, ReferenceKind
+from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.robot.robot_description import PerspectiveCameraDescription, RobotDescription
 from catoptra_server.simulation.fleet_cameras import FleetCameras
 from catoptra_server.simulation.robot import Robot
 from helpers.robots import make_p2at
+
+AHEAD = PerspectiveCameraDescription("Ahead", Mount(), 12, 10, 1.0, 0.3, 2.0)
 
 
 class Cameras:
@@ -107,3 +113,27 @@ def test_tile_when_its_robot_is_removed_is_free_for_the_next() -> None:
     assert cameras.robots["U"].tile_index == 0
     assert cameras.compose(ImagePortChannel(0)).metadata.robot == "U"
     assert [view is not None for view in cameras.compose().views] == [True, True]
+
+
+def test_variant_changes_the_view_of_its_channel_alone() -> None:
+    cameras = Cameras()
+    cameras.spawn("A")
+    variant = CameraVariant(polygons=16, reference=ReferenceKind.CAMERA)
+    plain = cameras.compose(CameraChannel("A", "")).views[0]
+    composition = cameras.compose(CameraChannel("A", "", variant))
+    (view,) = composition.views
+    assert view is not None
+    assert plain is not None
+    assert composition.reference is not None
+    assert isinstance(plain.camera, OmniCameraSpec)
+    assert view.camera == variant.apply_to(plain.camera)
+    assert composition.reference.camera == plain.camera
+    assert composition.reference.camera_state is view.camera_state
+    assert cameras.compose(CameraChannel("A", "")).reference is None
+
+
+def test_variant_of_a_perspective_camera_is_refused() -> None:
+    cameras = Cameras(make_p2at(omni_camera=None, perspective_cameras=(AHEAD,)))
+    cameras.spawn("A")
+    with pytest.raises(DomainError, match="only omnidirectional cameras have variants"):
+        cameras.compose(CameraChannel("A", "", CameraVariant()))

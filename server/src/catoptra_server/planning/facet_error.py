@@ -30,6 +30,7 @@ from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation, build
 
 # Rings of the bound by place: a picture of 640 px has rings of 5 px.
 NUM_RADII = 64
+_SAME_RADIUS = 1e-9
 # Finest first; even, as the quadrature needs. Two steps overstate the error by a third: 1 / (1 -
 # 1/4).
 _STEP_COUNTS = (32, 16, 8, 6, 4, 2)
@@ -95,8 +96,9 @@ def _max_by_radius(
     # By whole triangles: between the points of its grid an error belongs to all of a triangle.
     radius = np.linalg.norm(projected.point_px, axis=-1) / camera.rim_radius_px * NUM_RADII
     largest = np.where(projected.is_near_image, error_px, 0.0).max(axis=1)
-    first = np.clip(np.floor(radius.min(axis=1)).astype(int), 0, NUM_RADII - 1)
-    last = np.clip(np.floor(radius.max(axis=1)).astype(int), 0, NUM_RADII - 1)
+    # Corners on the border of two rings belong to both.
+    first = np.clip(np.floor(radius.min(axis=1) - _SAME_RADIUS).astype(int), 0, NUM_RADII - 1)
+    last = np.clip(np.floor(radius.max(axis=1) + _SAME_RADIUS).astype(int), 0, NUM_RADII - 1)
     return tuple(
         float(largest[(first <= ring) & (ring <= last)].max(initial=0.0))
         for ring in range(NUM_RADII)

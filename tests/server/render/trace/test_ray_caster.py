@@ -92,3 +92,20 @@ def test_ray_caster_is_the_kernel_s_or_embreex_s_where_that_cannot_run(
     assert isinstance(commit_ray_caster(scene), KernelRayCaster)
     monkeypatch.setattr(ray_caster, "KernelRayCaster", fail)
     assert isinstance(commit_ray_caster(scene), EmbreeRayCaster)
+
+
+def test_closest_triangles_are_those_of_the_hits(commit: Commit) -> None:
+    scene = build_scene(make_room_world())
+    caster = commit(scene)
+    origins, directions = np.zeros((4, 3)), np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]])
+    distances, triangles = caster.closest_triangles(origins, directions.astype(float))
+    np.testing.assert_allclose(distances, [4.0, 3.0, 2.0, 3.0], atol=1e-5)
+    names = [scene.item_names[scene.item_index[triangle]] for triangle in triangles]
+    assert names == ["wall 0 1", "wall 1 1", "wall 2 1", "wall 1 -1"]
+
+
+def test_closest_triangles_when_nothing_is_hit_are_none(commit: Commit) -> None:
+    for scene in (build_scene(World("empty", ())), build_scene(make_room_world())):
+        outside = np.array([[0.0, 0.0, -9.0]])
+        distances, triangles = commit(scene).closest_triangles(outside, -np.eye(3)[2:])
+        assert (distances.tolist(), triangles.tolist()) == ([np.inf], [-1])

@@ -1,0 +1,124 @@
+"""Variants of a camera: what they change, what they leave, and what they refuse."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects.medium.vignetting import Vignetting
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_variant import (
+    MAX_SAMPLES,
+    POLYGON_COUNTS,
+    CameraVariant,
+    ReferenceKind,
+    parse_effect_modes,
+    parse_reference,
+    parse_renderer,
+)
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import AccuracyTarget, PerPixel, RenderSettings
+from catoptra_server.scene.mirror_mesh import Tessellation
+from helpers.worlds import make_omni_camera
+
+MESH = Tessellation(8, 8)
+EFFECTS = EffectSettings((EffectSetting(Vignetting(), EffectMode.AUTO),))
+CAMERA = OmniCameraSpec(
+    make_omni_camera(width_px=100),
+    RenderSettings(surface=MESH, samples=3, accuracy_target=AccuracyTarget(0.5, 20.0)),
+    EFFECTS,
+)
+
+
+def test_variant_without_changes_is_the_camera_itself() -> None:
+    assert CameraVariant().apply_to(CAMERA) == CAMERA
+    assert CameraVariant().make_reference(CAMERA) is None
+
+
+def test_tolerance_and_budget_change_one_by_one() -> None:
+    target = CameraVariant(max_error_px=2.0).apply_to(CAMERA).render_settings.accuracy_target
+    assert target == AccuracyTarget(2.0, 20.0)
+    target = CameraVariant(budget_ms=0.0).apply_to(CAMERA).render_settings.accuracy_target
+    assert target == AccuracyTarget(0.5, 0.0)
+
+
+@pytest.mark.parametrize("polygons", POLYGON_COUNTS)
+def test_polygons_take_the_place_of_the_target(polygons: int) -> None:
+    settings = CameraVariant(polygons=polygons).apply_to(CAMERA).render_settings
+    assert isinstance(settings.surface, Tessellation)
+    assert settings.surface.num_polygons == polygons
+    assert settings.accuracy_target == AccuracyTarget()
+    assert settings.samples == 3
+
+
+def test_zero_polygons_are_the_exact_model() -> None:
+    assert CameraVariant(polygons=0).apply_to(CAMERA).render_settings.surface == PerPixel()
+
+
+def test_samples_and_renderer_change_nothing_else() -> None:
+    variant = CameraVariant(samples=1, renderer=RendererKind.RASTER)
+    settings = variant.apply_to(CAMERA).render_settings
+    expected = RenderSettings(surface=MESH, samples=1, renderer="raster")
+    assert settings == expected
+
+
+def test_modes_of_effects_change_by_name() -> None:
+    changed = CameraVariant(effects=(("Vignetting", EffectMode.NEVER),)).apply_to(CAMERA)
+    assert [one.mode for one in changed.effect_settings.settings] == [EffectMode.NEVER]
+    assert changed.render_settings == CAMERA.render_settings
+
+
+def test_effect_that_the_camera_has_not_is_named() -> None:
+    variant = CameraVariant(effects=(("Fog", EffectMode.ALWAYS),))
+    with pytest.raises(DomainError, match="no effect 'Fog': it has Vignetting"):
+        variant.apply_to(CAMERA)
+
+
+def test_exact_reference_has_the_variant_s_effects_and_the_best_settings() -> None:
+    modes = (("Vignetting", EffectMode.ALWAYS),)
+    variant = CameraVariant(polygons=16, effects=modes, reference=ReferenceKind.EXACT)
+    reference = variant.make_reference(CAMERA)
+    assert reference is not None
+    assert reference.render_settings == RenderSettings(samples=MAX_SAMPLES, renderer="trace")
+    assert [one.mode for one in reference.effect_settings.settings] == [EffectMode.ALWAYS]
+
+
+def test_reference_of_the_camera_is_the_camera() -> None:
+    variant = CameraVariant(polygons=16, reference=ReferenceKind.CAMERA)
+    assert variant.make_reference(CAMERA) == CAMERA
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"polygons": 17}, "17 polygons: expected one of 0, 16, 64"),
+        ({"samples": 0}, "samples are 1 to 4"),
+        ({"samples": 5}, "samples are 1 to 4"),
+        ({"max_error_px": -1.0}, "max_error_px"),
+        ({"budget_ms": float("nan")}, "budget_ms"),
+        ({"effects": (("a", EffectMode.AUTO),) * 65}, "at most 64"),
+    ],
+)
+def test_impossible_variant_is_refused_with_the_reason(
+    changes: dict[str, object], reason: str
+) -> None:
+    with pytest.raises(DomainError, match=reason):
+        dataclasses.replace(CameraVariant(), **changes)  # type: ignore[arg-type] # by case
+
+
+def test_names_are_parsed_or_refused_with_the_known_ones() -> None:
+    assert parse_renderer("raster") is RendererKind.RASTER
+    assert parse_reference("exact") is ReferenceKind.EXACT
+    assert parse_effect_modes({"b": "auto", "a": "never"}) == (
+        ("a", EffectMode.NEVER),
+        ("b", EffectMode.AUTO),
+    )
+    with pytest.raises(DomainError, match="no renderer 'vulkan': expected one of trace, raster"):
+        parse_renderer("vulkan")
+    with pytest.raises(DomainError, match="no reference 'best'"):
+        parse_reference("best")
+    with pytest.raises(DomainError, match="no mode 'on'"):
+        parse_effect_modes({"a": "on"})

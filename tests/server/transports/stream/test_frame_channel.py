@@ -1,0 +1,60 @@
+"""Channels that requests select, and variants that cannot be."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.stream.requests import FrameVariant, GetFrameRequest, ImageEncoding
+from catoptra_server.effects.effect import EffectMode
+from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
+from catoptra_server.planning.camera_variant import CameraVariant, ReferenceKind
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.transports.stream.frame_channel import select_channel
+
+
+def select(robot: str, camera: str, variant: FrameVariant | None = None) -> Channel:
+    return select_channel(GetFrameRequest(1, robot, camera, ImageEncoding.RAW, variant))
+
+
+def test_empty_names_select_the_image_port_and_others_a_camera() -> None:
+    assert select("", "") == IMAGE_PORT
+    assert select("R", "") == CameraChannel("R", "")
+    assert select("", "Omni") == CameraChannel("", "Omni")
+
+
+def test_variant_selects_a_channel_of_its_own() -> None:
+    variant = FrameVariant(
+        max_error_px=0.0,
+        budget_ms=5.0,
+        polygons=64,
+        samples=2,
+        renderer="trace",
+        effects={"Fog": "never"},
+        reference="exact",
+    )
+    expected = CameraVariant(
+        max_error_px=0.0,
+        budget_ms=5.0,
+        polygons=64,
+        samples=2,
+        renderer=RendererKind.TRACE,
+        effects=(("Fog", EffectMode.NEVER),),
+        reference=ReferenceKind.EXACT,
+    )
+    assert select("", "", variant) == CameraChannel("", "", expected)
+
+
+@pytest.mark.parametrize(
+    "variant",
+    [
+        FrameVariant(polygons=5),
+        FrameVariant(renderer="gpu"),
+        FrameVariant(effects={"Fog": "perhaps"}),
+        FrameVariant(reference="better"),
+        FrameVariant(budget_ms=-1.0),
+    ],
+)
+def test_impossible_variant_is_refused(variant: FrameVariant) -> None:
+    with pytest.raises(DomainError):
+        select("", "", variant)
