@@ -4,7 +4,7 @@ Run: make fuzz, or, in tests/, `python -m conformance.fuzz_server --seconds 30 -
 server; malformed clients send random and mutated bytes to its three ports, messages to the stream
 too, and reconnect when disconnected. Meanwhile a reference client has a robot and requests its
 frames over both transports, and must not be disturbed. Prints a table; exits with 0 if every
-requirement holds. Messages of endless parts have a test of their own (SPEC.md 9.7).
+requirement holds. Messages of endless parts have a test of their own (SPEC.md 9.8).
 """
 
 from __future__ import annotations

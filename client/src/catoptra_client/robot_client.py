@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -16,6 +16,7 @@ from catoptra_client.control_connection import ControlConnection, ReplyTimeoutEr
 from catoptra_client.tcp import open_connection
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.errors import CatoptraError, LocalProtocolError
+from catoptra_protocol.notes import find_note_count_error, text_from_note
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.usarsim.commands import (
     Drive,
@@ -23,6 +24,8 @@ from catoptra_protocol.usarsim.commands import (
     GetGeo,
     GetStartPoses,
     Init,
+    Note,
+    ShareControl,
     Step,
 )
 from catoptra_protocol.usarsim.reports import (
@@ -64,6 +67,7 @@ class RobotClient:
             clock: monotonic clock in seconds, which measures the limits.
         """
         self._connection = ControlConnection(connection, timeout_s=timeout_s, clock=clock)
+        self._published: dict[str, None] = {}
 
     @classmethod
     def connect(cls, host: str = "127.0.0.1", port: int = 3000, timeout_s: float = 5.0) -> Self:
@@ -168,6 +172,35 @@ class RobotClient:
             normalized: interpret speeds as percentages, -100 to 100.
         """
         self._connection.send(Drive(left_rad_s, right_rad_s, normalized))
+
+    def publish(self, name: str, note: Mapping[str, object]) -> None:
+        """Publish a note about the robot, such as the belief of its localization, to all viewers.
+
+        Catoptra only: a USARSim server ignores it. A note replaces the one of the same name.
+
+        Args:
+            name: name of the note, at most 64 printable characters.
+            note: values of JSON, numbers and arrays of NumPy; SPEC.md 9.7 lists the keys that
+                viewers draw.
+
+        Raises:
+            LocalProtocolError: the note has more than 8 KiB of JSON or a number that is not finite,
+                or is one too many: 8 names a robot.
+        """
+        text = text_from_note(name, note)
+        # Checked here: the control port has no reply to a note.
+        reason = find_note_count_error(self._published, name)
+        if reason:
+            raise LocalProtocolError(reason)
+        self._connection.send(Note(name, text))
+        self._published[name] = None
+
+    def share_control(self, shared: bool = True) -> None:
+        """Let other clients and viewers drive the robot, or no longer; it halts then.
+
+        Catoptra only: a USARSim server ignores it.
+        """
+        self._connection.send(ShareControl(shared))
 
     def step(self, time_s: float) -> list[Report]:
         """Advance a lockstep server by simulated seconds; reports received during the step.

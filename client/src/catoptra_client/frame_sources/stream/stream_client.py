@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -33,6 +33,7 @@ from catoptra_protocol.errors import (
     RemoteProtocolError,
 )
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.notes import text_from_note
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
@@ -47,20 +48,25 @@ from catoptra_protocol.stream.replies import (
     SensorReports,
     StartPoseRecord,
     StartPosesReply,
+    StateReply,
     StatusReply,
 )
 from catoptra_protocol.stream.requests import (
     DriveRequest,
+    FrameVariant,
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
     GetReadingsRequest,
     GetStartPosesRequest,
+    GetStateRequest,
     GetStatusRequest,
     ImageEncoding,
+    PublishRequest,
     Request,
     ResetRequest,
     SetAccuracyRequest,
+    ShareControlRequest,
     SpawnRequest,
     StepRequest,
 )
@@ -168,15 +174,51 @@ class StreamClient:
         request = SpawnRequest(id_, class_name, name, location_m, start_pose, rotation_rad)
         return _parse_reports(self._call(request, SensorReports))
 
-    def drive(self, left: float | None, right: float | None, *, normalized: bool = False) -> None:
+    def drive(
+        self,
+        left: float | None,
+        right: float | None,
+        *,
+        normalized: bool = False,
+        robot: str = "",
+    ) -> None:
         """Set the wheel speeds of both sides.
 
         Args:
             left: Speed in rad/s, or in percent if normalized; None leaves the side unchanged.
             right: As `left`.
             normalized: Whether speeds are percent of the maximum.
+            robot: Exact name of a robot whose owner shares its control; empty = this client's own.
         """
-        self._call(DriveRequest(next(self._ids), left, right, normalized), Ok)
+        self._call(DriveRequest(next(self._ids), left, right, normalized, robot), Ok)
+
+    def share_control(self, shared: bool = True) -> None:
+        """Let other clients drive this client's robot, or no longer; it halts then."""
+        self._call(ShareControlRequest(next(self._ids), shared), Ok)
+
+    def publish(self, name: str, note: Mapping[str, object]) -> None:
+        """Publish a note about the robot, such as the belief of its localization, to all viewers.
+
+        A note replaces the one of the same name.
+
+        Args:
+            name: Name of the note, at most 64 printable characters.
+            note: Values of JSON, numbers and arrays of NumPy; SPEC.md 9.7 lists the keys that
+                viewers draw.
+
+        Raises:
+            LocalProtocolError: The note has more than 8 KiB of JSON, or a number that is not
+                finite.
+        """
+        self._call(PublishRequest(next(self._ids), name, text_from_note(name, note)), Ok)
+
+    def get_state(self, robot: str = "") -> StateReply:
+        """Poses of all robots, and the newest readings and notes of one.
+
+        Args:
+            robot: Exact name; empty = the robot that the image port displays.
+        """
+        return self._call(GetStateRequest(next(self._ids), robot), StateReply)
 
     def step(self, time_s: float) -> list[Report]:
         """Advance a lockstep clock; the full cycle of readings and the result."""
@@ -254,7 +296,12 @@ class StreamClient:
         return self._call(GetStartPosesRequest(next(self._ids)), StartPosesReply).start_poses
 
     def get_frame(
-        self, *, encoding: ImageEncoding = ImageEncoding.JPEG, robot: str = "", camera: str = ""
+        self,
+        *,
+        encoding: ImageEncoding = ImageEncoding.JPEG,
+        robot: str = "",
+        camera: str = "",
+        variant: FrameVariant | None = None,
     ) -> Frame:
         """Request the newest frame and wait.
 
@@ -262,8 +309,10 @@ class StreamClient:
             encoding: Encoding of the image; PNG and RAW are lossless.
             robot: Name of the robot; with an empty `camera` too, the image-port picture.
             camera: Name of the camera; empty = the first one of the robot.
+            variant: Other settings for this frame, of an omnidirectional camera; the camera's own
+                stay as they are.
         """
-        request = GetFrameRequest(next(self._ids), robot, camera, encoding)
+        request = GetFrameRequest(next(self._ids), robot, camera, encoding, variant)
         header, parts = self._exchange(
             request, FrameHeader, "a frame", retry_interval_s=_RETRY_INTERVAL_S
         )
