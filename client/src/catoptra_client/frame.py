@@ -16,7 +16,7 @@ from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.replies import EffectRecord
+from catoptra_protocol.stream.replies import DifferenceRecord, EffectRecord, PlanAlternative
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_protocol.usarsim.jpeg_header import parse_jpeg_size
 
@@ -72,6 +72,16 @@ class Frame:
     """Total and partial bounds by name, as listed in SPEC.md."""
     effects: tuple[EffectRecord, ...] = ()
     """Decision about each effect that the robot file names."""
+    predicted_ms: float | None = None
+    """Predicted duration of a frame of this plan; None without an accuracy target."""
+    more_accurate: PlanAlternative | None = None
+    """Next more accurate plan, likewise."""
+    faster: PlanAlternative | None = None
+    """Next cheaper plan, likewise."""
+    difference: DifferenceRecord | None = None
+    """Difference from the reference that a variant names, in numbers."""
+    difference_rgb: Pixels | None = None
+    """The same as (h, w, 3) absolute differences, uint8."""
 
 
 class FrameSource(Protocol):

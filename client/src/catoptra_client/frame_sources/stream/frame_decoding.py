@@ -53,9 +53,14 @@ def frame_from_parts(
     """
     if len(parts) != 1:
         raise RemoteProtocolError(f"{header}: {len(parts)} parts after the header, expected one")
-    mirror = header.robot_from_mirror
+    mirror, rgb = header.robot_from_mirror, _decode_rgb(header, parts[0])
+    difference_rgb = None
+    if header.difference is not None:
+        if header.width_px % 2:
+            raise RemoteProtocolError(f"{header}: a picture and its difference have equal widths")
+        rgb, difference_rgb = np.split(rgb, 2, axis=1)
     return Frame(
-        rgb=_decode_rgb(header, parts[0]),
+        rgb=rgb,
         sequence=header.sequence,
         received_s=received_s,
         # PNG is lossless, so its frames count as RAW.
@@ -74,6 +79,11 @@ def frame_from_parts(
         error_bound_px=header.error_bound_px,
         error_bounds=header.error_bounds,
         effects=header.effects,
+        predicted_ms=header.predicted_ms,
+        more_accurate=header.more_accurate,
+        faster=header.faster,
+        difference=header.difference,
+        difference_rgb=difference_rgb,
     )
 
 

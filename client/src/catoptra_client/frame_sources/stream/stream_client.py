@@ -43,6 +43,7 @@ from catoptra_protocol.stream.replies import (
     FrameHeader,
     LandmarksReply,
     Ok,
+    PixelReply,
     PlanReply,
     Reply,
     SensorReports,
@@ -57,6 +58,7 @@ from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
+    GetPixelRequest,
     GetReadingsRequest,
     GetStartPosesRequest,
     GetStateRequest,
@@ -319,6 +321,12 @@ class StreamClient:
         return frame_from_parts(
             header, parts, camera_cache=self._camera_cache, received_s=self._clock()
         )
+
+    def get_pixel(
+        self, u_px: float, v_px: float, *, robot: str = "", camera: str = ""
+    ) -> PixelReply:
+        """What a camera sees at a point of its image now; names as in `get_frame`."""
+        return self._call(GetPixelRequest(next(self._ids), robot, camera, u_px, v_px), PixelReply)
 
     def iter_frames(
         self, *, encoding: ImageEncoding = ImageEncoding.JPEG, robot: str = "", camera: str = ""

@@ -1,0 +1,112 @@
+"""Variants of a camera's frames, and what is behind a pixel, from a real server."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.stream.requests import FrameVariant, ImageEncoding
+from helpers.configs import FIELD, OMNI_ROBOT
+from helpers.server_process import RunningServer, start_server
+
+NAME = "Own"
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    folder = tmp_path_factory.mktemp("variants")
+    with start_server(folder, "--clock", "lockstep", robot=OMNI_ROBOT, world=FIELD) as running:
+        yield running
+        assert running.terminate() == 0
+        assert "Traceback" not in running.log.read_text()
+
+
+@pytest.fixture
+def client(server: RunningServer) -> Iterator[StreamClient]:
+    with StreamClient.connect(port=server.stream_port, timeout_s=30.0) as client:
+        client.spawn(client.get_status().class_names[0], name=NAME, location_m=(1.0, 0.5, 0.0))
+        yield client
+
+
+def test_variant_differs_from_the_exact_frame_by_its_polygons(client: StreamClient) -> None:
+    raw = ImageEncoding.RAW
+    plain = client.get_frame(encoding=raw, robot=NAME)
+    variant = FrameVariant(polygons=16, reference="camera")
+    frame = client.get_frame(encoding=raw, robot=NAME, variant=variant)
+    assert frame.rgb.shape == plain.rgb.shape
+    assert frame.difference is not None
+    assert frame.difference_rgb is not None
+    expected = np.abs(frame.rgb.astype(int) - plain.rgb.astype(int))
+    np.testing.assert_array_equal(frame.difference_rgb, expected)
+    assert frame.difference.max_levels == expected.max() > 100
+    assert frame.error_bound_px is not None
+    assert plain.error_bound_px is not None
+    assert frame.error_bound_px > 10.0 * plain.error_bound_px
+    assert "polygons" in (frame.plan or "")
+    # The camera's own frames stay as they are.
+    again = client.get_frame(encoding=raw, robot=NAME)
+    np.testing.assert_array_equal(again.rgb, plain.rgb)
+    assert again.difference_rgb is None
+
+
+def test_exact_variant_does_not_differ_from_its_reference(client: StreamClient) -> None:
+    variant = FrameVariant(polygons=0, samples=4, renderer="trace", reference="exact")
+    frame = client.get_frame(encoding=ImageEncoding.PNG, robot=NAME, variant=variant)
+    assert frame.difference is not None
+    assert (frame.difference.max_levels, frame.difference.changed_fraction) == (0, 0.0)
+
+
+def test_variant_with_a_tolerance_names_its_neighbours(client: StreamClient) -> None:
+    variant = FrameVariant(max_error_px=0.5)
+    frame = client.get_frame(robot=NAME, variant=variant)
+    assert frame.predicted_ms is not None
+    assert frame.error_bound_px is not None
+    assert frame.error_bound_px <= 0.5
+    assert frame.more_accurate is not None
+    assert frame.more_accurate.error_bound_px < frame.error_bound_px
+    assert client.set_accuracy().max_error_px == 0.0
+
+
+@pytest.mark.parametrize(
+    ("variant", "reason"),
+    [
+        (FrameVariant(polygons=17), "17 polygons"),
+        (FrameVariant(effects={"Rain": "always"}), "no effect 'Rain'"),
+        (FrameVariant(reference="best"), "no reference 'best'"),
+    ],
+)
+def test_impossible_variant_is_refused_with_the_reason(
+    client: StreamClient, variant: FrameVariant, reason: str
+) -> None:
+    with pytest.raises(CatoptraError, match=reason):
+        client.get_frame(robot=NAME, variant=variant)
+    assert client.get_frame(robot=NAME).robot_name == NAME
+
+
+def test_pixel_has_the_floor_s_range_its_name_and_the_frame_s_bound(client: StreamClient) -> None:
+    frame = client.get_frame(robot=NAME)
+    assert isinstance(frame.camera, OmniCamera)
+    assert frame.world_from_robot is not None
+    assert frame.robot_from_mirror is not None
+    # Half way between straight down and level.
+    direction = np.array([0.0, 1.0, 1.0])
+    (u_px, v_px), _ = pixel_from_direction(frame.camera, direction)
+    pixel = client.get_pixel(float(u_px), float(v_px), robot=NAME)
+    height_m = -(frame.world_from_robot @ frame.robot_from_mirror).translation[2]
+    assert pixel.theta_rad == pytest.approx(0.25 * np.pi)
+    assert pixel.azimuth_rad == pytest.approx(0.5 * np.pi)
+    assert pixel.range_m == pytest.approx(height_m * np.sqrt(2.0), rel=0.05)
+    assert pixel.object != ""
+    assert pixel.bound_px == pytest.approx(frame.error_bound_px)
+
+
+def test_pixel_beyond_the_mirror_and_of_an_unknown_camera(client: StreamClient) -> None:
+    outside = client.get_pixel(0.5, 0.5, robot=NAME)
+    assert (outside.theta_rad, outside.range_m, outside.object) == (None, None, "")
+    with pytest.raises(CatoptraError, match="no camera 'Rear'"):
+        client.get_pixel(0.5, 0.5, robot=NAME, camera="Rear")
