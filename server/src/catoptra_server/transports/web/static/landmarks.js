@@ -1,6 +1,6 @@
 /** Status of landmarks: one colour and one shape each, the same in all views and in the legend. */
 
-import { element } from "./elements.js";
+import { make } from "./panel.js";
 
 /** Statuses by name. The colours have a contrast of 3 : 1 to black and to white. */
 export const STATUSES = {
@@ -56,82 +56,76 @@ function acceptedByLandmark(notes) {
 /**
  * Draw the mark of a status, with an outline that separates it from any background.
  *
- * @param {CanvasRenderingContext2D} context
+ * @param {CanvasRenderingContext2D} pen
  * @param {number} x
- * @param {number} y centre, in units of the context
+ * @param {number} y centre, in units of the pen
  * @param {string} status key of STATUSES
  * @param {number} radius half the size of the mark
  */
-export function drawMark(context, x, y, status, radius = 6) {
+export function drawMark(pen, x, y, status, radius = 6) {
   const { colour, shape } = STATUSES[status] ?? STATUSES.hidden;
-  context.save();
-  context.translate(x, y);
-  context.lineCap = "round";
-  context.lineJoin = "round";
+  pen.save();
+  pen.translate(x, y);
+  pen.lineCap = "round";
+  pen.lineJoin = "round";
   for (const [style, width] of [["#000", 5], ["#fff", 3.5], [colour, 2]]) {
-    context.strokeStyle = style;
-    context.lineWidth = width;
-    context.beginPath();
-    traceShape(context, shape, radius);
-    context.stroke();
+    pen.strokeStyle = style;
+    pen.lineWidth = width;
+    pen.beginPath();
+    traceShape(pen, shape, radius);
+    pen.stroke();
   }
-  context.restore();
+  pen.restore();
 }
 
 /** Draw a mark and the name beside it. */
-export function drawLandmark(context, x, y, status, name) {
-  drawMark(context, x, y, status);
-  drawLabel(context, name, x + 10, y);
+export function drawLandmark(pen, x, y, status, name) {
+  drawMark(pen, x, y, status);
+  drawLabel(pen, name, x + 10, y);
 }
 
 /** Draw white text with a dark outline, readable on any picture. */
-export function drawLabel(context, text, x, y) {
-  context.font = "12px system-ui, sans-serif";
-  context.textBaseline = "middle";
-  context.lineJoin = "round";
-  context.lineWidth = 3;
-  context.strokeStyle = "rgba(0, 0, 0, 0.8)";
-  context.strokeText(text, x, y);
-  context.fillStyle = "#fff";
-  context.fillText(text, x, y);
+export function drawLabel(pen, text, x, y) {
+  pen.font = "12px system-ui, sans-serif";
+  pen.textBaseline = "middle";
+  pen.lineJoin = "round";
+  pen.lineWidth = 3;
+  pen.strokeStyle = "rgba(0, 0, 0, 0.8)";
+  pen.strokeText(text, x, y);
+  pen.fillStyle = "#fff";
+  pen.fillText(text, x, y);
 }
 
-function traceShape(context, shape, radius) {
+function traceShape(pen, shape, radius) {
   const r = radius;
   if (shape === "circle") {
-    context.arc(0, 0, r, 0, 2 * Math.PI);
+    pen.arc(0, 0, r, 0, 2 * Math.PI);
   } else if (shape === "diamond") {
-    context.moveTo(0, -r);
-    context.lineTo(r, 0);
-    context.lineTo(0, r);
-    context.lineTo(-r, 0);
-    context.closePath();
+    pen.moveTo(0, -r);
+    pen.lineTo(r, 0);
+    pen.lineTo(0, r);
+    pen.lineTo(-r, 0);
+    pen.closePath();
   } else if (shape === "cross") {
-    context.moveTo(-r, -r);
-    context.lineTo(r, r);
-    context.moveTo(-r, r);
-    context.lineTo(r, -r);
+    pen.moveTo(-r, -r);
+    pen.lineTo(r, r);
+    pen.moveTo(-r, r);
+    pen.lineTo(r, -r);
   } else {
-    context.moveTo(-r, 0);
-    context.lineTo(r, 0);
+    pen.moveTo(-r, 0);
+    pen.lineTo(r, 0);
   }
 }
 
 /** Legend of all statuses: a list of marks with their names. */
 export function makeLegend() {
   const items = Object.entries(STATUSES).map(([status, { label }]) => {
-    const size = 20;
-    const scale = window.devicePixelRatio || 1;
-    const canvas = element("canvas", {
-      class: "legend-mark",
-      width: Math.round(size * scale),
-      height: Math.round(size * scale),
-      "aria-hidden": "true",
-    });
-    const context = canvas.getContext("2d");
-    context.scale(scale, scale);
-    drawMark(context, size / 2, size / 2, status);
-    return element("li", {}, canvas, label);
+    const canvas = make("canvas", { width: 40, height: 40, ariaHidden: "true" });
+    const pen = canvas.getContext("2d");
+    // Twice the size in CSS pixels, for screens of any resolution.
+    pen.scale(2, 2);
+    drawMark(pen, 10, 10, status);
+    return make("li", {}, canvas, label);
   });
-  return element("ul", { class: "legend", "aria-label": "Status of landmarks" }, ...items);
+  return make("ul", { className: "legend", ariaLabel: "Status of landmarks" }, ...items);
 }

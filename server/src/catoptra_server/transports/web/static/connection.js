@@ -1,0 +1,138 @@
+/**
+ * A connection to the server: requests and replies of the stream protocol over a WebSocket, which
+ * connects again by itself.
+ */
+
+const FIRST_PAUSE_MS = 100;
+const MAX_PAUSE_MS = 2000;
+
+/** Rejects a request: with the reason of an error reply, or because the connection was lost. */
+export class RequestError extends Error {}
+
+/** One WebSocket of the page. Events: "open" and "close", each with this connection. */
+export class Connection {
+  #url;
+  #socket = null;
+  #pending = new Map();
+  #handlers = { open: [], close: [] };
+  #lastId = 0;
+  #pause_ms = FIRST_PAUSE_MS;
+  #lastFrame = Promise.resolve();
+
+  /** @param {string} url of the socket */
+  constructor(url) {
+    this.#url = url;
+    this.#connect();
+  }
+
+  /** Whether requests can be sent at present. */
+  get isOpen() {
+    return this.#socket?.readyState === WebSocket.OPEN;
+  }
+
+  /**
+   * Call a function on each "open" or "close" from now on.
+   *
+   * @param {"open"|"close"} event
+   * @param {function(Connection): void} handler
+   */
+  on(event, handler) {
+    this.#handlers[event].push(handler);
+  }
+
+  /**
+   * Send a request; its id is chosen here.
+   *
+   * @param {Object} message fields of the request with its `kind`; defaults may be missing
+   * @returns {Promise<Object>} the reply; rejected with RequestError
+   */
+  request(message) {
+    if (!this.isOpen) return Promise.reject(new RequestError("there is no connection"));
+    this.#lastId += 1;
+    const id = this.#lastId;
+    return new Promise((resolve, reject) => {
+      this.#pending.set(id, { resolve, reject });
+      this.#socket.send(JSON.stringify({ ...message, id }));
+    });
+  }
+
+  /**
+   * Request a frame, after the frames requested before: the server keeps one pending request.
+   *
+   * @param {Object} message fields of GetFrameRequest
+   * @returns {Promise<{header: Object, bytes: Uint8Array, received_ms: number}>}
+   */
+  requestFrame(message) {
+    const frame = this.#lastFrame.then(() => this.request({ ...message, kind: "get_frame" }));
+    this.#lastFrame = frame.catch(() => {});
+    return frame;
+  }
+
+  #connect() {
+    const socket = new WebSocket(this.#url);
+    socket.binaryType = "arraybuffer";
+    socket.addEventListener("open", () => {
+      this.#pause_ms = FIRST_PAUSE_MS;
+      this.#emit("open");
+    });
+    socket.addEventListener("message", ({ data }) => this.#receive(data));
+    // A failed attempt closes too.
+    socket.addEventListener("close", () => {
+      this.#disconnected();
+      setTimeout(() => this.#connect(), this.#pause_ms);
+      this.#pause_ms = Math.min(2 * this.#pause_ms, MAX_PAUSE_MS);
+    });
+    this.#socket = socket;
+  }
+
+  #receive(data) {
+    const received_ms = performance.now();
+    if (typeof data === "string") {
+      const reply = JSON.parse(data);
+      this.#settle(reply, reply);
+    } else {
+      const frame = frameFromBuffer(data);
+      this.#settle(frame.header, { ...frame, received_ms });
+    }
+  }
+
+  #settle(reply, result) {
+    const request = this.#pending.get(reply.id);
+    this.#pending.delete(reply.id);
+    if (reply.kind === "error") {
+      // Id 0: the server could not read a request; there is none to reject.
+      if (request) request.reject(new RequestError(reply.reason));
+      else console.warn(`server: ${reply.reason}`);
+    } else {
+      request?.resolve(result);
+    }
+  }
+
+  #disconnected() {
+    const pending = [...this.#pending.values()];
+    this.#pending.clear();
+    for (const { reject } of pending) reject(new RequestError("the connection was lost"));
+    this.#emit("close");
+  }
+
+  #emit(event) {
+    for (const handler of this.#handlers[event]) handler(this);
+  }
+}
+
+/** Header and image of a binary message: uint32 length, JSON header, image. */
+function frameFromBuffer(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  return { header, bytes: new Uint8Array(buffer, 4 + length) };
+}
+
+/**
+ * Decode the image of a frame outside the page's thread.
+ *
+ * @returns {Promise<ImageBitmap>} with the values of the file, without colour management
+ */
+export function decodeFrame({ header, bytes }) {
+  const blob = new Blob([bytes], { type: `image/${header.encoding}` });
+  return createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+}

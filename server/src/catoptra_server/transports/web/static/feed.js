@@ -1,0 +1,202 @@
+/**
+ * The stream of pictures, states and landmarks: pulled, with one request of each pending, and
+ * nothing while the tab is hidden.
+ */
+
+import { decodeFrame } from "./connection.js";
+import { landmarksWithStatus } from "./landmarks.js";
+import { parseReadings } from "./readings.js";
+
+const STATE_INTERVAL_MS = 100;
+const LANDMARKS_INTERVAL_MS = 250;
+const RETRY_MS = 500;
+const NUM_KEPT = 1000;
+
+/** Numbers of the feed, for the page and for its tests. The lists hold the newest 1000. */
+export class FeedStatistics {
+  frames_asked = 0;
+  frames_drawn = 0;
+  missed_frames = 0;
+  dropped_frames = 0;
+  /** Age of each frame when it was drawn. */
+  ages_ms = [];
+  /** When it was drawn, by performance.now(). */
+  drawn_ms = [];
+  /** Script time of drawing it in all views. */
+  draw_durations_ms = [];
+  /** Tasks of the page above 50 ms. */
+  long_tasks_ms = [];
+
+  constructor() {
+    if (PerformanceObserver.supportedEntryTypes?.includes("longtask")) {
+      const observer = new PerformanceObserver((list) => {
+        for (const { duration } of list.getEntries()) keep(this.long_tasks_ms, duration);
+      });
+      observer.observe({ entryTypes: ["longtask"] });
+    }
+  }
+
+  /** Add a frame that has been drawn. */
+  add(header, age_ms, drawn_ms, duration_ms) {
+    this.frames_drawn += 1;
+    this.missed_frames = header.missed_frames;
+    this.dropped_frames = header.dropped_frames;
+    keep(this.ages_ms, age_ms);
+    keep(this.drawn_ms, drawn_ms);
+    keep(this.draw_durations_ms, duration_ms);
+  }
+
+  /** Frames per second over the last two seconds. */
+  get rate_hz() {
+    const since_ms = performance.now() - 2000;
+    return this.drawn_ms.filter((time_ms) => time_ms > since_ms).length / 2;
+  }
+}
+
+function keep(list, value) {
+  list.push(value);
+  if (list.length > NUM_KEPT) list.shift();
+}
+
+/** Start to pull; emits "frame", "state" and "landmarks" on the context. */
+export function startFeed(context) {
+  const frames = new FramePull(context);
+  const states = new Poll(context, STATE_INTERVAL_MS, () => requestState(context));
+  const landmarks = new Poll(context, LANDMARKS_INTERVAL_MS, () => requestLandmarks(context));
+  const askAll = () => {
+    states.ask();
+    landmarks.ask();
+    frames.ask();
+  };
+  context.pictures.on("open", askAll);
+  document.addEventListener("visibilitychange", askAll);
+  context.on("selection", () => {
+    landmarks.ask();
+    frames.ask();
+  });
+  // Frames too: under lockstep by its time, otherwise after an error.
+  context.on("state", () => frames.ask());
+  askAll();
+}
+
+/** A request that is repeated at an interval, one pending at most. */
+class Poll {
+  #context;
+  #request;
+  #isPending = false;
+
+  constructor(context, interval_ms, request) {
+    this.#context = context;
+    this.#request = request;
+    setInterval(() => this.ask(), interval_ms);
+  }
+
+  async ask() {
+    if (this.#isPending || document.hidden || !this.#context.pictures.isOpen) return;
+    this.#isPending = true;
+    try {
+      await this.#request();
+    } catch (error) {
+      this.#context.report(error);
+    } finally {
+      this.#isPending = false;
+    }
+  }
+}
+
+async function requestState(context) {
+  const { robot } = context.selected;
+  const reply = await context.pictures.request({ kind: "get_state", robot });
+  if (robot !== context.selected.robot) return;
+  const readings = parseReadings(reply.reports);
+  const notes = new Map(reply.notes.map(({ name, text }) => [name, JSON.parse(text)]));
+  context.state = { reply, readings, notes };
+  context.emit("state", context.state);
+}
+
+async function requestLandmarks(context) {
+  const { robot, camera } = context.selected;
+  if (!robot || !camera) return;
+  const reply = await context.pictures.request({ kind: "get_landmarks", robot, camera });
+  if (robot !== context.selected.robot || camera !== context.selected.camera) return;
+  context.landmarks = landmarksWithStatus(reply.landmarks, context.state?.notes ?? new Map());
+  context.emit("landmarks", context.landmarks);
+}
+
+/** Pulls frames of the selected camera: the next one when the previous has been drawn. */
+class FramePull {
+  #context;
+  #isPending = false;
+  #retryAt_ms = 0;
+  #shown = { robot: "", camera: "", time_s: -1 };
+
+  constructor(context) {
+    this.#context = context;
+  }
+
+  /** Request a frame, unless one is pending or none is wanted. */
+  async ask() {
+    if (this.#isPending || !this.#isWanted()) return;
+    this.#isPending = true;
+    const { robot, camera } = this.#context.selected;
+    let isDrawn = false;
+    try {
+      this.#context.statistics.frames_asked += 1;
+      const request = { robot, camera, encoding: "jpeg" };
+      const frame = await this.#context.pictures.requestFrame(request);
+      const bitmap = await decodeFrame(frame);
+      isDrawn = await this.#draw({ ...frame, bitmap }, robot, camera);
+    } catch (error) {
+      this.#retryAt_ms = performance.now() + RETRY_MS;
+      this.#context.report(error);
+    } finally {
+      this.#isPending = false;
+    }
+    if (isDrawn) this.ask();
+  }
+
+  #isWanted() {
+    const { pictures, selected, server, state } = this.#context;
+    if (document.hidden || !pictures.isOpen || !selected.robot || !selected.camera) return false;
+    if (performance.now() < this.#retryAt_ms) return false;
+    if (server.clock !== "lockstep") return true;
+    // The same moment gives the same picture.
+    const shown = this.#shown;
+    const isSameCamera = shown.robot === selected.robot && shown.camera === selected.camera;
+    return !isSameCamera || (state !== null && state.reply.time_s !== shown.time_s);
+  }
+
+  /** Draw a frame in the next animation frame; false if the tab was hidden before. */
+  #draw({ header, bitmap, received_ms }, robot, camera) {
+    const context = this.#context;
+    return new Promise((resolve) => {
+      // Animation frames end with the tab's visibility; an old frame must not follow it.
+      const drop = () => {
+        cancelAnimationFrame(request);
+        document.removeEventListener("visibilitychange", drop);
+        bitmap.close();
+        resolve(false);
+      };
+      const request = requestAnimationFrame(() => {
+        document.removeEventListener("visibilitychange", drop);
+        if (robot !== context.selected.robot || camera !== context.selected.camera) {
+          bitmap.close();
+          resolve(true);
+          return;
+        }
+        const previous = context.frame;
+        context.frame = { header, bitmap, received_ms };
+        const start_ms = performance.now();
+        context.emit("frame", context.frame);
+        previous?.bitmap.close();
+        const end_ms = performance.now();
+        this.#shown = { robot, camera, time_s: header.time_s };
+        const age_ms = 1000 * header.age_s + end_ms - received_ms;
+        context.statistics.add(header, age_ms, end_ms, end_ms - start_ms);
+        resolve(true);
+      });
+      document.addEventListener("visibilitychange", drop);
+      if (document.hidden) drop();
+    });
+  }
+}

@@ -1,0 +1,268 @@
+/** Start of the page: the server's description, two connections, the context of all panels. */
+
+import { CameraTable, chooseCylinder, fetchCameraTable } from "./camera_table.js";
+import { Connection } from "./connection.js";
+import { startFeed, FeedStatistics } from "./feed.js";
+import { Unwarper } from "./gl.js";
+import { createPanels, preparePanels } from "./panels.js";
+
+const FAULT_SHOWN_MS = 5000;
+const WINDOW = { yaw_rad: 0, pitch_rad: -0.2, fov_rad: 1.3, aspect: 4 / 3 };
+
+/** URL of a path of this server, with the token of the page's own link if that has one. */
+function urlOf(path, protocol = location.protocol) {
+  const url = new URL(path, location.href);
+  const token = new URLSearchParams(location.search).get("token");
+  if (token !== null) url.searchParams.set("token", token);
+  url.protocol = protocol;
+  return url.href;
+}
+
+async function fetchServer() {
+  const response = await fetch(urlOf("/api/server.json"));
+  if (!response.ok) throw new Error(`server.json: ${response.status} ${response.statusText}`);
+  return response.json();
+}
+
+/** What all panels share. */
+class Context {
+  /** Robot and camera that all panels show; empty while there is none. */
+  selected = { robot: "", camera: "" };
+  /** Name of the robot that this page has spawned; empty for none. */
+  own = "";
+  /** Newest frame, {header, bitmap, received_ms}; its bitmap lives until the next one. */
+  frame = null;
+  /** Newest state, {reply, readings, notes}. */
+  state = null;
+  landmarks = [];
+  /** CameraTable of the selected camera; null while loading and for other kinds of cameras. */
+  table = null;
+  /** Unwarper; null without WebGL2. */
+  unwarper = null;
+  /** Why there is no unwarper. */
+  unwarperFault = "";
+  /** Perspective view: yaw, pitch, horizontal field of view, width over height. */
+  window = { ...WINDOW };
+  /** Pixel [u, v] under the cursor, or null; held: placed by a click or by a key. */
+  cursor = { pixel: null, isHeld: false };
+  statistics = new FeedStatistics();
+  #handlers = new Map();
+  #tableOf = "";
+
+  constructor(server) {
+    this.server = server;
+    const socket = urlOf("/socket", location.protocol === "https:" ? "wss:" : "ws:");
+    this.pictures = new Connection(socket);
+    this.commands = new Connection(socket);
+    try {
+      this.unwarper = new Unwarper(() => this.emit("restored"));
+    } catch (error) {
+      this.unwarperFault = error.message;
+    }
+  }
+
+  /** Call a function on each event of a name from now on. */
+  on(event, handler) {
+    this.#handlers.set(event, [...(this.#handlers.get(event) ?? []), handler]);
+  }
+
+  /** Call the handlers of an event; the fault of one does not keep it from the others. */
+  emit(event, data) {
+    for (const handler of this.#handlers.get(event) ?? []) {
+      try {
+        handler(data);
+      } catch (error) {
+        console.error(`${event}:`, error);
+      }
+    }
+  }
+
+  /** Show a robot and one of its cameras; an empty camera is the first omnidirectional one. */
+  select(robot, camera = "") {
+    const chosen = camera || defaultCamera(this.camerasOf(robot));
+    if (robot === this.selected.robot && chosen === this.selected.camera) return;
+    this.selected = { robot, camera: chosen };
+    this.#forgetFrame();
+    this.landmarks = [];
+    this.loadTable();
+    this.emit("selection", this.selected);
+  }
+
+  /** Cameras of a robot of the state, as server.json lists them. */
+  camerasOf(robot) {
+    return this.classOf(robot)?.cameras ?? [];
+  }
+
+  /** Class of a robot of the state; undefined for an unknown robot. */
+  classOf(robot) {
+    const name = this.state?.reply.robots.find((one) => one.name === robot)?.class_name;
+    return this.server.classes.find((one) => one.class_name === name);
+  }
+
+  /** The selected camera as server.json lists it; undefined for none. */
+  get camera() {
+    const { robot, camera } = this.selected;
+    return this.camerasOf(robot).find((one) => one.name === camera);
+  }
+
+  /** Fetch the table of the selected camera. */
+  async loadTable() {
+    const { robot, camera } = this.selected;
+    const className = this.classOf(robot)?.class_name ?? "";
+    const key = JSON.stringify([className, camera]);
+    if (key === this.#tableOf) return;
+    this.#tableOf = key;
+    this.#setTable(null);
+    if (this.camera?.kind !== "omni") return;
+    try {
+      const table = await fetchCameraTable(urlOf, className, camera);
+      if (this.#tableOf === key) this.#setTable(table);
+    } catch (error) {
+      if (this.#tableOf === key) this.#tableOf = "";
+      this.report(error);
+    }
+  }
+
+  /** Fetch the table again: another server may have another file of the same robot. */
+  reloadTable() {
+    this.#tableOf = "";
+    return this.loadTable();
+  }
+
+  /** Move the cursor to a pixel [u, v] or, with null, remove it. */
+  setCursor(pixel, isHeld = false) {
+    this.cursor = { pixel, isHeld: isHeld && pixel !== null };
+    this.emit("cursor", this.cursor);
+  }
+
+  /** Change the perspective view. */
+  setWindow(changes) {
+    this.window = { ...this.window, ...changes };
+    this.emit("window", this.window);
+  }
+
+  /** Show a fault to the user for a while. */
+  report(error) {
+    if (!this.pictures.isOpen) return;
+    showNotice(error.message);
+    setTimeout(() => {
+      if (this.pictures.isOpen) showNotice("");
+    }, FAULT_SHOWN_MS);
+  }
+
+  #setTable(table) {
+    this.table = table;
+    this.unwarper?.setTable(table);
+    this.emit("table", table);
+  }
+
+  #forgetFrame() {
+    this.frame?.bitmap.close();
+    this.frame = null;
+    this.unwarper?.setFrame(null);
+    this.setCursor(null);
+  }
+}
+
+function defaultCamera(cameras) {
+  return (cameras.find(({ kind }) => kind === "omni") ?? cameras[0])?.name ?? "";
+}
+
+/** Keep the selection among the robots there are: one's own, else the first with a camera. */
+function followRobots(context) {
+  const names = context.state.reply.robots.map(({ name }) => name);
+  if (names.includes(context.selected.robot)) return;
+  const hasCamera = (name) => context.camerasOf(name).length > 0;
+  const robot = [context.own, ...names].find((name) => names.includes(name) && hasCamera(name));
+  context.select(robot ?? names[0] ?? "");
+}
+
+function showNotice(text) {
+  const notice = document.getElementById("notice");
+  if (notice.textContent !== text) notice.textContent = text;
+  notice.hidden = text === "";
+}
+
+/** Show lost connections, and take up the work on new ones. */
+function watchConnections(context) {
+  const changed = () => {
+    const is_open = context.pictures.isOpen && context.commands.isOpen;
+    showNotice(is_open ? "" : "No connection to the server; trying again.");
+    context.emit("connection", { is_open });
+  };
+  for (const connection of [context.pictures, context.commands]) {
+    connection.on("open", changed);
+    connection.on("close", changed);
+  }
+  // The server removes the robot of a closed connection.
+  context.commands.on("close", () => (context.own = ""));
+  let isFirst = true;
+  context.pictures.on("open", async () => {
+    if (isFirst) {
+      isFirst = false;
+      return;
+    }
+    try {
+      const server = await fetchServer();
+      // Another server, or another release of it: its own page.
+      if (JSON.stringify(server) !== JSON.stringify(context.server)) location.reload();
+      else await context.reloadTable();
+    } catch (error) {
+      context.report(error);
+    }
+  });
+}
+
+/** Access for tests, and for the console of the browser. */
+function expose(context) {
+  const base64 = (bytes) => {
+    let text = "";
+    for (let i = 0; i < bytes.length; i += 8192) {
+      text += String.fromCharCode(...bytes.subarray(i, i + 8192));
+    }
+    return btoa(text);
+  };
+  window.catoptra = {
+    context,
+    statistics: context.statistics,
+    /** The present frame as base64 RGBA. */
+    readFrame() {
+      const { bitmap, header } = context.frame;
+      const canvas = new OffscreenCanvas(bitmap.width, bitmap.height);
+      const pen = canvas.getContext("2d", { willReadFrequently: true });
+      pen.drawImage(bitmap, 0, 0);
+      const { width, height, data } = pen.getImageData(0, 0, bitmap.width, bitmap.height);
+      return { header, width, height, pixels: base64(data) };
+    },
+    /**
+     * A cylinder of the present frame as base64 RGBA; by default that of `make_panorama`. Some of
+     * top_slope, bottom_slope, seam_azimuth_rad may be given.
+     */
+    readPanorama(width, height, geometry = {}) {
+      const cylinder = { ...chooseCylinder(context.table, width), ...geometry };
+      if (height) cylinder.rows = height;
+      const pixels = context.unwarper.read(cylinder);
+      return { width, height: cylinder.rows, pixels: base64(pixels), geometry: cylinder };
+    },
+    /** A perspective view {width_px, height_px, fov_rad, yaw_rad, pitch_rad}, likewise. */
+    readPerspective(view) {
+      const pixels = context.unwarper.read(view);
+      return { width: view.width_px, height: view.height_px, pixels: base64(pixels) };
+    },
+    CameraTable,
+  };
+}
+
+async function start() {
+  preparePanels();
+  const context = new Context(await fetchServer());
+  watchConnections(context);
+  // First of all handlers: views draw with the frame uploaded and the selection valid.
+  context.on("state", () => followRobots(context));
+  context.on("frame", ({ bitmap }) => context.unwarper?.setFrame(bitmap));
+  expose(context);
+  await createPanels(context);
+  startFeed(context);
+}
+
+start().catch((error) => showNotice(`The page cannot start: ${error.message}`));

@@ -1,0 +1,2 @@
+/** Create the panel. */
+export function create(section, context) {}

@@ -1,0 +1,115 @@
+/** What the camera sees under the cursor of any view. */
+
+import { makeLegend } from "../landmarks.js";
+import { bodyOf, isShown, make, onShown } from "../panel.js";
+
+const INTERVAL_MS = 100;
+const OUTSIDE = "outside the mirror";
+
+/** Create the panel. */
+export function create(section, context) {
+  const panel = new CursorPanel(section, context);
+  context.on("cursor", () => panel.update());
+  context.on("table", () => panel.update());
+  // The robot moves below a cursor that rests.
+  context.on("state", () => panel.ask());
+  onShown(section, () => panel.update());
+}
+
+class CursorPanel {
+  #section;
+  #context;
+  #values = new Map();
+  #hint;
+  #isPending = false;
+  #askedAt_ms = 0;
+  #askedFor = "";
+
+  constructor(section, context) {
+    this.#section = section;
+    this.#context = context;
+    const list = make("dl", { className: "values" });
+    for (const name of ["pixel", "incidence angle", "azimuth", "range", "object", "error bound"]) {
+      const value = make("dd", {}, "\u2013");
+      this.#values.set(name, value);
+      list.append(make("dt", {}, name), value);
+    }
+    this.#hint = make("p", { className: "quiet" });
+    bodyOf(section).append(list, this.#hint, makeLegend());
+  }
+
+  /** Show at once what the table knows, then ask for the rest. */
+  update() {
+    if (!isShown(this.#section)) return;
+    const { cursor, table } = this.#context;
+    const { pixel } = cursor;
+    this.#set("pixel", pixel ? `${pixel[0].toFixed(1)}, ${pixel[1].toFixed(1)}` : null);
+    const angles = pixel && table ? table.anglesFromPixel(pixel) : null;
+    const isOutside = Boolean(pixel && table && !angles);
+    this.#set("incidence angle", angles ? degrees(angles.theta_rad) : isOutside ? OUTSIDE : null);
+    this.#set("azimuth", angles ? degrees(angles.azimuth_rad) : null);
+    if (!pixel || isOutside) this.#showReply(null);
+    this.#setHint(cursor);
+    this.ask();
+  }
+
+  /** Ask for range, object and bound: one request pending, ten a second at most. */
+  async ask() {
+    const { cursor, pictures, selected, state } = this.#context;
+    if (!cursor.pixel || this.#isPending || !pictures.isOpen || !isShown(this.#section)) return;
+    const [u_px, v_px] = cursor.pixel;
+    const key = JSON.stringify([selected, u_px, v_px, state?.reply.time_s]);
+    if (key === this.#askedFor) return;
+    const pause_ms = this.#askedAt_ms + INTERVAL_MS - performance.now();
+    this.#isPending = true;
+    try {
+      if (pause_ms > 0) await new Promise((resolve) => setTimeout(resolve, pause_ms));
+      this.#askedAt_ms = performance.now();
+      this.#askedFor = key;
+      const request = { kind: "get_pixel", ...selected, u_px, v_px };
+      const reply = await pictures.request(request);
+      // The cursor may be gone; if it has moved, this is nearer than what is shown.
+      if (this.#context.cursor.pixel) this.#showReply(reply);
+    } catch (error) {
+      this.#set("object", error.message);
+    } finally {
+      this.#isPending = false;
+    }
+    this.ask();
+  }
+
+  #showReply(reply) {
+    const { table, cursor } = this.#context;
+    const isOutside = reply !== null && reply.theta_rad === null;
+    // A camera without a table: the server knows its model.
+    if (reply !== null && !table && cursor.pixel) {
+      this.#set("incidence angle", isOutside ? OUTSIDE : degrees(reply.theta_rad));
+      this.#set("azimuth", isOutside ? null : degrees(reply.azimuth_rad));
+    }
+    const isSeen = reply !== null && !isOutside;
+    const range = isSeen && reply.range_m !== null ? `${reply.range_m.toFixed(3)} m` : null;
+    this.#set("range", range ?? (isSeen ? "none: it meets nothing" : null));
+    this.#set("object", isSeen ? reply.object : null);
+    const hasBound = isSeen && reply.bound_px !== null;
+    this.#set("error bound", hasBound ? `${reply.bound_px.toPrecision(3)} px` : null);
+  }
+
+  #setHint({ pixel, isHeld }) {
+    const text = isHeld
+      ? "The cursor is held: Escape or Enter releases it."
+      : pixel
+        ? "Click or Enter holds the cursor."
+        : "Point at a picture, or focus it and press an arrow key.";
+    if (this.#hint.textContent !== text) this.#hint.textContent = text;
+  }
+
+  #set(name, text) {
+    const node = this.#values.get(name);
+    const shown = text || "\u2013";
+    if (node.textContent !== shown) node.textContent = shown;
+  }
+}
+
+function degrees(angle_rad) {
+  return `${((angle_rad * 180) / Math.PI).toFixed(2)}\u00b0`;
+}

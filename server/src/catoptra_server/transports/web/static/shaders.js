@@ -1,0 +1,89 @@
+/** Shaders that unwarp an omnidirectional frame; float64 twin: catoptra_client/unwarp.py. */
+
+/** One triangle that covers the target. */
+export const VERTEX_SHADER = `#version 300 es
+void main() {
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+  gl_Position = vec4(4.0 * corner - 1.0, 0.0, 1.0);
+}`;
+
+/** Colour of the direction of each pixel of a cylinder or of a perspective view. */
+export const FRAGMENT_SHADER = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp sampler2D;
+
+uniform sampler2D frame;
+uniform ivec2 frameSize;
+uniform sampler2D radii;       // of equidistant incidence angles, one row
+uniform float maxTheta;
+uniform vec2 centre;
+uniform mat2 azimuthMatrix;
+uniform vec2 row;              // row of the target = row.x + row.y * gl_FragCoord.y
+uniform sampler2D azimuths;    // cosine and sine of each column of a cylinder
+uniform bool isCylinder;
+uniform vec2 slope;            // slope of a row = slope.x + slope.y * row
+uniform mat3 viewAxes;         // columns: forward, right, down
+uniform vec3 view;             // focal length, centre of the view
+out vec4 colour;
+
+// Arc tangent of 0 <= x <= 1 within 2e-8: Abramowitz & Stegun, 4.4.49. The built-in one may err by
+// 0.1 px (Vulkan allows 4096 ulp).
+float arcTangent(float x) {
+  float s = x * x;
+  return x * (1.0 + s * (-0.3333314528 + s * (0.1999355085 + s * (-0.1420889944
+      + s * (0.1065626393 + s * (-0.0752896400 + s * (0.0429096138
+      + s * (-0.0161657367 + s * 0.0028662257))))))));
+}
+
+// Incidence angle, 0 to pi, of a direction at distance rho >= 0 from the axis.
+float incidence(float rho, float z) {
+  float a = abs(z);
+  float angle = rho <= a ? arcTangent(rho / a) : 1.5707963267948966 - arcTangent(a / rho);
+  return z >= 0.0 ? angle : 3.141592653589793 - angle;
+}
+
+float radiusFromTheta(float theta) {
+  int last = textureSize(radii, 0).x - 1;
+  float position = theta / maxTheta * float(last);
+  int i = clamp(int(position), 0, last - 1);
+  float near = texelFetch(radii, ivec2(i, 0), 0).r;
+  float far = texelFetch(radii, ivec2(i + 1, 0), 0).r;
+  return mix(near, far, position - float(i));
+}
+
+// Black outside the frame, as BORDER_CONSTANT of OpenCV.
+vec3 texel(ivec2 at) {
+  bool inside = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, frameSize));
+  return inside ? texelFetch(frame, at, 0).rgb : vec3(0.0);
+}
+
+// Bilinear interpolation with pixel centres at +0.5, exact where a filter has 8 bits.
+vec3 sampleFrame(vec2 pixel) {
+  vec2 position = pixel - 0.5;
+  ivec2 corner = ivec2(floor(position));
+  vec2 weight = position - vec2(corner);
+  vec3 upper = mix(texel(corner), texel(corner + ivec2(1, 0)), weight.x);
+  vec3 lower = mix(texel(corner + ivec2(0, 1)), texel(corner + ivec2(1, 1)), weight.x);
+  return mix(upper, lower, weight.y);
+}
+
+vec3 directionOf(vec2 target) {
+  if (isCylinder) {
+    vec2 level = texelFetch(azimuths, ivec2(int(target.x), 0), 0).rg;
+    return vec3(level, slope.x + slope.y * target.y);
+  }
+  return viewAxes * vec3(view.x, target - view.yz);
+}
+
+void main() {
+  vec2 target = vec2(gl_FragCoord.x, row.x + row.y * gl_FragCoord.y);
+  vec3 direction = directionOf(target);
+  float rho = length(direction.xy);
+  float theta = incidence(rho, direction.z);
+  vec2 level = rho > 0.0 ? direction.xy / rho : vec2(1.0, 0.0);
+  vec2 pixel = centre + radiusFromTheta(theta) * (azimuthMatrix * level);
+  bool valid = theta <= maxTheta && all(greaterThanEqual(pixel, vec2(0.0)))
+      && all(lessThanEqual(pixel, vec2(frameSize)));
+  colour = vec4(valid ? sampleFrame(pixel) : vec3(0.0), 1.0);
+}`;

@@ -1,0 +1,82 @@
+/** Directions that views draw: landmarks at the pose of the frame, and the perspective window. */
+
+import { cameraFromWorld, viewAxes } from "../transforms.js";
+
+const STEPS_PER_SIDE = 16;
+
+/**
+ * Landmarks with the direction in the mirror frame in which the present frame shows them: the
+ * positions of the reply are older than the frame.
+ *
+ * @returns {{name: string, status: string, direction: number[]}[]}
+ */
+export function landmarkDirections(context) {
+  const header = context.frame?.header;
+  if (!header?.world_from_robot || !header.robot_from_mirror) return [];
+  return context.landmarks
+    .filter(({ pixel }) => pixel !== null)
+    .map(({ name, status, x_m, y_m, z_m }) => ({
+      name,
+      status,
+      direction: cameraFromWorld(header, [x_m, y_m, z_m]),
+    }));
+}
+
+/** Directions along the border of the perspective view, closed. */
+export function windowOutline({ yaw_rad, pitch_rad, fov_rad, aspect }) {
+  const { forward, right, down } = viewAxes(yaw_rad, pitch_rad);
+  const halfWidth = Math.tan(0.5 * fov_rad);
+  const halfHeight = halfWidth / aspect;
+  const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]];
+  const directions = [];
+  corners.forEach(([x, y], i) => {
+    const [nextX, nextY] = corners[(i + 1) % 4];
+    for (let step = 0; step < STEPS_PER_SIDE; step += 1) {
+      const part = step / STEPS_PER_SIDE;
+      const across = halfWidth * (x + part * (nextX - x));
+      const along = halfHeight * (y + part * (nextY - y));
+      directions.push(forward.map((value, k) => value + across * right[k] + along * down[k]));
+    }
+  });
+  directions.push(directions[0]);
+  return directions;
+}
+
+/** Unit-free direction of the cursor in the mirror frame; null without one on the mirror. */
+export function cursorDirection(context) {
+  const { cursor, table } = context;
+  const angles = cursor.pixel === null ? null : table?.anglesFromPixel(cursor.pixel);
+  return angles ? directionFromAngles(angles) : null;
+}
+
+/** Unit direction of incidence angle and azimuth. */
+export function directionFromAngles({ theta_rad, azimuth_rad }) {
+  const sine = Math.sin(theta_rad);
+  return [sine * Math.cos(azimuth_rad), sine * Math.sin(azimuth_rad), Math.cos(theta_rad)];
+}
+
+/** Yaw and pitch of a perspective view whose centre has this direction. */
+export function aimFromDirection([x, y, z]) {
+  return { yaw_rad: Math.atan2(y, x), pitch_rad: Math.atan2(-z, Math.hypot(x, y)) };
+}
+
+/** Why a view has no picture; "" if it has one. */
+export function reasonForNoPicture(context) {
+  if (context.state !== null && context.state.reply.robots.length === 0) {
+    return "There is no robot: spawn one under Robots.";
+  }
+  if (context.state !== null && !context.selected.camera) return "This robot has no camera.";
+  return context.frame === null ? "Waiting for the first picture." : "";
+}
+
+/** Why an unwarped view has no picture; "" if it has one. */
+export function reasonForNoUnwarping(context) {
+  const reason = reasonForNoPicture(context);
+  if (reason) return reason;
+  if (context.camera?.kind !== "omni") return "This camera has no mirror to unwarp.";
+  if (context.unwarper === null) {
+    return `Unwarping needs WebGL2: ${context.unwarperFault}. Update the browser, or allow ` +
+      "hardware or software 3D graphics in its settings.";
+  }
+  return context.unwarper.isReady ? "" : "Waiting for the camera's model.";
+}

@@ -1,0 +1,268 @@
+/**
+ * The omnidirectional picture: zoom, pan, landmarks, horizon, rim, the perspective view's outline,
+ * and the cursor. By 2D canvas, so that it needs no WebGL.
+ */
+
+import { drawLandmark, drawLabel } from "../landmarks.js";
+import { bodyOf, drawOnDemand, isShown, make, toolsOf } from "../panel.js";
+import {
+  aimFromDirection,
+  directionFromAngles,
+  landmarkDirections,
+  reasonForNoPicture,
+  windowOutline,
+} from "./directions.js";
+import { watchGestures } from "./gestures.js";
+import { drawCrosshair, strokeOutlined, tracePolyline, ViewCanvases } from "./view_canvases.js";
+
+const MAX_ZOOM = 40;
+const ZOOM_STEP = 1.25;
+// Above, single pixels are meant to be seen.
+const SMOOTH_UP_TO = 3;
+const RATE_INTERVAL_MS = 500;
+const HELP =
+  "Drag to pan, wheel or + and - to zoom, 0 to fit. Arrow keys move a cursor, with Shift by ten " +
+  "pixels, with Alt they pan. Click or Enter holds the cursor, Escape releases it. Double click " +
+  "or L turns the perspective view there.";
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/** Create the view. */
+export function create(section, context) {
+  const view = new OmniView(section, context);
+  context.on("frame", () => {
+    if (isShown(section)) view.draw();
+  });
+  for (const event of ["selection", "state", "table"]) context.on(event, view.requestDraw);
+  for (const event of ["cursor", "window", "landmarks"]) context.on(event, view.requestOverlay);
+}
+
+class OmniView {
+  #context;
+  #canvases;
+  #caption;
+  #zoom = 1;
+  /** Pixel of the frame in the middle of the view; null for the middle of the frame. */
+  #middle = null;
+  #captionDrawn_ms = 0;
+
+  constructor(section, context) {
+    this.#context = context;
+    this.requestDraw = drawOnDemand(section, () => this.draw());
+    this.requestOverlay = drawOnDemand(section, () => this.#drawOverlay());
+    this.#canvases = new ViewCanvases(section, "Omnidirectional picture", HELP, this.requestDraw);
+    this.#caption = make("p", { className: "view-caption" });
+    bodyOf(section).append(this.#caption);
+    this.#addTools(toolsOf(section));
+    const { overlay } = this.#canvases;
+    watchGestures(overlay, {
+      drag: (dx, dy) => this.#pan(dx, dy),
+      zoom: (factor, x, y) => this.#zoomAbout(factor, x, y),
+      hover: (x, y) => this.#hover([x, y]),
+      leave: () => this.#leave(),
+      tap: (x, y) => this.#tap([x, y]),
+      aim: (x, y) => this.#aim(this.#pixelFromPosition([x, y])),
+    });
+    overlay.addEventListener("keydown", (event) => this.#onKey(event));
+  }
+
+  draw() {
+    const reason = reasonForNoPicture(this.#context);
+    this.#canvases.setMessage(reason);
+    if (!reason) this.#drawPicture();
+    this.#drawOverlay();
+    this.#drawCaption();
+  }
+
+  #drawPicture() {
+    const { bitmap } = this.#context.frame;
+    const pen = this.#canvases.clear(this.#canvases.picture);
+    const { scale, left, top } = this.#placement();
+    pen.imageSmoothingEnabled = scale * this.#canvases.scale < SMOOTH_UP_TO;
+    pen.drawImage(bitmap, left, top, bitmap.width * scale, bitmap.height * scale);
+  }
+
+  #drawOverlay() {
+    const pen = this.#canvases.clear(this.#canvases.overlay);
+    const { table, cursor, window: perspective } = this.#context;
+    if (reasonForNoPicture(this.#context)) return;
+    if (table) {
+      this.#drawCircle(pen, table.rim_radius_px, "#b0b8c0", []);
+      this.#drawCircle(pen, table.radiusFromTheta(0.5 * Math.PI), "#e6e6e6", [6, 6]);
+      tracePolyline(pen, windowOutline(perspective).map((one) => this.#project(one)));
+      strokeOutlined(pen, "#ff9de1");
+    }
+    this.#drawLandmarks(pen);
+    if (cursor.pixel) drawCrosshair(pen, this.#positionFromPixel(cursor.pixel), cursor.isHeld);
+  }
+
+  /** By the pose of the frame; without a model of the camera by the pixels of the reply. */
+  #drawLandmarks(pen) {
+    if (this.#context.table) {
+      for (const { name, status, direction } of landmarkDirections(this.#context)) {
+        const position = this.#project(direction);
+        if (position) drawLandmark(pen, ...position, status, name);
+      }
+    } else {
+      for (const { name, status, pixel } of this.#context.landmarks) {
+        if (pixel) drawLandmark(pen, ...this.#positionFromPixel(pixel), status, name);
+      }
+    }
+  }
+
+  #drawCircle(pen, radius_px, colour, dash) {
+    if (radius_px === null) return;
+    const [x, y] = this.#positionFromPixel(this.#context.table.centre_px);
+    pen.setLineDash(dash);
+    pen.beginPath();
+    pen.arc(x, y, radius_px * this.#placement().scale, 0, 2 * Math.PI);
+    strokeOutlined(pen, colour, 1);
+    pen.setLineDash([]);
+    if (dash.length) drawLabel(pen, "horizon", x + 4, y + radius_px * this.#placement().scale);
+  }
+
+  /** Rate and age, as a text that changes slowly enough to be read. */
+  #drawCaption() {
+    const now_ms = performance.now();
+    if (now_ms - this.#captionDrawn_ms < RATE_INTERVAL_MS) return;
+    this.#captionDrawn_ms = now_ms;
+    const { statistics, frame } = this.#context;
+    if (frame === null) return;
+    const ages = statistics.ages_ms.slice(-100).sort((a, b) => a - b);
+    const age = (part) => ages[Math.floor(part * (ages.length - 1))]?.toFixed(0) ?? "-";
+    const { width_px, height_px, missed_frames, dropped_frames } = frame.header;
+    this.#caption.textContent =
+      `${width_px} \u00d7 ${height_px} px, ${statistics.rate_hz.toFixed(1)} /s\n` +
+      `age ${age(0.5)} ms, 99 %: ${age(0.99)} ms\n` +
+      `missed ${missed_frames}, dropped ${dropped_frames}`;
+  }
+
+  #addTools(tools) {
+    const button = (text, label, action) => {
+      const node = make("button", { type: "button", className: "button small", ariaLabel: label });
+      node.textContent = text;
+      node.addEventListener("click", action);
+      tools.append(node);
+    };
+    button("\u2212", "Zoom out", () => this.#zoomAboutMiddle(1 / ZOOM_STEP));
+    button("+", "Zoom in", () => this.#zoomAboutMiddle(ZOOM_STEP));
+    button("Fit", "Show the whole picture", () => this.#fit());
+  }
+
+  /** CSS pixels per pixel of the frame, and the position of the frame's corner. */
+  #placement() {
+    const { width, height } = this.#canvases;
+    const bitmap = this.#context.frame?.bitmap ?? { width: 1, height: 1 };
+    const scale = this.#zoom * Math.min(width / bitmap.width, height / bitmap.height);
+    const [u, v] = this.#middle ?? [0.5 * bitmap.width, 0.5 * bitmap.height];
+    return { scale, left: 0.5 * width - u * scale, top: 0.5 * height - v * scale };
+  }
+
+  #positionFromPixel([u, v]) {
+    const { scale, left, top } = this.#placement();
+    return [left + u * scale, top + v * scale];
+  }
+
+  #pixelFromPosition([x, y]) {
+    const { scale, left, top } = this.#placement();
+    return [(x - left) / scale, (y - top) / scale];
+  }
+
+  #project(direction) {
+    const pixel = this.#context.table.pixelFromDirection(direction);
+    return pixel && this.#positionFromPixel(pixel);
+  }
+
+  #zoomAboutMiddle(factor) {
+    this.#zoomAbout(factor, 0.5 * this.#canvases.width, 0.5 * this.#canvases.height);
+  }
+
+  /** Zoom so that what the view shows at (x, y) stays there. */
+  #zoomAbout(factor, x, y) {
+    const { bitmap } = this.#context.frame ?? {};
+    if (!bitmap) return;
+    const fixed = this.#pixelFromPosition([x, y]);
+    this.#zoom = Math.min(Math.max(this.#zoom * factor, 1), MAX_ZOOM);
+    const { scale } = this.#placement();
+    const { width, height } = this.#canvases;
+    this.#setMiddle([fixed[0] - (x - 0.5 * width) / scale, fixed[1] - (y - 0.5 * height) / scale]);
+  }
+
+  #pan(dx, dy) {
+    const { scale } = this.#placement();
+    const { bitmap } = this.#context.frame ?? {};
+    if (!bitmap) return;
+    const [u, v] = this.#middle ?? [0.5 * bitmap.width, 0.5 * bitmap.height];
+    this.#setMiddle([u - dx / scale, v - dy / scale]);
+  }
+
+  /** Keep the middle of the view on the frame; a picture that fits stays centred. */
+  #setMiddle([u, v]) {
+    const { bitmap } = this.#context.frame;
+    const clamp = (value, size) => Math.min(Math.max(value, 0), size);
+    const isFitted = this.#zoom === 1;
+    this.#middle = isFitted ? null : [clamp(u, bitmap.width), clamp(v, bitmap.height)];
+    this.requestDraw();
+  }
+
+  #fit() {
+    this.#zoom = 1;
+    this.#middle = null;
+    this.requestDraw();
+  }
+
+  #hover(position) {
+    if (!this.#context.cursor.isHeld) this.#placeCursor(this.#pixelFromPosition(position), false);
+  }
+
+  #leave() {
+    if (!this.#context.cursor.isHeld) this.#context.setCursor(null);
+  }
+
+  #tap(position) {
+    this.#placeCursor(this.#pixelFromPosition(position), true);
+  }
+
+  /** Outside the frame there is no cursor. */
+  #placeCursor(pixel, isHeld) {
+    const { bitmap } = this.#context.frame ?? {};
+    if (!bitmap) return;
+    const [u, v] = pixel;
+    const isInside = u >= 0 && v >= 0 && u <= bitmap.width && v <= bitmap.height;
+    this.#context.setCursor(isInside ? pixel : null, isHeld);
+  }
+
+  #moveCursor([du, dv], step) {
+    const { bitmap } = this.#context.frame ?? {};
+    if (!bitmap) return;
+    const start = this.#context.cursor.pixel;
+    // Pixel centres, from which keys step on.
+    const snap = (value, delta, size) =>
+      Math.min(Math.max(Math.floor(value) + 0.5 + delta * step, 0.5), size - 0.5);
+    const [u, v] = start ?? this.#middle ?? [0.5 * bitmap.width, 0.5 * bitmap.height];
+    const pixel = [snap(u, du, bitmap.width), snap(v, dv, bitmap.height)];
+    this.#context.setCursor(start ? pixel : [u, v], true);
+  }
+
+  #aim(pixel) {
+    const angles = pixel && this.#context.table?.anglesFromPixel(pixel);
+    if (angles) this.#context.setWindow(aimFromDirection(directionFromAngles(angles)));
+  }
+
+  #onKey(event) {
+    if (event.ctrlKey || event.metaKey) return;
+    const { cursor } = this.#context;
+    const arrow = ARROWS[event.key];
+    if (arrow && event.altKey) this.#pan(-40 * arrow[0], -40 * arrow[1]);
+    else if (arrow) this.#moveCursor(arrow, event.shiftKey ? 10 : 1);
+    else if (event.key === "+" || event.key === "=") this.#zoomAboutMiddle(ZOOM_STEP);
+    else if (event.key === "-") this.#zoomAboutMiddle(1 / ZOOM_STEP);
+    else if (event.key === "0") this.#fit();
+    else if (event.key === "Enter") this.#context.setCursor(cursor.pixel, !cursor.isHeld);
+    else if (event.key === "Escape") this.#context.setCursor(null);
+    else if (event.key === "l" || event.key === "L") this.#aim(cursor.pixel);
+    else return;
+    event.preventDefault();
+    // Driving keys are the page's; here they move the cursor.
+    event.stopPropagation();
+  }
+}
