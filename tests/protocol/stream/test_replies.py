@@ -6,18 +6,24 @@ import dataclasses
 
 from catoptra_protocol.stream.replies import (
     REPLIES,
+    DifferenceRecord,
     EffectRecord,
     LandmarkRecord,
+    NoteRecord,
     PlanAlternative,
+    RobotState,
     StartPoseRecord,
     Transform,
 )
-from catoptra_protocol.stream.requests import REQUESTS
+from catoptra_protocol.stream.requests import REQUESTS, FrameVariant
 from helpers.configs import REPOSITORY
 from helpers.stream_messages import HEADER
 
 # Dataclasses inside messages; they have no kind of their own.
-RECORDS = (Transform, LandmarkRecord, StartPoseRecord, EffectRecord, PlanAlternative)
+RECORDS = (
+    *(Transform, LandmarkRecord, StartPoseRecord, EffectRecord, PlanAlternative),
+    *(FrameVariant, DifferenceRecord, RobotState, NoteRecord),
+)
 SPECIFICATION = REPOSITORY / "protocol/SPEC.md"
 
 
