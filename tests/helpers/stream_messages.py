@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
 from catoptra_protocol.stream.replies import (
     CameraReply,
@@ -74,7 +76,9 @@ HEADER = FrameHeader(
     target_met=False,
     more_accurate=PlanAlternative("trace, 4x4", 0.25, 30.0),
     faster=PlanAlternative("trace, 1x1", 0.5, 8.0),
-    difference=DifferenceRecord("exact, 4x4", 12, 0.75, 0.125),
+)
+HEADER_WITH_DIFFERENCE = dataclasses.replace(
+    HEADER, difference=DifferenceRecord("exact, 4x4", 12, 0.75, 0.125)
 )
 LANDMARK = LandmarkRecord("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 ROBOT_STATE = RobotState(
@@ -105,7 +109,7 @@ SAMPLE_REQUESTS: list[Request] = [
     ShareControlRequest(15, True),
 ]
 SAMPLE_REPLIES: list[Reply] = [
-    HEADER,
+    HEADER_WITH_DIFFERENCE,
     Ok(1),
     Error(2, "no robot"),
     SensorReports(3, ("SEN {Time 1.0}",), (1.0, 2.0, 0.0), "Mine"),

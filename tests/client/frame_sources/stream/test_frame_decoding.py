@@ -17,7 +17,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.stream.replies import FrameHeader
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
-from helpers.stream_messages import HEADER
+from helpers.stream_messages import HEADER, HEADER_WITH_DIFFERENCE
 
 CAMERA = OmniCamera(
     mirror=MIRRORS["parabolic"](horizon_radius_m=0.03),
@@ -98,3 +98,18 @@ def test_image_when_of_another_size_than_its_header_is_rejected() -> None:
         decode_frame(
             dataclasses.replace(HEADER_WITH_CAMERA, encoding=ImageEncoding.PNG), data.tobytes()
         )
+
+
+def test_frame_with_a_difference_has_it_apart_from_the_picture() -> None:
+    header = dataclasses.replace(HEADER_WITH_CAMERA, difference=HEADER_WITH_DIFFERENCE.difference)
+    frame = decode_frame(header, IMAGE.tobytes())
+    assert np.array_equal(frame.rgb, IMAGE[:, :3])
+    assert frame.difference_rgb is not None
+    assert np.array_equal(frame.difference_rgb, IMAGE[:, 3:])
+    assert frame.difference == HEADER_WITH_DIFFERENCE.difference
+
+
+def test_frame_with_a_difference_of_another_width_is_refused() -> None:
+    header = dataclasses.replace(HEADER_WITH_DIFFERENCE, width_px=5)
+    with pytest.raises(RemoteProtocolError, match="equal widths"):
+        decode_frame(header, bytes(5 * 4 * 3))
