@@ -1,2 +1,173 @@
+/**
+ * Driving by keys, gamepad and stick, and the steps of a lockstep clock. The robot stops when
+ * every control is released, and whenever the page may no longer see or hear what it drives.
+ */
+
+import { DriveControl, maxSpeed, targetOf } from "../drive_control.js";
+import { listenToGamepad, listenToKeys, listenToStick } from "../drive_inputs.js";
+import { bodyOf, isOpen, make, remember, remembered, shorten } from "../panel.js";
+import { classOf } from "../scan_geometry.js";
+
+const STEPS_S = [0.02, 0.1, 0.5, 1, 5];
+
 /** Create the panel. */
-export function create(section, context) {}
+export function create(section, context) {
+  new DrivePanel(section, context);
+}
+
+class DrivePanel {
+  #section;
+  #context;
+  #control;
+  #status = make("p", { className: "drive-status", role: "status" });
+  #left = make("td", { className: "number" });
+  #right = make("td", { className: "number" });
+  #reportedLeft = make("td", { className: "number" });
+  #reportedRight = make("td", { className: "number" });
+  #limit = make("input", { type: "range", min: "5", max: "100", step: "5" });
+  #limitText = make("output");
+  #gamepad = make("p", { className: "quiet", hidden: true });
+  #stick;
+
+  constructor(section, context) {
+    this.#section = section;
+    this.#context = context;
+    this.#control = new DriveControl(context, () => this.#show());
+    this.#limit.value = remembered("catoptra.drive.limit", 50);
+    this.#control.limit = this.#limit.value / 100;
+    bodyOf(section).append(...this.#elements());
+    const releases = this.#listen();
+    this.#stopWhenUnattended(releases);
+    context.on("state", () => this.#show());
+    context.on("selection", () => this.#show());
+    context.on("connection", () => this.#show());
+    this.#show();
+  }
+
+  #elements() {
+    const knob = make("span", { className: "knob" });
+    const label = "Stick: drag to drive. The keys W A S D and the arrows do the same.";
+    this.#stick = make("div", { className: "stick", role: "img", ariaLabel: label }, knob);
+    const stop = make("button", { type: "button", className: "button stop" }, "Stop (space)");
+    stop.addEventListener("click", () => this.#control.emergencyStop("Stop was pressed"));
+    this.#limit.addEventListener("input", () => this.#setLimit());
+    const limit = make("label", { className: "limit" }, "Limit", this.#limit, this.#limitText);
+    const actions = make("div", { className: "controls" }, stop, ...this.#stepControls());
+    const values = make("div", { className: "drive-values" }, this.#status, this.#table(), limit);
+    values.append(actions, this.#gamepad);
+    return [this.#stick, values];
+  }
+
+  #table() {
+    const heading = (text) => make("th", { className: "number", scope: "col" }, text);
+    const row = (text, left, right) =>
+      make("tr", {}, make("th", { scope: "row" }, text), left, right);
+    const corner = make("td", { className: "quiet" }, "rad/s");
+    return make(
+      "table",
+      {},
+      make("thead", {}, make("tr", {}, corner, heading("Left"), heading("Right"))),
+      make(
+        "tbody",
+        {},
+        row("Commanded here", this.#left, this.#right),
+        row("Set in the robot", this.#reportedLeft, this.#reportedRight),
+      ),
+    );
+  }
+
+  /** Button and duration of a step; none in real time. */
+  #stepControls() {
+    if (this.#context.server.clock !== "lockstep") return [];
+    const duration = make("select", { ariaLabel: "Duration of a step" });
+    duration.append(...STEPS_S.map((time) => make("option", { value: String(time) }, `${time} s`)));
+    duration.value = "0.1";
+    const button = make("button", { type: "button", className: "button" }, "Step");
+    button.addEventListener("click", async () => {
+      try {
+        await this.#context.commands.request({ kind: "step", time_s: Number(duration.value) });
+      } catch (error) {
+        this.#setStatus(`No step: ${error.message}`, "error");
+      }
+    });
+    return [button, duration];
+  }
+
+  #setLimit() {
+    this.#control.limit = this.#limit.value / 100;
+    remember("catoptra.drive.limit", Number(this.#limit.value));
+    this.#show();
+  }
+
+  /** @returns {(() => void)[]} functions that release the controls */
+  #listen() {
+    const control = this.#control;
+    const releaseKeys = listenToKeys({
+      isReady: () => isOpen(this.#section) && targetOf(this.#context).name !== "",
+      onDemand: (demand) => control.setDemand("keys", demand),
+      isMoving: () => this.#isRobotMoving(),
+      onStop: () => control.emergencyStop("the space bar was pressed"),
+    });
+    const releaseStick = listenToStick(this.#stick, this.#stick.firstChild, (demand) =>
+      control.setDemand("stick", demand),
+    );
+    listenToGamepad(
+      (demand) => control.setDemand("gamepad", isOpen(this.#section) ? demand : NONE),
+      (name) => {
+        this.#gamepad.textContent = name && `Gamepad: ${shorten(name, 60)}`;
+        this.#gamepad.hidden = !name;
+      },
+    );
+    return [releaseKeys, releaseStick];
+  }
+
+  #isRobotMoving() {
+    const { robot } = targetOf(this.#context);
+    return this.#control.isMoving || Boolean(robot?.wheel_speeds_rad_s.some((speed) => speed));
+  }
+
+  #stopWhenUnattended(releases) {
+    const stop = (reason) => {
+      if (!this.#control.isMoving) return;
+      this.#control.stop(reason);
+      for (const release of releases) release();
+    };
+    addEventListener("blur", () => stop("the window lost the focus"));
+    addEventListener("pagehide", () => stop("the page was left"));
+    document.addEventListener("freeze", () => stop("the page was frozen"));
+    document.addEventListener("visibilitychange", () => {
+      if (document.hidden) stop("the page was hidden");
+    });
+    this.#context.commands.on("close", () => stop("the connection was lost"));
+  }
+
+  #show() {
+    const target = targetOf(this.#context);
+    const [left, right] = this.#control.speeds_rad_s;
+    this.#left.textContent = left.toFixed(2);
+    this.#right.textContent = right.toFixed(2);
+    const [reportedLeft, reportedRight] = target.robot?.wheel_speeds_rad_s ?? [];
+    this.#reportedLeft.textContent = reportedLeft?.toFixed(2) ?? "\u2013";
+    this.#reportedRight.textContent = reportedRight?.toFixed(2) ?? "\u2013";
+    this.#limitText.textContent = this.#limitInMetres(target.robot);
+    if (this.#control.isMoving) this.#setStatus(`Driving ${shorten(target.name, 30)}`, "ok");
+    else if (!target.name) this.#setStatus(`Stopped: ${target.reason}`, "quiet");
+    else this.#setStatus(`${shorten(target.name, 30)} stopped: ${this.#control.reason}`, "");
+    this.#stick.classList.toggle("disabled", !target.name);
+  }
+
+  #limitInMetres(robot) {
+    const radius_m = classOf(this.#context.server, robot?.class_name ?? "")?.wheel_radius_m;
+    if (!radius_m) return `${this.#limit.value} %`;
+    const speed_m_s = this.#control.limit * maxSpeed(this.#context, robot) * radius_m;
+    return `${speed_m_s.toFixed(2)} m/s`;
+  }
+
+  #setStatus(text, className) {
+    // Only changes: a screen reader would read each assignment aloud.
+    if (this.#status.textContent !== text) this.#status.textContent = text;
+    this.#status.className = `drive-status ${className}`;
+  }
+}
+
+const NONE = { forward: 0, turn: 0 };
