@@ -40,9 +40,9 @@ def _serve_and_report_modules(report: Path, arguments: list[str]) -> int:
         if event == "import" and loaded is not None:
             loaded.append(str(details[0]))
 
-    def load_and_record(renderer: str) -> None:
+    def load_and_record(renderer: str, *, has_view: bool) -> None:
         nonlocal loaded
-        load_deferred_modules(renderer)
+        load_deferred_modules(renderer, has_view=has_view)
         loaded = []
 
     app.load_deferred_modules = load_and_record

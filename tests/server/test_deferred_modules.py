@@ -14,17 +14,20 @@ import json, sys
 from catoptra_server.cli import main
 from catoptra_server.deferred_modules import load_deferred_modules
 before = sorted(sys.modules)
-load_deferred_modules(sys.argv[1])
+load_deferred_modules(sys.argv[1], has_view=sys.argv[2] == "view")
 print(json.dumps([before, sorted(sys.modules)]))
 """
 STREAM = {"zmq", "msgpack", "catoptra_server.transports.stream.stream_server"}
 RASTER = {"moderngl", "catoptra_server.render.raster.raster_renderer"}
 
 
-def list_modules(renderer: str) -> tuple[set[str], set[str]]:
+VIEW = {"aiohttp", "catoptra_server.transports.web.web_server"}
+
+
+def list_modules(renderer: str, view: str = "view") -> tuple[set[str], set[str]]:
     """Modules loaded for a start, and those after the deferred ones."""
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, renderer], check=True, capture_output=True, text=True
+        [sys.executable, "-c", SCRIPT, renderer, view], check=True, capture_output=True, text=True
     )
     before, after = json.loads(done.stdout)
     return set(before), set(after)
@@ -37,3 +40,12 @@ def test_modules_of_stream_and_second_renderer_are_loaded_after_the_start(
     before, after = list_modules(renderer)
     assert not before & (STREAM | RASTER)
     assert after & (STREAM | RASTER) == deferred
+
+
+@pytest.mark.parametrize(("view", "deferred"), [("view", VIEW), ("no view", set())])
+def test_modules_of_the_page_are_loaded_after_the_start_where_it_is_served(
+    view: str, deferred: set[str]
+) -> None:
+    before, after = list_modules("trace", view)
+    assert not before & VIEW
+    assert after & VIEW == deferred

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from dataclasses import replace
 from functools import partial
@@ -35,11 +35,13 @@ from catoptra_server.transports.stream.connection_guard import (
 from catoptra_server.transports.tcp_control import serve_control
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
 from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer
+from catoptra_server.transports.web.web_access import MAX_VIEW_CONNECTIONS, create_web_access
 
 log = logging.getLogger(__name__)
 
 
 STREAM_PORT = 5005
+VIEW_PORT = 5080
 # A program that waits for the line of the ports has its first frame 0.05 s later, or 0.1 s where
 # modules are loaded meanwhile.
 _FIRST_FRAME_TIME_S = 0.25
@@ -57,6 +59,8 @@ class ListeningAddress:
     """TCP port of the image server; None without one."""
     stream_port: int
     """TCP port of the ZeroMQ stream."""
+    view_link: str | None = None
+    """Address of the live page for a browser; None without one."""
 
 
 async def serve(
@@ -104,40 +108,59 @@ async def _open_ports(
             images = await open_ports.enter_async_context(_serve_image_port(server, limits.image))
             image_port = images.port
         stream = open_ports.enter_context(_create_stream_listener(server))
+        view = _create_view_listener(server)
+        access = None
+        if view is not None:
+            open_ports.enter_context(view)
+            access = create_web_access(host, view)
         # What is loaded now lives as long as the process: a collection that looks at all 65 000
         # objects would stop every thread for 45 ms, two ticks.
         gc.freeze()
         # After the last port: a program that reads the line may connect to any of them at once.
-        announce(ListeningAddress(host, control.port, image_port, stream.getsockname()[1]))
-        # Clients of the stream wait in its backlog meanwhile, as they would for the line.
-        await _wait_for_first_frame(stream, stop)
+        stream_port = stream.getsockname()[1]
+        link = access.link if access is not None else None
+        announce(ListeningAddress(host, control.port, image_port, stream_port, link))
+        # Clients of stream and page wait in their backlogs meanwhile, as they would for the line.
+        await _wait_for_first_frame([stream, *([view] if view else [])], stop)
         if not stop.is_set():
-            await asyncio.to_thread(load_deferred_modules, server.options.renderer)
+            load_modules = partial(
+                load_deferred_modules, server.options.renderer, has_view=view is not None
+            )
+            await asyncio.to_thread(load_modules)
             # See deferred_modules.
             from catoptra_server.stream_port import create_stream_context, serve_stream_port
 
             context = create_stream_context(server)
             await open_ports.enter_async_context(serve_stream_port(context, stream, limits.stream))
+            if view is not None and access is not None:
+                from catoptra_server.web_port import serve_web_port  # likewise
+
+                await open_ports.enter_async_context(
+                    serve_web_port(context, server.startup.scene, view, access, limits.view)
+                )
             # Those modules, too.
             gc.freeze()
         await stop.wait()
         log.info("stopping")
 
 
-async def _wait_for_first_frame(stream: Listener, stop: asyncio.Event) -> None:
-    """Wait while a first frame may be under way: not where a client of the stream needs it first,
+async def _wait_for_first_frame(listeners: Sequence[Listener], stop: asyncio.Event) -> None:
+    """Wait while a first frame may be under way: not where a client of these ports needs it first,
     nor where the server ends.
     """
-    waits = [asyncio.create_task(wait) for wait in (wait_for_connection(stream), stop.wait())]
+    events = [*map(wait_for_connection, listeners), stop.wait()]
+    waits = [asyncio.ensure_future(event) for event in events]
     await asyncio.wait(waits, timeout=_FIRST_FRAME_TIME_S, return_when=asyncio.FIRST_COMPLETED)
     for wait in waits:
         wait.cancel()
     await asyncio.gather(*waits, return_exceptions=True)
 
 
-# Parts of the process's descriptors for the connections of control port, image port and stream.
-_TCP_DESCRIPTOR_SHARE = 0.25
+# Parts of the process's descriptors for the connections of control and image port, each, of stream
+# and live page.
+_TCP_DESCRIPTOR_SHARE = 0.2
 _STREAM_DESCRIPTOR_SHARE = 0.5
+_VIEW_DESCRIPTOR_SHARE = 0.1
 
 
 def _serve_control_port(
@@ -175,12 +198,30 @@ def _create_stream_listener(server: ServerThreads) -> Listener:
     return create_listener(server.options.host, port, name="stream")
 
 
+def _create_view_listener(server: ServerThreads) -> Listener | None:
+    """Listening socket of the live page; None without one."""
+    options, settings = server.options, server.settings
+    if not options.has_view:
+        return None
+    create = partial(create_listener, options.host, name="view")
+    if options.view_port is not None:
+        return create(options.view_port)
+    if not (settings.control_port and settings.image_port and options.stream_port != 0):
+        return create(0)
+    try:
+        return create(VIEW_PORT)
+    except OSError as error:
+        log.info("the live page takes a free port: %s", error.strerror)
+        return create(0)
+
+
 class _PortLimits(NamedTuple):
     """Limits of the connections to each port."""
 
     control: ConnectionLimits
     image: ConnectionLimits
     stream: ConnectionLimits
+    view: ConnectionLimits
 
 
 def _make_limits(settings: ServerSettings) -> _PortLimits:
@@ -196,10 +237,12 @@ def _make_limits(settings: ServerSettings) -> _PortLimits:
         descriptors_each=DESCRIPTORS_PER_CONNECTION,
         name="stream",
     )
+    view = fit_connections(MAX_VIEW_CONNECTIONS, share=_VIEW_DESCRIPTOR_SHARE, name="view")
     return _PortLimits(
         replace(limits, max_connections=fit_tcp(settings.max_connections, name="control")),
         replace(limits, max_connections=fit_tcp(settings.max_image_connections, name="image")),
         replace(limits, max_connections=stream),
+        replace(limits, max_connections=view),
     )
 
 

@@ -45,7 +45,9 @@ _FLUSH_TIMEOUT_S = 0.1
 # tests/load Python's 5 ms let each turn of the event loop take 90 ms and 12 to 30 % of the reports
 # come late, 0.1 ms 0 to 3 %; frames of an idle server take as long with either.
 _SWITCH_INTERVAL_S = 0.0001
-_PORT_REMEDY = ". Is another server running there? --control-port 0 --image-port 0 take free ones"
+_PORT_REMEDY = (
+    ". Is another server running there? --control-port 0 --image-port 0 --view 0 take free ones"
+)
 _MULTI_VIEW = re.compile(r"(\d+)x(\d+):(\d+)x(\d+)", re.ASCII)
 
 
@@ -111,7 +113,7 @@ def _report(writer: LogWriter, reason: object, status: int) -> int:
 def _print_addresses(address: ListeningAddress) -> None:
     """Print the addresses, for users and for programs that chose port 0.
 
-    The line is an interface: tests, studies and containers parse it.
+    The first line is an interface: tests, studies and containers parse it.
     """
     image = "off" if address.image_port is None else f"{address.host}:{address.image_port}"
     print(
@@ -119,6 +121,8 @@ def _print_addresses(address: ListeningAddress) -> None:
         f"stream={address.host}:{address.stream_port}",
         flush=True,
     )
+    if address.view_link is not None:
+        print(f"live page: {address.view_link}", flush=True)
 
 
 def _build_parser() -> argparse.ArgumentParser:
@@ -139,6 +143,12 @@ def _build_parser() -> argparse.ArgumentParser:
     add("--image-port", type=_parse_port, metavar="PORT", help="default 5003; 0 = any free one")
     add("--stream-port", type=_parse_port, metavar="PORT",
         help="ZeroMQ stream (default: 5005; any free one if another port is 0)")  # fmt: skip
+    view = parser.add_mutually_exclusive_group()
+    view.add_argument("--view", dest="view_port", type=_parse_port, metavar="PORT",
+        help="port of the live page, which shows cameras and robots in a browser (default: 5080; "
+        "any free one if 5080 is in use or another port is 0)")  # fmt: skip
+    view.add_argument("--no-view", dest="has_view", action="store_false",
+        help="serve no live page")  # fmt: skip
     add("--image-type", type=_parse_image_type, metavar="TYPE",
         help="RAW, SUPER, GOOD (default), NORMAL, FAIR or BAD")  # fmt: skip
     add("--legacy-images", action=argparse.BooleanOptionalAction,
@@ -191,6 +201,8 @@ def _make_options(parsed: argparse.Namespace) -> tuple[Options, int]:
         server_options=_make_server_options(parsed),
         host=parsed.host,
         stream_port=parsed.stream_port,
+        has_view=parsed.has_view,
+        view_port=parsed.view_port,
         dialect=Dialect(parsed.dialect),
         renderer=parsed.renderer,
         threads=parsed.threads,

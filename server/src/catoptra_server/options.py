@@ -28,6 +28,11 @@ class Options:
     """Address of all ports."""
     stream_port: int | None = None
     """Port of the ZeroMQ stream, 0 = any free one; None = 5005, or any free one if another is 0."""
+    has_view: bool = True
+    """Whether the live page is served."""
+    view_port: int | None = None
+    """Port of the live page, 0 = any free one; None = 5080, or any free one if 5080 is in use or
+    another port is 0."""
     dialect: Dialect = Dialect.UT2004
     """Dialect of the control port."""
     renderer: str = "auto"

@@ -30,6 +30,16 @@ _ACCEPT_RETRY_S = 1.0
 # A peer whose machine or network is gone is noticed within 30 + 3 * 10 s.
 _KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
 
+# A host that vanished is disconnected after this time, whether or not bytes are on their way to it;
+# so is a client whose buffers stay full. The kernel of a busy program replies by itself.
+_VANISHED_AFTER_S = 6
+_VANISHED_OPTIONS = {
+    "TCP_KEEPIDLE": _VANISHED_AFTER_S // 3,
+    "TCP_KEEPINTVL": _VANISHED_AFTER_S // 3,
+    "TCP_KEEPCNT": 2,
+    "TCP_USER_TIMEOUT": 1000 * _VANISHED_AFTER_S,
+}
+
 # Receives an accepted socket and the address of the peer. An OSError closes the socket.
 AcceptCallback = Callable[[socket.socket, str], None]
 
@@ -63,6 +73,17 @@ def create_listener(host: str, port: int, *, name: str) -> Listener:
         raise OSError(error.errno, f"{name} port {host}:{port}: {_describe(error)}") from error
     listener.setblocking(False)
     return listener
+
+
+def set_vanished_timeout(accepted: socket.socket) -> None:
+    """Disconnect a peer early whose host vanishes, or that reads nothing.
+
+    Raises:
+        OSError: The peer has left.
+    """
+    for option, value in _VANISHED_OPTIONS.items():
+        if hasattr(socket, option):  # not all systems have all
+            accepted.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
 
 async def wait_for_connection(listener: Listener) -> None:

@@ -27,7 +27,8 @@ from catoptra_protocol.stream.requests import (
 )
 from catoptra_server.frames.frame import Frame
 from catoptra_server.simulation import ClientDisconnected
-from catoptra_server.transports.stream import connection_guard, stream_peer, stream_server
+from catoptra_server.transports import listener
+from catoptra_server.transports.stream import stream_peer, stream_server
 from catoptra_server.transports.stream.stream_peer import StreamPeer
 from helpers.fake_simulation import SERVER_INFO, FakeSimulation, serve_fake_simulation
 from helpers.loopback import run_scenario, wait_until
@@ -148,7 +149,7 @@ def test_client_when_it_requests_without_reading_is_sent_a_bounded_number(
 ) -> None:
     # A slow machine must not end the client before it has sent its requests.
     monkeypatch.setattr(stream_peer, "_MAX_BLOCKED_S", math.inf)
-    monkeypatch.setitem(connection_guard._TCP_OPTIONS, "TCP_USER_TIMEOUT", 0)
+    monkeypatch.setitem(listener._VANISHED_OPTIONS, "TCP_USER_TIMEOUT", 0)
 
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation(640, 480)) as server:

@@ -17,7 +17,7 @@ import struct
 from collections.abc import Callable
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.transports.listener import AcceptLoop
+from catoptra_server.transports.listener import AcceptLoop, set_vanished_timeout
 from catoptra_server.transports.loop_share import LoopAccount
 from catoptra_server.transports.stream.relay import Relay
 from catoptra_server.transports.stream.zmtp_identity import IdentityFilter
@@ -43,17 +43,6 @@ _READ_COST_S = 50e-6
 # A read of the smallest messages costs 0.1 s, and ten thousand seconds of a flood of many clients.
 _MAX_WAIT_S = 60.0
 _CHECK_INTERVAL_S = 0.25
-# A host that vanished is disconnected after this time, whether or not bytes are on their way to it;
-# so is a client whose buffers stay full. The kernel of a busy program replies by itself.
-_VANISHED_AFTER_S = 6
-_TCP_OPTIONS = {
-    # A reply must not wait for the acknowledgement of the one before.
-    "TCP_NODELAY": 1,
-    "TCP_KEEPIDLE": _VANISHED_AFTER_S // 3,
-    "TCP_KEEPINTVL": _VANISHED_AFTER_S // 3,
-    "TCP_KEEPCNT": 2,
-    "TCP_USER_TIMEOUT": 1000 * _VANISHED_AFTER_S,
-}
 
 
 class ConnectionGuard:
@@ -87,9 +76,7 @@ class ConnectionGuard:
         if len(self._connections) >= self._limits.max_connections and not self._make_room():
             limit = f"the limit of {self._limits.max_connections} connections is reached"
             raise ConnectionRefusedError(limit)
-        for option, value in _TCP_OPTIONS.items():
-            if hasattr(socket, option):  # not all systems have all
-                client_socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+        set_vanished_timeout(client_socket)
         router_socket = socket.socket(socket.AF_UNIX)
         try:
             router_socket.setblocking(False)

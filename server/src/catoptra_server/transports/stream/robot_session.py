@@ -132,6 +132,18 @@ class RobotSession:
         """Set the wheel speeds."""
         self.post(CommandReceived(self, _drive_from_request(request)))
 
+    def stop(self, name: str) -> None:
+        """Set both wheel speeds to 0, without a reply.
+
+        Args:
+            name: Robot whose owner shares its control; empty for the client's own.
+        """
+        halt = Drive(0.0, 0.0)
+        if name:
+            self.post(SharedRobotDriven(self, name, halt, lambda _: None))
+        elif self.has_robot:
+            self.post(CommandReceived(self, halt))
+
     def drive_shared(self, request: DriveRequest, pending: PendingRequest) -> None:
         """Set the wheel speeds of the robot that the request names."""
         drive = _drive_from_request(request)

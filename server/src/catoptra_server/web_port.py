@@ -1,0 +1,26 @@
+"""The port of the live page, with all that no other port needs: see `deferred_modules`."""
+
+from __future__ import annotations
+
+from contextlib import AbstractAsyncContextManager
+
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.transports.listener import Listener
+from catoptra_server.transports.stream.stream_context import StreamContext
+from catoptra_server.transports.tcp_server import ConnectionLimits
+from catoptra_server.transports.web.page_files import read_page_files
+from catoptra_server.transports.web.web_access import WebAccess
+from catoptra_server.transports.web.web_pages import WebPages
+from catoptra_server.transports.web.web_server import WebServer, serve_web
+
+
+def serve_web_port(
+    context: StreamContext,
+    scene: SceneMesh,
+    listener: Listener,
+    access: WebAccess,
+    limits: ConnectionLimits,
+) -> AbstractAsyncContextManager[WebServer]:
+    """Serve the live page on a listening socket, for the length of a block."""
+    pages = WebPages(read_page_files(), context.server_info, scene)
+    return serve_web(listener, context, pages, access=access, limits=limits)
