@@ -1,4 +1,4 @@
-"""The command `catoptra-studies`: demo, cost, effects and figures.
+"""The command `catoptra-studies`: demo, live, cost, effects and figures.
 
 Each subcommand has a module with its own `main`, imported here once its name has been read. So
 `demo` starts where no server is installed, and `figures` where no client can connect. To add a
@@ -14,9 +14,10 @@ from collections.abc import Sequence
 EXIT_USAGE = 2
 
 _USAGE = """\
-usage: catoptra-studies {demo,cost,effects,figures} [options]
+usage: catoptra-studies {demo,live,cost,effects,figures} [options]
 
   demo      repeat the paper's experiment in both set-ups and write its report
+  live      show a robot that drives and localizes itself in a browser, in real time
   cost      measure what accuracy costs in time and gains in localization
   effects   show each image effect, and the levels at which classification fails
   figures   draw the figures of the camera: faces, cube, mirrors, comparisons
@@ -58,6 +59,10 @@ def _run(words: Sequence[str]) -> int:
             from catoptra_studies.experiment.demo_command import main as run_demo
 
             return run_demo(rest)
+        case ["live", *rest]:
+            from catoptra_studies.live.live_command import main as run_live
+
+            return run_live(rest)
         case ["cost", *rest]:
             from catoptra_studies.accuracy_cost.cost_command import main as run_cost
 

@@ -26,6 +26,10 @@ class ProgressDisplay:
         task = self._progress.add_task(title, total=num_steps)
         return partial(self._progress.advance, task)
 
+    def print_line(self, text: str) -> None:
+        """Print one line above the bars, from any thread."""
+        _print_plain(self._progress.console, text)
+
 
 @contextmanager
 def open_progress(*, is_visible: bool = True) -> Iterator[ProgressDisplay]:
@@ -44,8 +48,7 @@ def open_progress(*, is_visible: bool = True) -> Iterator[ProgressDisplay]:
 
 def print_line(text: str) -> None:
     """Print one line of results."""
-    # Paths and captions hold brackets, which Rich would read as its own markup.
-    Console().print(text, markup=False, highlight=False, soft_wrap=True)
+    _print_plain(Console(), text)
 
 
 def print_error(text: str) -> None:
@@ -64,3 +67,8 @@ def print_table(header: Sequence[str], rows: Sequence[tuple[Sequence[str], bool]
     for cells, is_confirmed in rows:
         table.add_row(*cells, "[green]yes" if is_confirmed else "[red]no")
     Console().print(table)
+
+
+def _print_plain(console: Console, text: str) -> None:
+    # Paths and captions hold brackets, which Rich would read as its own markup.
+    console.print(text, markup=False, highlight=False, soft_wrap=True)

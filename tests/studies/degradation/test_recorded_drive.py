@@ -30,4 +30,4 @@ def test_log_when_a_frame_has_no_detections_entry_is_rejected() -> None:
 
 def test_recording_when_the_stream_port_is_unknown_is_rejected() -> None:
     with pytest.raises(CatoptraError, match="stream"):
-        record_drive(SIM, 0, ServerAddress("127.0.0.1", 1, 1), on_step=lambda: None)
+        record_drive(SIM, 0, ServerAddress("127.0.0.1", 1, 1))

@@ -158,7 +158,7 @@ def _record_drives(
         classifier = train(frames)
         drives = []
         for run in range(config.num_runs):
-            drives.append(record_drive(setup, run, address, on_step=lambda: None))
+            drives.append(record_drive(setup, run, address))
             on_drive()
     return classifier, tuple(drives)
 

@@ -6,7 +6,7 @@ and no matter of colours.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from catoptra_client.frame_sources.image_client import ImageClient
@@ -31,8 +31,9 @@ from catoptra_studies.experiment.drive_log import (
     DriveLog,
     LandmarkMeasurement,
     drive_route,
+    measurements_in_range,
 )
-from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, ExperimentSetup
+from catoptra_studies.experiment.experiment_setups import ExperimentSetup
 from catoptra_studies.experiment.route import Waypoint
 
 # Two servers and other programs may delay a frame; an hour of drives must not end by that.
@@ -65,16 +66,13 @@ class RecordedDrive:
     """Height of the viewpoint above the floor."""
 
 
-def record_drive(
-    setup: ExperimentSetup, seed: int, address: ServerAddress, *, on_step: Callable[[], None]
-) -> RecordedDrive:
+def record_drive(setup: ExperimentSetup, seed: int, address: ServerAddress) -> RecordedDrive:
     """Drive a set-up's route on a lockstep server and keep every frame.
 
     Args:
         setup: Route to drive.
         seed: Number of the run; the robot's name has it, and the server's noise follows the name.
         address: Server with a stream.
-        on_step: Called after each step.
 
     Raises:
         CatoptraError: The address has no stream port.
@@ -103,7 +101,7 @@ def record_drive(
             frames.append(LabelledFrame(rgb, stream.get_landmark_projections(name)))
             return ()
 
-        steps = drive_route(setup, robot, measure, on_step)
+        steps = drive_route(setup, robot, measure)
     return RecordedDrive(DriveLog(setup.name, seed, steps), tuple(frames), camera, height_m)
 
 
@@ -134,15 +132,7 @@ def add_measurements(drive: RecordedDrive, detections: Sequence[Sequence[Detecti
     # One entry a frame, empty where nothing was detected: a missing one would shift all later ones
     # to wrong steps, so lengths are compared.
     steps = (
-        replace(step, measurements=_measurements_in_range(found))
+        replace(step, measurements=measurements_in_range(found))
         for step, found in zip(rest, detections, strict=True)
     )
     return replace(drive.log, steps=(start, *steps))
-
-
-def _measurements_in_range(detections: Sequence[Detection]) -> tuple[LandmarkMeasurement, ...]:
-    return tuple(
-        LandmarkMeasurement(detection.name, detection.range_m, detection.bearing_rad)
-        for detection in detections
-        if detection.range_m <= MAX_RANGE_M
-    )

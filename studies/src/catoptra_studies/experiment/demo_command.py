@@ -9,10 +9,11 @@ from __future__ import annotations
 import argparse
 import platform
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from catoptra_client.landmarks import ColourClassifier
 from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.experiment.experiment_results import write_experiment_results
@@ -23,7 +24,7 @@ from catoptra_studies.experiment.experiment_runner import (
     run_setup,
     train_classifier,
 )
-from catoptra_studies.experiment.experiment_setups import SETUPS, SIM
+from catoptra_studies.experiment.experiment_setups import SETUPS, SIM, ExperimentSetup
 from catoptra_studies.experiment.figure_source import (
     FigureSource,
     collect_camera_figures,
@@ -31,7 +32,13 @@ from catoptra_studies.experiment.figure_source import (
 )
 from catoptra_studies.experiment.paper_claims import Claim
 from catoptra_studies.experiment.remote_server import parse_server_address
-from catoptra_studies.progress_display import open_progress, print_error, print_line, print_table
+from catoptra_studies.progress_display import (
+    ProgressDisplay,
+    open_progress,
+    print_error,
+    print_line,
+    print_table,
+)
 
 EXIT_FAILURE = 1
 
@@ -81,7 +88,7 @@ def _run_drives(
     with open_progress() as progress:
         advance = {
             setup.name: progress.add_task(
-                f"{setup.name}: steps", config.num_runs * (len(setup.route) - 1)
+                f"{setup.name}: steps", config.num_runs * len(setup.route)
             )
             for setup in config.setups
         }
@@ -94,8 +101,25 @@ def _run_drives(
         # One after the other: their servers would share the processors and the timing mean little.
         for setup in config.setups:
             with _measure_time(f"{setup.name} drives", timing_s):
-                results.append(run_setup(config, setup, classifier, lambda name: advance[name]()))
+                results.append(_drive_setup(config, setup, classifier, progress, advance))
         return results, snapshot
+
+
+def _drive_setup(
+    config: ExperimentConfig,
+    setup: ExperimentSetup,
+    classifier: ColourClassifier | None,
+    progress: ProgressDisplay,
+    advance: Mapping[str, Callable[[], None]],
+) -> SetupResult:
+    """Drive one set-up, and show where it can be watched."""
+    return run_setup(
+        config,
+        setup,
+        classifier,
+        lambda name: advance[name](),
+        on_page=lambda link: progress.print_line(f"{setup.name}: watch the drives at {link}"),
+    )
 
 
 def _print_claims(claims: Sequence[Claim]) -> None:

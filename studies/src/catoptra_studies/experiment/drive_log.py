@@ -6,7 +6,7 @@ The log has everything that a filter needs, so that filters can be compared on t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks import (
     ColourClassifier,
+    Detection,
     Detector,
     Viewpoint,
     detect,
@@ -76,6 +77,8 @@ class DriveLog:
 
 # Measure landmarks after a step, from the true pose.
 MeasurementFunction = Callable[[Waypoint], tuple[LandmarkMeasurement, ...]]
+# Receives the robot and each step of its drive, the start first, while the clock stands.
+StepCallback = Callable[[RobotClient, DriveStep], None]
 
 
 def log_drive(
@@ -85,7 +88,7 @@ def log_drive(
     *,
     landmarks: tuple[Landmark, ...],
     classifier: ColourClassifier | None,
-    on_step: Callable[[], None],
+    on_step: StepCallback,
 ) -> DriveLog:
     """Drive one set-up on a lockstep server.
 
@@ -95,7 +98,7 @@ def log_drive(
         address: Server to connect to.
         landmarks: Landmarks of the field.
         classifier: Classifier for set-ups that detect landmarks in frames.
-        on_step: Called after each step.
+        on_step: Called after the start and each step.
 
     Raises:
         CatoptraError: The set-up detects landmarks and there is no classifier.
@@ -131,21 +134,22 @@ def drive_route(
     setup: ExperimentSetup,
     robot: RobotClient,
     measure: MeasurementFunction,
-    on_step: Callable[[], None],
+    on_step: StepCallback = lambda robot, step: None,
 ) -> tuple[DriveStep, ...]:
     """Drive a spawned robot along the set-up's route and measure after every step."""
-    chassis = _read_chassis(robot)
-    steps = [DriveStep(_true_pose(robot), _odometry_pose(robot), ())]
+    chassis = read_chassis(robot)
+    steps = [DriveStep(read_true_pose(robot), read_odometry_pose(robot), ())]
+    on_step(robot, steps[0])
     # Step k of the route is row k of every result, and row 0 the start.
     for target in setup.route[1:]:
         # Steered by the true pose, so that slip does not add up: the robots of the paper were
         # driven by people who saw them.
-        command = wheel_command_towards(target, _true_pose(robot), chassis)
+        command = wheel_command_towards(target, read_true_pose(robot), chassis)
         robot.drive(command.left_rad_s, command.right_rad_s)
         robot.step(command.duration_s)
-        truth = _true_pose(robot)
-        steps.append(DriveStep(truth, _odometry_pose(robot), measure(truth)))
-        on_step()
+        truth = read_true_pose(robot)
+        steps.append(DriveStep(truth, read_odometry_pose(robot), measure(truth)))
+        on_step(robot, steps[-1])
     return tuple(steps)
 
 
@@ -153,14 +157,18 @@ def _detector_measurement(images: ImageClient, detector: Detector) -> Measuremen
     """Measurement by detecting landmarks in a new frame; the true pose is not used."""
 
     def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
-        detections = detect(detector, images.get_frame().rgb)
-        return tuple(
-            LandmarkMeasurement(detection.name, detection.range_m, detection.bearing_rad)
-            for detection in detections
-            if detection.has_range and detection.range_m <= MAX_RANGE_M
-        )
+        return measurements_in_range(detect(detector, images.get_frame().rgb))
 
     return measure
+
+
+def measurements_in_range(detections: Sequence[Detection]) -> tuple[LandmarkMeasurement, ...]:
+    """Measurements for a filter: detections with a range, of near landmarks."""
+    return tuple(
+        LandmarkMeasurement(detection.name, detection.range_m, detection.bearing_rad)
+        for detection in detections
+        if detection.has_range and detection.range_m <= MAX_RANGE_M
+    )
 
 
 def manual_measurement(
@@ -230,7 +238,12 @@ def _floor_radius_ratio(camera: OmniCamera, range_m: float, height_m: float) -> 
     return float(camera.mirror.radius_ratio_from_t(t))
 
 
-def _true_pose(robot: RobotClient) -> Waypoint:
+def read_true_pose(robot: RobotClient) -> Waypoint:
+    """Latest true pose of a robot.
+
+    Raises:
+        CatoptraError: The robot has no GroundTruth sensor.
+    """
     reading = robot.ground_truth
     if reading is None:
         raise CatoptraError("the robot has no GroundTruth sensor: the experiment needs one")
@@ -238,14 +251,20 @@ def _true_pose(robot: RobotClient) -> Waypoint:
     return Waypoint(x, y, wrap_angle(reading.rotation_rad[2]))
 
 
-def _odometry_pose(robot: RobotClient) -> OdometryPose:
+def read_odometry_pose(robot: RobotClient) -> OdometryPose:
+    """Latest odometry of a robot.
+
+    Raises:
+        CatoptraError: The robot has no Odometry sensor.
+    """
     reading = robot.odometry
     if reading is None:
         raise CatoptraError("the robot has no Odometry sensor: the experiment needs one")
     return OdometryPose(reading.x_m, reading.y_m, reading.yaw_rad)
 
 
-def _read_chassis(robot: RobotClient) -> Chassis:
+def read_chassis(robot: RobotClient) -> Chassis:
+    """Dimensions of a robot, from its server."""
     geometry = robot.get_geometry("Robot")
     assert isinstance(geometry, VehicleGeometry), "GETGEO Robot has a vehicle's reply"
     speed = robot.get_configuration("Robot").get("MaxSpeed")

@@ -25,20 +25,29 @@ from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
 from catoptra_protocol.landmarks import Landmark, read_landmarks
-from catoptra_studies.experiment.drive_log import DriveLog, log_drive
+from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, log_drive
 from catoptra_studies.experiment.experiment_setups import (
     FILTERS,
+    PAPER_FILTER,
     ExperimentSetup,
     MeasurementSource,
 )
-from catoptra_studies.experiment.filter_replay import FilterRun, replay_filter
+from catoptra_studies.experiment.filter_note import NOTE_NAME, note_from_filter_step
+from catoptra_studies.experiment.filter_replay import (
+    FilterRun,
+    replay_filter,
+    summarize_filter_steps,
+)
+from catoptra_studies.experiment.filter_step import FilterStep, advance_filter, begin_filter
 from catoptra_studies.experiment.remote_server import wait_for_server
-from catoptra_studies.experiment.server_process import run_server
+from catoptra_studies.experiment.server_process import PageCallback, run_server
 
 # Receives the name of the task that has advanced by one.
 ProgressCallback = Callable[[str], None]
 
 _FIELD = "four_legged_2006"
+# The one that the paper's text discusses; it runs with the drive, the others after it.
+PUBLISHED_FILTER = PAPER_FILTER
 # Metres and radians: from here two beacons and a goal are within 2.5 m.
 _SNAPSHOT_POSE = (1.0, -0.6, 0.5)
 
@@ -173,6 +182,7 @@ def run_setup(
     setup: ExperimentSetup,
     classifier: ColourClassifier | None,
     on_progress: ProgressCallback,
+    on_page: PageCallback | None = None,
 ) -> SetupResult:
     """Drive every seed on one server, then replay every filter over the logs.
 
@@ -181,33 +191,58 @@ def run_setup(
         setup: Set-up to drive.
         classifier: Classifier, for a set-up that detects landmarks.
         on_progress: Called with the set-up's name after each step.
+        on_page: Receives the link of the server's live page; None serves no page.
     """
-    landmarks = config.landmarks
-    with open_server(config, setup) as address:
+    landmark_map = make_landmark_map(config.landmarks)
+    with open_server(config, setup, on_page) as address:
         # One server for all seeds: noise follows the robot's name, not the order of connections.
-        drive_logs = tuple(
-            log_drive(
-                setup,
-                run,
-                address,
-                landmarks=landmarks,
-                classifier=classifier,
-                on_step=lambda: on_progress(setup.name),
-            )
+        drives = [
+            _drive_and_publish(config, setup, run, address, classifier, on_progress)
             for run in range(config.num_runs)
-        )
-    landmark_map = make_landmark_map(landmarks)
+        ]
+    drive_logs = tuple(drive_log for drive_log, _ in drives)
     filter_runs = {
         settings.name: tuple(
             replay_filter(log, setup, settings, landmark_map) for log in drive_logs
         )
         for settings in FILTERS
+        if settings is not PUBLISHED_FILTER
     }
+    filter_runs[PUBLISHED_FILTER.name] = tuple(filter_run for _, filter_run in drives)
     return SetupResult(setup, drive_logs, filter_runs)
 
 
+def _drive_and_publish(
+    config: ExperimentConfig,
+    setup: ExperimentSetup,
+    run: int,
+    address: ServerAddress,
+    classifier: ColourClassifier | None,
+    on_progress: ProgressCallback,
+) -> tuple[DriveLog, FilterRun]:
+    """Drive one seed; one filter runs along, and the robot's viewers see its belief."""
+    landmark_map = make_landmark_map(config.landmarks)
+    filter_steps: list[FilterStep] = []
+
+    def follow(robot: RobotClient, step: DriveStep) -> None:
+        filter_steps.append(
+            advance_filter(filter_steps[-1], step, PUBLISHED_FILTER, landmark_map)
+            if filter_steps
+            else begin_filter(
+                step, PUBLISHED_FILTER, heading_error_rad=setup.initial_heading_error_rad
+            )
+        )
+        robot.publish(NOTE_NAME, note_from_filter_step(filter_steps[-1]))
+        on_progress(setup.name)
+
+    drive_log = log_drive(
+        setup, run, address, landmarks=config.landmarks, classifier=classifier, on_step=follow
+    )
+    return drive_log, summarize_filter_steps(filter_steps, PUBLISHED_FILTER, seed=run)
+
+
 def open_server(
-    config: ExperimentConfig, setup: ExperimentSetup
+    config: ExperimentConfig, setup: ExperimentSetup, on_page: PageCallback | None = None
 ) -> AbstractContextManager[ServerAddress]:
     """Server of a set-up: the remote one, otherwise a process that ends with the block."""
     # A server loads one robot file, and a set-up is a robot file: so each has its own server.
@@ -220,4 +255,5 @@ def open_server(
         seed=config.seed,
         log_file=config.output_folder / f"server_{setup.name}.log",
         extra_arguments=config.server_arguments,
+        on_page=on_page,
     )

@@ -2,35 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_client.localization import (
-    Belief,
-    Control,
-    FilterHealth,
-    LandmarkMap,
-    MeasurementUpdate,
-    RangeBearing,
-    Recovery,
-    apply_recovery,
-    control_from_odometry,
-    find_landmark_position,
-    predict,
-    update,
-    update_health,
-)
-from catoptra_client.localization.motion_model import propagate_pose
+from catoptra_client.localization import LandmarkMap
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_studies.experiment.drive_log import (
-    DriveLog,
-    DriveStep,
-    LandmarkMeasurement,
-    true_positions,
-)
+from catoptra_studies.experiment.drive_log import DriveLog
 from catoptra_studies.experiment.experiment_setups import ExperimentSetup, FilterSettings
+from catoptra_studies.experiment.filter_step import FilterStep, advance_filter, begin_filter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,82 +59,41 @@ def replay_filter(
         settings: Noises, gate and recovery of the filter.
         landmark_map: Positions of the landmarks by name.
     """
-    state = _FilterState(_initial_belief(drive_log, setup, settings), FilterHealth())
-    odometry = [state.belief.mean]
-    estimates, counts, health = [state.belief.mean], [(0, 0)], [state.health]
-    # Pairs of neighbours: the second sequence is one shorter.
-    for previous, step in zip(drive_log.steps, drive_log.steps[1:], strict=False):
-        control = control_from_odometry(previous.odometry, step.odometry)
-        # Odometry alone is the filter's own motion model without updates.
-        odometry.append(propagate_pose(odometry[-1], control))
-        state, updates = _filter_step(state, control, step, settings, landmark_map)
-        estimates.append(state.belief.mean)
-        counts.append((len(updates), sum(update.is_accepted for update in updates)))
-        health.append(state.health)
-    truth = true_positions(drive_log)
-    num_measured, num_accepted = np.array(counts).T
+    start, *rest = drive_log.steps
+    heading_error_rad = setup.initial_heading_error_rad
+    filter_steps = [begin_filter(start, settings, heading_error_rad=heading_error_rad)]
+    for step in rest:
+        filter_steps.append(advance_filter(filter_steps[-1], step, settings, landmark_map))
+    return summarize_filter_steps(filter_steps, settings, seed=drive_log.seed)
+
+
+def summarize_filter_steps(
+    filter_steps: Sequence[FilterStep], settings: FilterSettings, *, seed: int
+) -> FilterRun:
+    """Results of a filter's steps over one whole drive.
+
+    Args:
+        filter_steps: States after all steps of the drive, the start first.
+        settings: Filter of the steps.
+        seed: Number of the run.
+    """
+    truth = np.array([(s.drive_step.truth.x_m, s.drive_step.truth.y_m) for s in filter_steps])
+    estimate = np.array([step.belief.mean for step in filter_steps])
+    odometry = np.array([step.odometry_pose for step in filter_steps])
     return FilterRun(
         filter_name=settings.name,
-        seed=drive_log.seed,
-        estimate=np.array(estimates),
-        odometry=np.array(odometry),
-        estimate_error_m=np.linalg.norm(np.array(estimates)[:, :2] - truth, axis=1),
-        odometry_error_m=np.linalg.norm(np.array(odometry)[:, :2] - truth, axis=1),
-        num_measured=num_measured,
-        num_accepted=num_accepted,
-        rejection_streak=np.array([h.rejection_streak for h in health]),
-        windowed_nis=np.array([h.windowed_nis for h in health]),
+        seed=seed,
+        estimate=estimate,
+        odometry=odometry,
+        estimate_error_m=np.linalg.norm(estimate[:, :2] - truth, axis=1),
+        odometry_error_m=np.linalg.norm(odometry[:, :2] - truth, axis=1),
+        num_measured=np.array([len(step.updates) for step in filter_steps]),
+        num_accepted=np.array(
+            [sum(update.is_accepted for update in step.updates) for step in filter_steps]
+        ),
+        rejection_streak=np.array([step.health.rejection_streak for step in filter_steps]),
+        windowed_nis=np.array([step.health.windowed_nis for step in filter_steps]),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _FilterState:
-    belief: Belief
-    health: FilterHealth
-
-
-def _initial_belief(
-    drive_log: DriveLog, setup: ExperimentSetup, settings: FilterSettings
-) -> Belief:
-    """The true start with the set-up's heading error, and P0 of the filter."""
-    truth = drive_log.steps[0].truth
-    # The heading error goes into the mean and never into P0: a filter that starts too certain.
-    mean = np.array([truth.x_m, truth.y_m, truth.yaw_rad + setup.initial_heading_error_rad])
-    position, heading = settings.initial_sigma_m**2, settings.initial_sigma_rad**2
-    return Belief(mean, np.diag([position, position, heading]))
-
-
-def _filter_step(
-    state: _FilterState,
-    control: Control,
-    step: DriveStep,
-    settings: FilterSettings,
-    landmark_map: LandmarkMap,
-) -> tuple[_FilterState, list[MeasurementUpdate]]:
-    """Predict, update by every measurement, then by the filter's health."""
-    belief = predict(state.belief, control, noise=settings.motion_noise)
-    updates: list[MeasurementUpdate] = []
-    # One landmark after the other, as in the paper: each gate has the belief of the last update.
-    for measurement in step.measurements:
-        updates.append(
-            update(
-                belief,
-                _range_bearing(measurement, settings),
-                landmark=find_landmark_position(landmark_map, measurement.name),
-                gate=settings.gate,
-            )
-        )
-        belief = updates[-1].belief
-    health = update_health(state.health, updates)
-    # With the defaults of the client library: after five rejecting steps 0.3 m and 10 degrees.
-    if settings.has_recovery:
-        belief, health = apply_recovery(belief, health, recovery=Recovery())
-    return _FilterState(belief, health), updates
-
-
-def _range_bearing(measurement: LandmarkMeasurement, settings: FilterSettings) -> RangeBearing:
-    covariance = np.diag([settings.range_sigma_m**2, settings.bearing_sigma_rad**2])
-    return RangeBearing(measurement.range_m, measurement.bearing_rad, covariance)
 
 
 def find_relock_step(filter_run: FilterRun, *, min_rejecting_steps: int = 5) -> int | None:

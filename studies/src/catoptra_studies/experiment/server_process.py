@@ -1,4 +1,4 @@
-"""A server as a process of its own, on free ports of the loopback interface."""
+"""A server as a process of its own, on the loopback interface."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import importlib.util
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,7 +15,11 @@ from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
 
 _LISTENING_PATTERN = re.compile(r"listening control=(\S+):(\d+) image=(\S+):(\d+) stream=\S+:(\d+)")
+_PAGE_PATTERN = re.compile(r"live page: (\S+)")
 _TERMINATE_TIMEOUT_S = 10.0
+
+# Receives the link of a server's live page.
+PageCallback = Callable[[str], None]
 
 
 def can_start_server() -> bool:
@@ -31,8 +36,9 @@ def run_server(
     seed: int,
     log_file: Path,
     extra_arguments: tuple[str, ...] = (),
+    on_page: PageCallback | None = None,
 ) -> Iterator[ServerAddress]:
-    """Start a lockstep server for the block.
+    """Start a lockstep server for the block, on free ports.
 
     Args:
         robot_file: Robot file, or the name of a bundled one.
@@ -40,6 +46,35 @@ def run_server(
         seed: Seed of the server's random numbers.
         log_file: File for the server's log.
         extra_arguments: Further arguments of catoptra-server.
+        on_page: As in `start_server`.
+
+    Yields:
+        The server's address.
+
+    Raises:
+        CatoptraError: No server is installed, or it ended before it listened.
+    """
+    # Lockstep, so that the same commands give the same bytes on a slow machine; free ports, so that
+    # set-ups and tests can run side by side; raw images, so that no coder adds noise.
+    arguments = (
+        *("--robot", str(robot_file), "--world", str(world_file), "--clock", "lockstep"),
+        *("--control-port", "0", "--image-port", "0", "--image-type", "RAW"),
+        *("--seed", str(seed), *extra_arguments),
+    )
+    with start_server(arguments, log_file=log_file, on_page=on_page) as address:
+        yield address
+
+
+@contextmanager
+def start_server(
+    arguments: tuple[str, ...], *, log_file: Path, on_page: PageCallback | None = None
+) -> Iterator[ServerAddress]:
+    """Start a server process for the block.
+
+    Args:
+        arguments: Arguments of catoptra-server.
+        log_file: File for the server's log.
+        on_page: Receives the link of the live page, from another thread; None serves no page.
 
     Yields:
         The server's address.
@@ -52,20 +87,18 @@ def run_server(
             "no server is installed here: pip install 'catoptra-studies[server]', or use running "
             "ones by --server"
         )
-    # Lockstep, so that the same commands give the same bytes on a slow machine; free ports, so that
-    # set-ups and tests can run side by side; raw images, so that no coder adds noise.
-    command = [
-        *(sys.executable, "-m", "catoptra_server"),
-        *("--robot", str(robot_file), "--world", str(world_file), "--clock", "lockstep"),
-        *("--control-port", "0", "--image-port", "0", "--image-type", "RAW"),
-        *("--seed", str(seed), *extra_arguments),
-    ]
+    view = ("--no-view",) if on_page is None else ()
+    command = [sys.executable, "-m", "catoptra_server", *arguments, *view]
     with (
         log_file.open("w") as log,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as process,
     ):
         try:
-            yield _read_address(process, log_file)
+            address = _read_address(process, log_file)
+            # In a thread, so that a page that is served late delays nobody.
+            reader = threading.Thread(target=_read_page_link, args=(process, on_page), daemon=True)
+            reader.start()
+            yield address
         finally:
             # The server ends in order on SIGTERM; only one that hangs is killed.
             process.terminate()
@@ -73,6 +106,8 @@ def run_server(
                 process.wait(_TERMINATE_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
+        # Its pipe has ended with the process; Popen closes it next.
+        reader.join()
 
 
 def _read_address(process: subprocess.Popen[str], log_file: Path) -> ServerAddress:
@@ -85,3 +120,12 @@ def _read_address(process: subprocess.Popen[str], log_file: Path) -> ServerAddre
     # The end of the output without that line: the reason is in the last lines of the log.
     tail = "\n".join(log_file.read_text().splitlines()[-5:])
     raise CatoptraError(f"the server did not start:\n{tail}")
+
+
+def _read_page_link(process: subprocess.Popen[str], on_page: PageCallback | None) -> None:
+    """Read the rest of the output, in which the link of the page follows the address."""
+    assert process.stdout is not None, "stdout is a pipe"
+    for line in process.stdout:
+        match = _PAGE_PATTERN.match(line)
+        if match and on_page:
+            on_page(match[1])

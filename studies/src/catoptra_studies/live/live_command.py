@@ -1,0 +1,110 @@
+"""The command `catoptra-studies live`: a server in real time, and a robot to watch in its page."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.experiment.server_process import start_server
+from catoptra_studies.live.live_drive import open_live_drive
+from catoptra_studies.progress_display import print_error, print_line
+
+EXIT_FAILURE = 1
+# A shell's status of a process that a signal ends is 128 and the signal's number: 130 for Ctrl-C.
+_EXIT_SIGNAL = 128
+
+_DEFAULT_VIEW_PORT = 5080
+_PAGE_TEXT = """\
+A robot drives the paper's route and localizes itself by landmarks. Ctrl-C ends it.
+  Drive it yourself with the arrow keys: it returns to its route three seconds later.
+  Turn the tolerance up until the filter's ellipse grows, and force an effect on or off.
+Watch it at {link}"""
+
+
+def main(
+    arguments: Sequence[str] | None = None, on_page: Callable[[str], None] | None = None
+) -> int:
+    """Run server and robot until a signal, the last lap or an error.
+
+    Args:
+        arguments: Words of the command line.
+        on_page: Receives the link of the page; None prints it.
+
+    Returns:
+        0 after `--laps`, 130 after Ctrl-C, 1 after an error.
+    """
+    parsed = _make_parser().parse_args(arguments)
+    try:
+        with _raise_on_signals():
+            _run(parsed, on_page or _print_page)
+    except KeyboardInterrupt as interrupt:
+        print_line("live: server and robot have ended")
+        number = interrupt.args[0] if interrupt.args else signal.SIGINT
+        return _EXIT_SIGNAL + int(number)
+    except (CatoptraError, OSError) as error:
+        print_error(f"live: {error}")
+        return EXIT_FAILURE
+    return 0
+
+
+def _run(parsed: argparse.Namespace, on_page: Callable[[str], None]) -> None:
+    parsed.output.mkdir(parents=True, exist_ok=True)
+    # The server's usual ports, so that other programs find it; port 0 takes free ones throughout.
+    ports = ("--control-port", "0", "--image-port", "0") if parsed.view == 0 else ()
+    server_arguments = (
+        *("--robot", parsed.robot, "--world", parsed.world, "--seed", str(parsed.seed)),
+        *("--view", str(parsed.view), *ports),
+    )
+    log_file = parsed.output / "server.log"
+    with (
+        start_server(server_arguments, log_file=log_file, on_page=on_page) as address,
+        open_live_drive(address) as drive,
+    ):
+        drive.run(parsed.laps)
+
+
+def _print_page(link: str) -> None:
+    print_line(_PAGE_TEXT.format(link=link))
+
+
+@contextmanager
+def _raise_on_signals() -> Iterator[None]:
+    """End by KeyboardInterrupt on SIGTERM and SIGHUP, too: the server must not stay behind."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt(number)
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    previous = [signal.signal(number, interrupt) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, previous, strict=True):
+            signal.signal(number, handler)
+
+
+def _make_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="catoptra-studies live",
+        description="Start a server in real time with a robot that drives the paper's route and "
+        "localizes itself, and print the link of the page that shows it.",
+    )
+    add = parser.add_argument
+    add("--robot", default="p2at_omni_live", metavar="FILE",
+        help="robot ini, or the name of a bundled one (default p2at_omni_live)")  # fmt: skip
+    add("--world", default="four_legged_2006", metavar="FILE",
+        help="world ini with landmarks, or the name of a bundled one (default "
+        "four_legged_2006)")  # fmt: skip
+    add("--view", type=int, default=_DEFAULT_VIEW_PORT, metavar="PORT",
+        help=f"port of the page (default {_DEFAULT_VIEW_PORT}); 0 = free ports for page, control, "
+        "images and stream")  # fmt: skip
+    add("--laps", type=int, metavar="N", help="end after N laps (default: drive for ever)")
+    add("--seed", type=int, default=0, help="seed of the server's random numbers (default 0)")
+    add("--output", type=Path, default=Path("out/live"), metavar="DIR",
+        help="folder of the server's log (default out/live)")  # fmt: skip
+    return parser
