@@ -94,3 +94,17 @@ def test_startup_with_a_scene_beyond_the_memory_limit_raises(tmp_path: Path) -> 
     world = write_small_world(tmp_path, band)
     with pytest.raises(ConfigError, match=r"SphereBands1='524288 triangles'.*limit of 200 "):
         read_startup_config([write_small_robot(tmp_path)], world, limit_bytes=200 * MIB)
+
+
+def test_second_robot_of_a_class_is_left_out_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    robots = []
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        robots.append(write_small_robot(tmp_path / name))
+    with caplog.at_level(logging.WARNING):
+        startup = read_startup_config(robots, write_small_world(tmp_path))
+    first = read_startup_config(robots[:1], write_small_world(tmp_path))
+    assert startup.robots == first.robots
+    assert "a second robot of class" in caplog.text

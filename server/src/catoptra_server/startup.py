@@ -65,9 +65,25 @@ def read_startup_config(
     # After every reader: a key is unknown if no reader has read it.
     for file in (*robot_files, world_file, *server_files):
         _warn_unknown_keys(file)
-    descriptions = tuple(description for robot, _ in contents for description in robot)
+    descriptions = _drop_repeated_classes([one for robot, _ in contents for one in robot])
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
     return StartupConfig(descriptions, world_description, scene, options)
+
+
+def _drop_repeated_classes(
+    descriptions: Sequence[RobotDescription],
+) -> tuple[RobotDescription, ...]:
+    """Robots of different classes; of several with the name of one class the first."""
+    first: dict[str, RobotDescription] = {}
+    for description in descriptions:
+        known = first.setdefault(description.class_name.lower(), description)
+        if known is not description:
+            log.warning(
+                "a second robot of class %s is left out: INIT finds the first one of a name; "
+                "rename the section of one of them",
+                description.class_name,
+            )
+    return tuple(first.values())
 
 
 def _read_server_file(path: Path) -> IniFile:
