@@ -134,5 +134,5 @@ class _LazyRayCaster:
         return self.build().closest_hits(origins, directions)
 
     def closest_triangles(self, origins: Floats, directions: Floats) -> tuple[Floats, Triangles]:
-        """Distances (n,), metres, and indices (n,) of the closest triangles; inf and -1 for none."""
+        """Distances (n,), metres, and indices (n,) of the closest triangles; else inf and -1."""
         return self.build().closest_triangles(origins, directions)
