@@ -149,4 +149,5 @@ def test_names_when_longer_than_a_reply_can_hold_are_truncated() -> None:
 @given(st.sampled_from(sorted(COMMAND_PARSERS)), st.text())
 def test_command_from_message_of_any_text_never_raises(word: str, text: str) -> None:
     command = command_from_message(parse_message(f"{word} {{{text}"))
-    assert isinstance(command, get_args(Command))
+    # A NOTE without valid data is none.
+    assert isinstance(command, get_args(Command)) or (word == "NOTE" and command is None)

@@ -6,7 +6,7 @@ from typing import get_args
 
 import pytest
 
-from catoptra_protocol.usarsim.commands import Drive, Init, Set
+from catoptra_protocol.usarsim.commands import Drive, Init, Note, Set
 from catoptra_protocol.usarsim.reports import CommandResult
 from catoptra_server.frames.frame_request import CameraChannel
 from catoptra_server.simulation.fault_replies import FAULT_REASON, reply_fault
@@ -16,7 +16,11 @@ from catoptra_server.simulation.simulation_events import (
     CommandReceived,
     Fault,
     LandmarksRequested,
+    NotePublished,
+    PixelRequested,
     ResetRequested,
+    SharedRobotDriven,
+    StateRequested,
     StepRequested,
     StepResult,
 )
@@ -38,6 +42,13 @@ WORK: tuple[tuple[ClientWork, list[object]], ...] = (
         AccuracyTargetChanged(CLIENT, "Omni", 1.0, None, store),
         [(Fault(FAULT_REASON), "Omni")],
     ),
+    (
+        PixelRequested(CLIENT, CameraChannel("R", ""), (0.5, 0.5), store),
+        [(0.5, Fault(FAULT_REASON))],
+    ),
+    (StateRequested(CLIENT, "R", store), [(0.5, Fault(FAULT_REASON))]),
+    (NotePublished(CLIENT, Note("ekf", "{}"), store), [(FAULT_REASON,)]),
+    (SharedRobotDriven(CLIENT, "R", Drive(1.0, 1.0), store), [(FAULT_REASON,)]),
     (CommandReceived(CLIENT, Drive(1.0, 1.0)), []),
 )
 

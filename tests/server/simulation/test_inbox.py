@@ -18,6 +18,7 @@ from catoptra_server.simulation.simulation_events import (
     CommandReceived,
     Fault,
     ResetRequested,
+    SharedRobotDriven,
     StepRequested,
     StopRequested,
 )
@@ -90,6 +91,32 @@ def test_target_when_superseded_is_answered() -> None:
     assert isinstance(event, AccuracyTargetChanged)
     assert event.budget_ms == 2.0
     assert inbox.take_work() is None
+
+
+@pytest.mark.parametrize(
+    ("robot", "newer", "is_superseded"),
+    [("R", Drive(2.0, 2.0), True), ("R", Drive(2.0, None), False), ("S", Drive(2.0, 2.0), False)],
+)
+def test_drive_of_a_shared_robot_is_superseded_by_one_that_sets_as_much(
+    robot: str, newer: Drive, is_superseded: bool
+) -> None:
+    inbox, client = make_inbox(), FakeClient()
+    inbox.post(SharedRobotDriven(client, "R", Drive(1.0, 1.0), lambda reason: None))
+    inbox.post(SharedRobotDriven(client, robot, newer, lambda reason: None))
+    taken = [inbox.take_work(), inbox.take_work()]
+    assert (None in taken) is is_superseded
+
+
+def test_drives_of_a_shared_robot_when_superseded_have_the_reply_of_the_newest() -> None:
+    inbox, client, replies = make_inbox(), FakeClient(), list[tuple[int, str]]()
+    for number in range(3):
+        reply = partial(lambda number, reason: replies.append((number, reason)), number)
+        inbox.post(SharedRobotDriven(client, "R", Drive(float(number), 1.0), reply))
+    event = inbox.take_work()
+    assert isinstance(event, SharedRobotDriven)
+    assert (event.drive.left, inbox.take_work()) == (2.0, None)
+    event.reply("not shared")
+    assert replies == [(0, "not shared"), (1, "not shared"), (2, "not shared")]
 
 
 def test_target_of_another_value_waits_beside_the_older() -> None:

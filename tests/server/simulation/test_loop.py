@@ -30,8 +30,10 @@ from catoptra_protocol.usarsim.commands import (
     LinkCommand,
     MisPkg,
     MultiDrive,
+    Note,
     Set,
     SetViewports,
+    ShareControl,
     Step,
     Trace,
 )
@@ -177,6 +179,8 @@ COMMANDS: tuple[Command, ...] = (
     GetGeo("Robot"),
     GetStartPoses(),
     Step(0.02),
+    Note("ekf", "{}"),
+    ShareControl(True),
 )
 
 
