@@ -54,8 +54,8 @@ export class DriveControl {
   limit = 0.5;
   /** Commanded speeds, left and right, in rad/s. */
   speeds_rad_s = [0, 0];
-  /** Why the robot stands still. */
-  reason = "no control is held";
+  /** Why the robot stands still; empty before it has been driven. */
+  reason = "";
   #context;
   #onChange;
   #demands = new Map();
@@ -82,7 +82,7 @@ export class DriveControl {
     if (this.#isLatched) return;
     if (!isZero(sum) && !this.isMoving) this.#start();
     // A robot that stands already keeps the reason for which it stopped.
-    if (isZero(sum) && this.isMoving) this.#halt("no control is held");
+    if (isZero(sum) && this.isMoving) this.#halt("the controls were released");
   }
 
   /** Stop at once; inputs count again after all of them have been released. */

@@ -54,14 +54,12 @@ export class PlanarView {
     };
   }
 
-  /** Show all of [xmin, ymin, xmax, ymax]. */
-  fit([xmin, ymin, xmax, ymax]) {
-    const { clientWidth, clientHeight } = this.#canvas;
-    const margin = 0.94;
-    this.centre = { x: (xmin + xmax) / 2, y: (ymin + ymax) / 2 };
-    this.#setScale(
-      margin * Math.min(clientWidth / (ymax - ymin || 1), clientHeight / (xmax - xmin || 1)),
-    );
+  /** Show all of [xmin, ymin, xmax, ymax] above the lowest `covered` pixels of the canvas. */
+  fit([xmin, ymin, xmax, ymax], covered = 0) {
+    const width = this.#canvas.clientWidth;
+    const height = Math.max(40, this.#canvas.clientHeight - covered);
+    this.#setScale(0.94 * Math.min(width / (ymax - ymin || 1), height / (xmax - xmin || 1)));
+    this.centre = { x: (xmin + xmax) / 2 - covered / 2 / this.scale, y: (ymin + ymax) / 2 };
   }
 
   /** Zoom by a factor; the point under a position on the canvas stays there. */

@@ -150,10 +150,19 @@ class DrivePanel {
     this.#reportedLeft.textContent = reportedLeft?.toFixed(2) ?? "\u2013";
     this.#reportedRight.textContent = reportedRight?.toFixed(2) ?? "\u2013";
     this.#limitText.textContent = this.#limitInMetres(target.robot);
-    if (this.#control.isMoving) this.#setStatus(`Driving ${shorten(target.name, 30)}`, "ok");
-    else if (!target.name) this.#setStatus(`Stopped: ${target.reason}`, "quiet");
-    else this.#setStatus(`${shorten(target.name, 30)} stopped: ${this.#control.reason}`, "");
+    this.#setStatus(...this.#stateOf(target));
     this.#stick.classList.toggle("disabled", !target.name);
+  }
+
+  /** Sentence about the robot, and its class. */
+  #stateOf({ name, wire_name, robot, reason }) {
+    const shortName = shorten(name, 30);
+    if (this.#control.isMoving) return [`Driving ${shortName}.`, "ok"];
+    if (!name) return [`Stopped: ${reason}.`, ""];
+    if (this.#control.reason) return [`Stopped: ${this.#control.reason}.`, ""];
+    const isDriven = robot?.wheel_speeds_rad_s.some((speed) => speed !== 0);
+    if (wire_name && isDriven) return [`Another client drives ${shortName}; you may too.`, ""];
+    return [`Ready to drive ${shortName}: keys W A S D or arrows, gamepad, stick.`, ""];
   }
 
   #limitInMetres(robot) {

@@ -23,17 +23,17 @@ import {
 const LAYERS = [
   { id: "true", label: "True" },
   { id: "odometry", label: "Odometry" },
-  { id: "filter", label: "Filter, 2 sigma" },
+  { id: "filter", label: "Filter 2\u03c3" },
   { id: "scan", label: "Scan" },
   { id: "landmark", label: "Landmarks" },
 ];
 const MAX_ROBOTS = 200;
 const DEFAULT_SIZE_M = [0.5, 0.4];
 
-/** Create the panel. */
-export async function create(section, context) {
+/** Create the panel; the plan follows, so that the pictures do not wait for it. */
+export function create(section, context) {
   const map = new MapPanel(section, context);
-  map.setPlan(await fetchPlan());
+  fetchPlan().then((plan) => map.setPlan(plan), (error) => context.report(error));
 }
 
 async function fetchPlan() {
@@ -69,6 +69,7 @@ class MapPanel {
   #isFitted = false;
   #hidden = new Set(remembered("catoptra.map.hidden", []));
   #followButton;
+  #layers;
   #robot = "";
   #history = new PoseHistory();
   #truePath = new Path();
@@ -84,7 +85,8 @@ class MapPanel {
     });
     this.#view = new PlanarView(this.#canvas, (isPan) => this.#viewChanged(isPan));
     this.#redraw = drawOnDemand(section, () => this.#draw());
-    bodyOf(section).append(this.#canvas, this.#legend());
+    this.#layers = this.#layerChoice();
+    bodyOf(section).append(this.#canvas, this.#layers);
     toolsOf(section).append(...this.#tools());
     onResize(this.#canvas, this.#redraw);
     onColourScheme(this.#redraw);
@@ -111,7 +113,7 @@ class MapPanel {
     ];
   }
 
-  #legend() {
+  #layerChoice() {
     const items = LAYERS.map(({ id, label }) => {
       const box = make("input", { type: "checkbox", checked: !this.#hidden.has(id) });
       box.addEventListener("change", () => {
@@ -200,7 +202,8 @@ class MapPanel {
     const state = this.#context.state;
     const robots = (state?.reply.robots ?? []).slice(0, MAX_ROBOTS);
     const robot = (state?.reply.robots ?? []).find(({ name }) => name === this.#robot);
-    if (!this.#isFitted) this.#view.fit(boundsOf(this.#plan, this.#context.server));
+    if (!this.#isFitted)
+      this.#view.fit(boundsOf(this.#plan, this.#context.server), this.#layers.clientHeight);
     if (robot && this.#isFollowing) {
       const { x, y } = planarPose(robot.world_from_robot);
       this.#view.centre = { x, y };

@@ -41,6 +41,7 @@ class PlotPanel {
 
   constructor(section, context) {
     this.#section = section;
+    this.#add.append(make("option", { value: "" }, "Add a series\u2026"));
     const option = (seconds) => make("option", { value: String(seconds) }, `last ${seconds} s`);
     this.#duration.append(...DURATIONS_S.map(option));
     this.#duration.value = String(remembered("catoptra.plots.duration", DURATIONS_S[0]));

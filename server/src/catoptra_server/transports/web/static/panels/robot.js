@@ -109,6 +109,9 @@ class OwnRobot {
     make("input", { type: "number", name, step: "any", value: "0", className: "short" }),
   );
   #poseFields;
+  /** Name of the page's robot, kept to name it when it is lost. */
+  #own = "";
+  #isNew = false;
   #message = make("p", { role: "status" });
   #form;
   #owned = make("div", { className: "controls" });
@@ -130,6 +133,7 @@ class OwnRobot {
     this.#remove.addEventListener("click", () => this.#reset());
     context.on("placed", (place) => this.#setPlace(place));
     context.commands.on("close", () => this.#lose("the connection was lost"));
+    context.on("state", () => this.#selectNew());
     const heading = make("h3", {}, "A robot of your own");
     this.element = make("div", { className: "block" }, heading, this.#form, this.#owned);
     this.element.append(this.#message);
@@ -189,20 +193,27 @@ class OwnRobot {
   }
 
   async #spawn() {
-    const { context, place } = { context: this.#context, place: this.#place() };
-    const request = { kind: "spawn", class_name: this.#class.value, ...place };
+    const context = this.#context;
+    const request = { kind: "spawn", class_name: this.#class.value, ...this.#place() };
     request.name = this.#name.value.trim() || null;
     try {
       const reply = await context.commands.request(request);
       context.own = reply.robot;
-      const camera = classOf(context.server, this.#class.value)?.cameras[0]?.name ?? "";
-      context.select(reply.robot, camera);
+      this.#own = reply.robot;
+      this.#isNew = true;
       const moved = reply.moved_to?.slice(0, 2).map((value) => value.toFixed(2));
       this.#say(moved ? `The place was not free: it stands at ${moved.join(", ")} m.` : "");
     } catch (error) {
       this.#say(`Not spawned: ${error.message}`, "error");
     }
     this.update();
+  }
+
+  /** Watch one's robot as soon as a state lists it: the page selects among those listed. */
+  #selectNew() {
+    if (!this.#isNew || !robotOf(this.#context, this.#own)) return;
+    this.#isNew = false;
+    this.#context.select(this.#own);
   }
 
   #place() {
@@ -233,10 +244,10 @@ class OwnRobot {
 
   /** The robot is gone: with it the right to drive it. */
   #lose(reason) {
-    const { own } = this.#context;
-    if (!own) return;
+    if (!this.#own) return;
+    this.#say(reason && `${shorten(this.#own)} was removed: ${reason}.`);
     this.#context.own = "";
-    this.#say(reason && `${shorten(own)} was removed: ${reason}.`);
+    this.#own = "";
     this.update();
   }
 

@@ -6,7 +6,7 @@ import { bodyOf, drawOnDemand, make, remember, remembered, shorten } from "../pa
 import { numbersOf, readingKey } from "../readings.js";
 import { classOf, degrees, hasEcho, rayEnd, scanRays, wrapped } from "../scan_geometry.js";
 
-const RANGES_M = [1, 2, 5, 10, 20];
+const RANGES_M = [1, 2, 3, 5, 7, 10, 15, 20];
 const MAX_SCANNERS = 20;
 
 /** Create the panel. */
