@@ -8,13 +8,15 @@ from dataclasses import dataclass, field
 import pytest
 
 from catoptra_protocol.stream.replies import Error, Ok, Reply, SensorReports
-from catoptra_protocol.stream.requests import DriveRequest, SpawnRequest
-from catoptra_protocol.usarsim.commands import Drive, Init
+from catoptra_protocol.stream.requests import DriveRequest, PublishRequest, SpawnRequest
+from catoptra_protocol.usarsim.commands import Drive, Init, Note, ShareControl
 from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
 from catoptra_server.simulation import (
     ClientDisconnected,
     CommandReceived,
+    NotePublished,
     ResetRequested,
+    SharedRobotDriven,
     SimulationEvent,
     StepRequested,
     StepResult,
@@ -263,3 +265,63 @@ def test_reply_when_it_cannot_be_handled_is_a_fault(caplog: pytest.LogCaptureFix
 
     run_scenario(scenario())
     assert "IndexError" in caplog.text
+
+
+def test_spawn_when_confirmed_has_the_name_of_the_robot_in_its_reply() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        await recorder.spawn()
+        recorder.session.step(0.1, recorder.pending.add(2))
+        step = recorder.posted[-1]
+        assert isinstance(step, StepRequested)
+        step.reply(StepResult(0.1, (ODOMETRY,)))
+        await settle()
+        names = [reply.robot for reply in recorder.sent if isinstance(reply, SensorReports)]
+        assert names == ["Mine", ""]
+
+    run_scenario(scenario())
+
+
+@pytest.mark.parametrize(
+    ("reason", "reply"),
+    [("", Ok(2)), ("the owner does not share", Error(2, "the owner does not share"))],
+)
+def test_drive_of_a_shared_robot_has_the_outcome_as_reply(reason: str, reply: Reply) -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        request = DriveRequest(2, 1.0, None, True, "Shared")
+        recorder.session.drive_shared(request, recorder.pending.add(2))
+        (event,) = recorder.posted
+        assert isinstance(event, SharedRobotDriven)
+        assert (event.client, event.robot) == (recorder.session, "Shared")
+        assert event.drive == Drive(1.0, None, normalized=True)
+        assert recorder.sent == []
+        event.reply(reason)
+        await settle()
+        assert recorder.sent == [reply]
+
+    run_scenario(scenario())
+
+
+@pytest.mark.parametrize(("reason", "reply"), [("", Ok(2)), ("8 names", Error(2, "8 names"))])
+def test_note_has_the_outcome_as_reply(reason: str, reply: Reply) -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        recorder.session.publish(PublishRequest(2, "ekf", "{}"), recorder.pending.add(2))
+        (event,) = recorder.posted
+        assert isinstance(event, NotePublished)
+        assert event.note == Note("ekf", "{}")
+        event.reply(reason)
+        await settle()
+        assert recorder.sent == [reply]
+
+    run_scenario(scenario())
+
+
+def test_sharing_is_posted_as_a_command() -> None:
+    async def scenario() -> None:
+        recorder = Recorder()
+        recorder.session.share_control(True)
+        assert recorder.posted == [CommandReceived(recorder.session, ShareControl(True))]
+
+    run_scenario(scenario())

@@ -15,25 +15,33 @@ from catoptra_protocol.stream.replies import (
     Ok,
     Reply,
     SensorReports,
+    StateReply,
 )
 from catoptra_protocol.stream.requests import (
     DriveRequest,
     GetCameraRequest,
     GetReadingsRequest,
+    GetStateRequest,
     GetStatusRequest,
+    PublishRequest,
     Request,
     ResetRequest,
+    ShareControlRequest,
     SpawnRequest,
     StepRequest,
 )
 from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
 from catoptra_server.simulation import (
     ClientDisconnected,
+    NotePublished,
     ResetRequested,
+    SharedRobotDriven,
     SimulationEvent,
+    StateRequested,
     StepRequested,
     StepResult,
 )
+from catoptra_server.simulation.robot_state import FleetState
 from catoptra_server.transports.stream import stream_peer
 from catoptra_server.transports.stream.robot_session import RobotSession
 from catoptra_server.transports.stream.stream_peer import StreamPeer
@@ -115,6 +123,81 @@ def test_drive_with_a_robot_is_ok_and_without_one_an_error() -> None:
         assert "spawn one first" in reply.reason
         await session.spawn()
         assert await session.raw.send_request(drive) == Ok(5)
+
+    run_session(play)
+
+
+@pytest.mark.parametrize(
+    "request_", [PublishRequest(5, "ekf", "{}"), ShareControlRequest(5, True)], ids=lambda r: r.KIND
+)
+def test_note_and_sharing_without_a_robot_are_errors(request_: Request) -> None:
+    async def play(session: PeerSession) -> None:
+        reply = await session.raw.send_request(request_)
+        assert isinstance(reply, Error)
+        assert "spawn one first" in reply.reason
+        assert session.posted == []
+
+    run_session(play)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "reason"),
+    [
+        ("", "{}", "0 characters"),
+        ("a\x1b[2J", "{}", "printable"),
+        ("a" * 5000, "{}", "5000 characters"),
+        ("a", "[]", "expected an object"),
+        ("a", '{"x":NaN}', "finite"),
+        ("a", '{"x":' + 4000 * "[" + 4000 * "]" + "}", "nested"),
+        ("a", '{"x":"' + 8185 * "y" + '"}', "at most 8192"),
+        ("a", r'{"x":"\udc00"}', "surrogate"),
+    ],
+    ids=["no name", "escape", "long name", "list", "NaN", "deep", "giant", "surrogate"],
+)
+def test_note_when_none_is_an_error_and_reaches_no_robot(name: str, text: str, reason: str) -> None:
+    async def play(session: PeerSession) -> None:
+        await session.spawn()
+        num_posted = len(session.posted)
+        reply = await session.raw.send_request(PublishRequest(5, name, text))
+        assert isinstance(reply, Error)
+        assert reason in reply.reason
+        assert len(session.posted) == num_posted
+
+    run_session(play)
+
+
+def test_note_is_ok_once_the_simulation_has_stored_it() -> None:
+    async def play(session: PeerSession) -> None:
+        await session.spawn()
+        await session.send(PublishRequest(5, "ekf", "{}"))
+        event = session.posted[-1]
+        assert isinstance(event, NotePublished)
+        event.reply("")
+        assert await session.receive() == Ok(5)
+        assert await session.raw.send_request(ShareControlRequest(6, True)) == Ok(6)
+
+    run_session(play)
+
+
+def test_drive_with_a_name_needs_no_robot_and_has_the_outcome_as_reply() -> None:
+    async def play(session: PeerSession) -> None:
+        for id_, reason in ((5, ""), (6, "there is no robot 'Gone'")):
+            await session.send(DriveRequest(id_, 1.0, 1.0, False, "Gone"))
+            event = session.posted[-1]
+            assert isinstance(event, SharedRobotDriven)
+            event.reply(reason)
+            assert await session.receive() == (Error(id_, reason) if reason else Ok(id_))
+
+    run_session(play)
+
+
+def test_state_is_collected_by_the_simulation_without_a_robot() -> None:
+    async def play(session: PeerSession) -> None:
+        await session.send(GetStateRequest(5, ""))
+        event = session.posted[-1]
+        assert isinstance(event, StateRequested)
+        event.reply(1.5, FleetState(()))
+        assert await session.receive() == StateReply(5, 1.5, (), "", (), ())
 
     run_session(play)
 
