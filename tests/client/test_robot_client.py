@@ -6,6 +6,7 @@ import math
 import socket
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from catoptra_client.robot_client import RobotClient
@@ -18,7 +19,16 @@ from catoptra_protocol.errors import (
 )
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
-from catoptra_protocol.usarsim.commands import Drive, GetConf, GetGeo, GetStartPoses, Init, Step
+from catoptra_protocol.usarsim.commands import (
+    Drive,
+    GetConf,
+    GetGeo,
+    GetStartPoses,
+    Init,
+    Note,
+    ShareControl,
+    Step,
+)
 from catoptra_protocol.usarsim.reports import (
     CommandResult,
     Configuration,
@@ -137,6 +147,34 @@ def test_drive_when_called_sends_both_sides() -> None:
             robot.spawn("P2AT")
             robot.drive(50.0, -50.0, normalized=True)
             assert robot.wait_for_report(OdometryReading) == ODOMETRY
+
+
+def test_note_and_sharing_are_sent() -> None:
+    note = Note("ekf", '{"pose":[1.0,2.0,0.5]}')
+    script = reply_script(
+        SPAWN_EXCHANGE, (note, ()), (ShareControl(True), ()), (ShareControl(False), (ODOMETRY,))
+    )
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        robot.publish("ekf", {"pose": np.array([1.0, 2.0, 0.5])})
+        robot.share_control()
+        robot.share_control(False)
+        assert robot.wait_for_report(OdometryReading) == ODOMETRY
+
+
+def test_note_when_the_server_would_ignore_it_is_not_sent() -> None:
+    notes = [(Note(f"note {number}", "{}"), ()) for number in range(8)]
+    script = reply_script(SPAWN_EXCHANGE, *notes, (Note("note 3", "{}"), (ODOMETRY,)))
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        with pytest.raises(LocalProtocolError, match="no JSON object"):
+            robot.publish("nan", {"pose": math.nan})
+        for number in range(8):
+            robot.publish(f"note {number}", {})
+        with pytest.raises(LocalProtocolError, match="8 names"):
+            robot.publish("ninth", {})
+        robot.publish("note 3", {})
+        assert robot.wait_for_report(OdometryReading) == ODOMETRY
 
 
 def test_step_returns_the_reports_before_its_result() -> None:

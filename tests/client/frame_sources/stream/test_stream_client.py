@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
+import numpy as np
 import pytest
 
 from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
@@ -14,6 +15,7 @@ from catoptra_protocol.errors import (
     CatoptraError,
     ConnectionLostError,
     DeadlineExceededError,
+    LocalProtocolError,
     RemoteProtocolError,
 )
 from catoptra_protocol.optics.lenses import PerspectiveCamera
@@ -26,6 +28,7 @@ from catoptra_protocol.stream.replies import (
     Reply,
     SensorReports,
     StartPosesReply,
+    StateReply,
     StatusReply,
 )
 from catoptra_protocol.stream.requests import (
@@ -33,10 +36,13 @@ from catoptra_protocol.stream.requests import (
     GetFrameRequest,
     GetLandmarksRequest,
     GetStartPosesRequest,
+    GetStateRequest,
     GetStatusRequest,
     ImageEncoding,
+    PublishRequest,
     Request,
     ResetRequest,
+    ShareControlRequest,
 )
 from catoptra_protocol.usarsim.reports import OdometryReading, line_from_report
 from helpers.scripted_stream import HEARTBEAT, Script, serve_stream_script
@@ -61,7 +67,9 @@ def make_replies(request: Request) -> list[Reply]:
             return [LandmarksReply(id_, (visible,), 0.25)]
         case GetStartPosesRequest(id_):
             return [StartPosesReply(id_, ())]
-        case DriveRequest(id_) | ResetRequest(id_):
+        case GetStateRequest(id_, robot):
+            return [StateReply(id_, 1.5, (), robot, (), ())]
+        case DriveRequest(id_) | ResetRequest(id_) | PublishRequest(id_) | ShareControlRequest(id_):
             return [Ok(id_)]
         case _:
             line = line_from_report(OdometryReading("Odometry", 1.0, 2.0, 0.5)).decode().strip()
@@ -97,6 +105,30 @@ def test_client_when_every_request_has_a_reply_returns_their_values() -> None:
             LandmarkProjection(mark, (1.5, 2.5), True, 0.25),
         )
         assert client.get_start_poses() == ()
+
+
+def test_note_sharing_and_drive_of_another_robot_are_requested() -> None:
+    requests: list[Request] = []
+
+    def record(request: Request) -> list[list[bytes]]:
+        requests.append(request)
+        return reply_to_all(request)
+
+    with serve_stream_script(record) as port, StreamClient(HOST, port) as client:
+        client.publish("ekf", {"pose": np.array([1.0, 2.0, 0.5])})
+        client.share_control()
+        client.share_control(False)
+        client.drive(1.0, None, robot="Theirs")
+        assert client.get_state("Theirs").robot == "Theirs"
+        with pytest.raises(LocalProtocolError, match="no JSON object"):
+            client.publish("ekf", {"pose": np.array([np.nan])})
+    assert requests == [
+        PublishRequest(1, "ekf", '{"pose":[1.0,2.0,0.5]}'),
+        ShareControlRequest(2, True),
+        ShareControlRequest(3, False),
+        DriveRequest(4, 1.0, None, False, "Theirs"),
+        GetStateRequest(5, "Theirs"),
+    ]
 
 
 def test_frames_when_iterated_are_requested_one_by_one() -> None:
