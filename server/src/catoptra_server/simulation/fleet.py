@@ -50,10 +50,10 @@ from catoptra_server.simulation.landmark_visibility import (
     compute_landmark_visibility,
 )
 from catoptra_server.simulation.pixel_view import NamedScene, PixelView, look_through_pixel
+from catoptra_server.simulation.remote_control import RemoteControl
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_state import FleetState, collect_fleet_state
 from catoptra_server.simulation.set_commands import execute_set
-from catoptra_server.simulation.shared_control import SharedControl
 from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
 from catoptra_server.simulation.spawning import (
     SpawnError,
@@ -109,7 +109,7 @@ class Fleet:
         self._faulty: list[Client] = []
         self._collision_index = CollisionIndex(scene, self._classes)
         self._cameras = FleetCameras(self._robots.values(), self._classes, multi_view)
-        self._shared_control = SharedControl(self._robots)
+        self._remote_control = RemoteControl(self._robots)
 
     def find_robot(self, client: Client) -> Robot | None:
         """Robot of a client; None before INIT."""
@@ -122,7 +122,7 @@ class Fleet:
             return None
         self._collision_index.invalidate(robot)
         self._cameras.release(robot)
-        self._shared_control.release(client)
+        self._remote_control.release(client)
         # The name is free at once: a client that reconnects spawns under its old name.
         log.info("robot %s removed", robot.name)
         return robot.name
@@ -146,7 +146,7 @@ class Fleet:
                 # The control port has no reply to a refused note.
                 self.publish(client, command, time_s)
             case ShareControl(shared):
-                self._shared_control.share(client, shared, time_s)
+                self._remote_control.share(client, shared, time_s)
             case GetConf():
                 if robot is not None:
                     client.deliver(execute_get_conf(robot, command, self._error_bound_of))
@@ -169,7 +169,7 @@ class Fleet:
         """Execute a command of a robot that has power."""
         match command:
             case Drive():
-                self._shared_control.release(client)
+                self._remote_control.release(client)
                 robot.drive_wheels(command, time_s)
             case DriveJoints(joints):
                 for joint in joints:
@@ -260,13 +260,13 @@ class Fleet:
         robot = self._robots.get(client)
         return robot.publish(note, time_s) if robot else "this client has no robot"
 
-    def drive_shared(self, client: Client, name: str, drive: Drive, time_s: float) -> str:
+    def drive_by_name(self, client: Client, name: str, drive: Drive, time_s: float) -> str:
         """Drive the robot of a name; the reason if the client may not, else an empty text."""
-        return self._shared_control.drive(client, name, drive, time_s)
+        return self._remote_control.drive(client, name, drive, time_s)
 
     def halt_robots_driven_by(self, client: Client, time_s: float) -> None:
         """Halt the robots of others that a client drives, which disconnects."""
-        self._shared_control.halt_robots_driven_by(client, time_s)
+        self._remote_control.halt_robots_driven_by(client, time_s)
 
     def get_state(self, name: str) -> FleetState:
         """All robots; readings and notes of the robot of a name, empty for the displayed one."""

@@ -236,7 +236,7 @@ class Simulation:
             case NotePublished(client, note, note_reply):
                 note_reply(self._fleet.publish(client, note, self._time_s))
             case SharedRobotDriven(client, robot, drive, drive_reply):
-                drive_reply(self._fleet.drive_shared(client, robot, drive, self._time_s))
+                drive_reply(self._fleet.drive_by_name(client, robot, drive, self._time_s))
             case _:
                 assert_never(event)
 

@@ -290,7 +290,7 @@ def test_drive_of_a_shared_robot_has_the_outcome_as_reply(reason: str, reply: Re
     async def scenario() -> None:
         recorder = Recorder()
         request = DriveRequest(2, 1.0, None, True, "Shared")
-        recorder.session.drive_shared(request, recorder.pending.add(2))
+        recorder.session.drive_by_name(request, recorder.pending.add(2))
         (event,) = recorder.posted
         assert isinstance(event, SharedRobotDriven)
         assert (event.client, event.robot) == (recorder.session, "Shared")

@@ -144,7 +144,7 @@ class RobotSession:
         elif self.has_robot:
             self.post(CommandReceived(self, halt))
 
-    def drive_shared(self, request: DriveRequest, pending: PendingRequest) -> None:
+    def drive_by_name(self, request: DriveRequest, pending: PendingRequest) -> None:
         """Set the wheel speeds of the robot that the request names."""
         drive = _drive_from_request(request)
         receive = self._outcome_receiver(pending)

@@ -167,7 +167,7 @@ class StreamPeer:
                 pending = self._pending.add(id_)
                 request_state(request, pending, self.robot, self._context.report_lines)
             case DriveRequest(id_) if request.robot:
-                self.robot.drive_shared(request, self._pending.add(id_))
+                self.robot.drive_by_name(request, self._pending.add(id_))
             case (
                 DriveRequest() | GetReadingsRequest() | PublishRequest() | ShareControlRequest()
             ) if not self.robot.has_robot:

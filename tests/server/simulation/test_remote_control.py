@@ -28,7 +28,7 @@ class SharingFleet:
         self, client: FakeClient, left: float | None = 1.0, right: float | None = -1.0
     ) -> str:
         """Drive the robot by its name; the reason against it."""
-        return self.fleet.drive_shared(client, "R", Drive(left, right), 0.0)
+        return self.fleet.drive_by_name(client, "R", Drive(left, right), 0.0)
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -55,7 +55,7 @@ def test_robot_when_not_shared_is_driven_by_its_owner_only() -> None:
 @pytest.mark.parametrize("name", ["", "r", "R2", "R\n"])
 def test_robot_when_unknown_is_not_driven(name: str) -> None:
     sharing = SharingFleet()
-    reason = sharing.fleet.drive_shared(sharing.driver, name, Drive(1.0, 1.0), 0.0)
+    reason = sharing.fleet.drive_by_name(sharing.driver, name, Drive(1.0, 1.0), 0.0)
     assert reason == f"there is no robot {name!r}"
     assert sharing.speeds == (0.0, 0.0)
 

@@ -11,7 +11,7 @@ from catoptra_server.simulation.simulation_events import Client
 _HALT = Drive(0.0, 0.0)
 
 
-class SharedControl:
+class RemoteControl:
     """Who drives whose robot. A robot halts once its driver disconnects or may not drive it."""
 
     def __init__(self, robots: Mapping[Client, Robot]) -> None:
