@@ -133,7 +133,7 @@ class PlotPanel {
     this.#area.replaceChildren();
     for (const [unit, members] of this.#groups()) {
       const labels = members.map(({ label }) => label);
-      const options = plotOptions(this.#area.clientWidth, unit, members);
+      const options = plotOptions(this.#area.clientWidth, unit, members, () => this.#timeRange());
       const data = this.#store.window(labels, Number(this.#duration.value));
       this.#plots.push({ labels, plot: new window.uPlot(options, data, this.#area) });
     }
@@ -154,6 +154,12 @@ class PlotPanel {
     return make("li", { title: label }, swatch, shorten(label, 32), remove);
   }
 
+  /** The whole duration from the start, so that the curves move and do not stretch. */
+  #timeRange() {
+    const newest_s = Math.max(0, this.#store.newest_s);
+    return [newest_s - Number(this.#duration.value), newest_s];
+  }
+
   #draw() {
     const duration_s = Number(this.#duration.value);
     for (const { labels, plot } of this.#plots)
@@ -168,7 +174,14 @@ class PlotPanel {
   }
 }
 
-function plotOptions(width, unit, members) {
+/** Limits of an axis: a little beyond the values, and never so close that noise fills it. */
+function valueRange(_, low, high) {
+  if (low === null || high === null) return [0, 1];
+  const margin = Math.max(0.06 * (high - low), 0.01 * Math.abs(high), 0.01);
+  return [low - margin, high + margin];
+}
+
+function plotOptions(width, unit, members, timeRange) {
   const axis = () => ({
     stroke: colour("muted"),
     font: "11px system-ui, sans-serif",
@@ -182,7 +195,7 @@ function plotOptions(width, unit, members) {
     legend: { show: false },
     // Without dragging to zoom: the next state would undo it.
     cursor: { sync: { key: "catoptra" }, drag: { x: false, y: false }, points: { size: 5 } },
-    scales: { x: { time: false } },
+    scales: { x: { time: false, range: timeRange }, y: { range: valueRange } },
     axes: [
       { ...axis(), size: 28, values: (_, times) => times.map((time) => `${time} s`) },
       { ...axis(), size: 52, label: unit, labelSize: 14 },

@@ -7,6 +7,7 @@ import { classOf, compose, degrees, planarPose } from "../scan_geometry.js";
 
 const MAX_LISTED = 100;
 const MAX_FIELDS = 24;
+const MAX_READINGS = 64;
 /** Fields of the status line that are shown in words, or not at all. */
 const STATUS_FIELDS = new Set(["type", "time", "battery", "lighttoggle", "lightintensity", "view"]);
 
@@ -81,7 +82,9 @@ class RobotList {
     const buttons = cameras.map((camera) => this.#button(robot, camera, chosen));
     const watch = make("td", {}, make("div", { className: "controls" }, ...buttons));
     if (!cameras.length) watch.textContent = "no camera";
-    return make("tr", {}, name, make("td", {}, shorten(robot.class_name, 24)), watch);
+    // Without the package, which all classes share.
+    const className = shorten(robot.class_name.split(".").at(-1), 24);
+    return make("tr", {}, name, make("td", { title: robot.class_name }, className), watch);
   }
 
   #button(robot, { name, kind }, chosen) {
@@ -266,16 +269,20 @@ class OwnRobot {
   }
 }
 
-/** State of the selected robot, and what clients publish about it. */
+/** State of the selected robot, its readings as text, and what clients publish about it. */
 class Details {
   #context;
   #title = make("h3");
   #values = make("dl", { className: "values" });
   #notes = make("div", { className: "block" });
+  #readings = make("dl", { className: "values raw", tabIndex: 0, ariaLabel: "All readings" });
+  #raw = make("details", {}, make("summary", {}, "All readings"), this.#readings);
 
   constructor(context) {
     this.#context = context;
     this.element = make("div", { className: "block" }, this.#title, this.#values, this.#notes);
+    this.element.append(this.#raw);
+    this.#raw.addEventListener("toggle", () => this.update());
   }
 
   update() {
@@ -287,6 +294,7 @@ class Details {
     setValues(this.#values, valuesOf(robot, state));
     const beliefs = beliefsOf(state).filter(({ text, pose }) => text || pose);
     this.#notes.replaceChildren(...beliefs.map(noteElement));
+    if (this.#raw.open) setValues(this.#readings, readingPairs(state.readings));
   }
 }
 
@@ -320,12 +328,27 @@ function valuesOf(robot, { readings }) {
 /** Battery and lights in words, then the joints. */
 function statusPairs({ fields }) {
   const isLit = fields.get("lighttoggle")?.toLowerCase() === "true";
-  const joints = [...fields].filter(([name]) => !STATUS_FIELDS.has(name)).slice(0, MAX_FIELDS);
+  // Robots without steered wheels report angles of 0 for them.
+  const isJoint = ([name, value]) =>
+    !STATUS_FIELDS.has(name) && !(name.endsWith("steer") && Number(value) === 0);
+  const joints = [...fields].filter(isJoint).slice(0, MAX_FIELDS);
   return [
     ["Battery", `${fields.get("battery") ?? "\u2013"} s`],
     ["Lights", isLit ? `on, ${fields.get("lightintensity") ?? "\u2013"} %` : "off"],
     ...joints.map(([name, value]) => [shorten(name, 24), `${shorten(value, 24)} rad`]),
   ];
+}
+
+/** Each reading as one line of text. */
+function readingPairs(readings) {
+  return [...readings.values()].slice(0, MAX_READINGS).map(({ type, name, fields, parts }) => {
+    const values = [...fields].filter(([key]) => key !== "type" && key !== "name");
+    const texts = [
+      ...parts.map((part) => `${part.name} ${part.value}`),
+      ...values.map(([key, value]) => `${key} ${value}`),
+    ];
+    return [shorten(name || type, 24), shorten(texts.join("; "), 400)];
+  });
 }
 
 function noteElement({ name, pose, text }) {

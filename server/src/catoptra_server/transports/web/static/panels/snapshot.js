@@ -1,6 +1,9 @@
 /** Files of what is seen: the picture without loss, and its panorama. */
 
+import { chooseCylinder } from "../camera_table.js";
 import { bodyOf, make } from "../panel.js";
+
+const MAX_COLUMNS = 4096;
 
 /** Create the panel. */
 export function create(section, context) {
@@ -44,15 +47,34 @@ async function savePicture(context) {
   return download(blob, fileName(header, ""));
 }
 
+/** The panorama of a picture that is rendered for it, not of one that JPEG has changed. */
 async function savePanorama(context) {
-  if (!context.panoramaPng) throw new Error("this camera has no panorama");
+  const { unwarper, table } = context;
+  if (!unwarper || !table) throw new Error(context.unwarperFault || "this camera has no panorama");
   const { header, blob } = await requestPng(context);
   const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none" });
+  const columns = Math.min(MAX_COLUMNS, 2 * header.width_px);
+  const cylinder = chooseCylinder(table, columns);
+  const pixels = readPanorama(unwarper, bitmap, cylinder, context.frame);
+  const panorama = await pngOf(new ImageData(pixels, columns, cylinder.rows));
+  return download(panorama, fileName(header, "_panorama"));
+}
+
+/** Unwarp another picture than the shown one, which then follows again. */
+function readPanorama(unwarper, bitmap, cylinder, shown) {
   try {
-    return download(await context.panoramaPng(bitmap, header), fileName(header, "_panorama"));
+    unwarper.setFrame(bitmap);
+    return new Uint8ClampedArray(unwarper.read(cylinder).buffer);
   } finally {
+    unwarper.setFrame(shown?.bitmap ?? null);
     bitmap.close();
   }
+}
+
+function pngOf(image) {
+  const canvas = new OffscreenCanvas(image.width, image.height);
+  canvas.getContext("2d").putImageData(image, 0, 0);
+  return canvas.convertToBlob({ type: "image/png" });
 }
 
 /** Names are the choice of clients: of their characters only those of file names remain. */
