@@ -96,6 +96,8 @@ def start_server(
         *("--world", str(world)),
         *("--robot", str(robot or write_small_robot(folder))),
         *("--control-port", "0", "--image-port", "0"),
+        # Tests of the page name its port; the others spare the time to load it.
+        *(() if "--view" in arguments else ("--no-view",)),
         *("--renderer", "trace", "--threads", "1", *arguments),
     ]
     log = folder / "server.log"

@@ -91,7 +91,7 @@ def test_file_when_missing_is_rejected(
     assert "a readable ini file" in line
 
 
-@pytest.mark.parametrize("option", ["--control-port", "--image-port"])
+@pytest.mark.parametrize("option", ["--control-port", "--image-port", "--view"])
 def test_port_when_in_use_is_rejected_with_a_remedy(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], option: str
 ) -> None:
@@ -110,7 +110,7 @@ def test_port_when_in_use_is_rejected_with_a_remedy(
             *(part for pair in ports.items() for part in pair),
         )
     assert f"127.0.0.1:{port}: Address already in use" in line
-    assert "--control-port 0 --image-port 0 take free ones" in line
+    assert "--control-port 0 --image-port 0 --view 0 take free ones" in line
 
 
 def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
@@ -189,8 +189,10 @@ def test_server_when_it_listens_prints_its_addresses_and_ends_with_0(
     )
     text = capfd.readouterr().out
     assert status == 0
-    assert text.startswith("listening control=127.0.0.1:")
-    assert text.count("\n") == 1
+    first, second, rest = text.split("\n")
+    assert first.startswith("listening control=127.0.0.1:")
+    assert second.startswith("live page: http://127.0.0.1:")
+    assert not rest
 
 
 @pytest.mark.parametrize(

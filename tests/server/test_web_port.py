@@ -1,0 +1,78 @@
+"""The live page as a server process opens it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import urllib.request
+from pathlib import Path
+
+import aiohttp
+
+from catoptra_protocol.stream.replies import SensorReports, StateReply
+from catoptra_protocol.stream.requests import DriveRequest, GetStateRequest, SpawnRequest
+from helpers.live_page import PageClient
+from helpers.loopback import run_scenario
+from helpers.server_process import RunningServer, start_server
+
+
+def read_link(server: RunningServer) -> str:
+    """Address of the page, from the second line that the server prints."""
+    assert server.process.stdout is not None
+    found = re.fullmatch(
+        r"live page: (http://127\.0\.0\.1:\d+)/\n", server.process.stdout.readline()
+    )
+    assert found
+    return found[1]
+
+
+def test_page_of_a_server_has_its_files_and_describes_it(tmp_path: Path) -> None:
+    with start_server(tmp_path, "--view", "0") as server:
+        link = read_link(server)
+        with urllib.request.urlopen(f"{link}/") as response:
+            assert b"<!DOCTYPE html>" in response.read()
+        with urllib.request.urlopen(f"{link}/api/server.json") as response:
+            description = json.load(response)
+        with urllib.request.urlopen(f"{link}/api/floor_plan.json") as response:
+            assert json.load(response)["segments"]
+    assert description["clock"] == "realtime"
+    assert description["classes"][0]["class_name"] == "USARBot.OmniP2AT"
+
+
+def test_robot_that_a_page_drives_halts_within_300_ms_and_leaves_with_the_page(
+    tmp_path: Path,
+) -> None:
+    async def drive(link: str) -> None:
+        async with (
+            aiohttp.ClientSession() as http,
+            http.ws_connect(f"{link}/socket", origin=link) as watching,
+        ):
+            watcher = PageClient(watching, iter(range(1, 10000)))  # type: ignore[arg-type]
+            async with http.ws_connect(f"{link}/socket", origin=link) as websocket:
+                page = PageClient(websocket, watcher.ids)
+                spawn = SpawnRequest(1, "USARBot.OmniP2AT", "Mine", None, "Centre")
+                assert isinstance(await page.request(spawn), SensorReports)
+                await page.request(DriveRequest(2, 1.0, 1.0, False))
+                time_s = await wait_for_speed(watcher, is_rolling=True)
+                stopped_s = await wait_for_speed(watcher, is_rolling=False)
+                assert stopped_s - time_s < 0.3
+            while (await get_state(watcher)).robots:
+                await asyncio.sleep(0)
+
+    with start_server(tmp_path, "--view", "0") as server:
+        run_scenario(drive(read_link(server)))
+
+
+async def get_state(page: PageClient) -> StateReply:
+    state = await page.request(GetStateRequest(next(page.ids), "Mine"))
+    assert isinstance(state, StateReply)
+    return state
+
+
+async def wait_for_speed(page: PageClient, *, is_rolling: bool) -> float:
+    """Simulation time at which the robot first rolls, or stands."""
+    while True:
+        state = await get_state(page)
+        if any(state.robots[0].wheel_speeds_rad_s) is is_rolling:
+            return state.time_s

@@ -1,0 +1,82 @@
+"""The table of a camera against the camera model itself."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, CentralMirror
+from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    camera_with_inscribed_rim,
+    pixel_from_direction,
+)
+from catoptra_server.transports.web.camera_table import camera_table
+
+# What the page may miss: a hundredth of what is seen, and more than interpolation costs.
+TOLERANCE_PX = 1e-4
+
+
+def pixel_from_table(table: dict[str, Any], theta_rad: Floats, phi_rad: Floats) -> Floats:
+    """Pixels (..., 2) as the page computes them."""
+    a, b, c, d = table["azimuth_matrix"]
+    thetas = np.linspace(0.0, table["max_theta_rad"], len(table["radius_px"]))
+    radius = np.interp(theta_rad, thetas, table["radius_px"])
+    x, y = np.cos(phi_rad), np.sin(phi_rad)
+    u, v = table["centre_px"]
+    return np.stack((u + radius * (a * x + b * y), v + radius * (c * x + d * y)), axis=-1)
+
+
+def make_camera(mirror: CentralMirror, *, up_rad: float, is_cropped: bool) -> OmniCamera:
+    if not is_cropped:
+        return camera_with_inscribed_rim(
+            mirror,
+            width_px=640,
+            height_px=640,
+            rim_rad=math.radians(110.0),
+            image_up_azimuth_rad=up_rad,
+        )
+    return OmniCamera(mirror, 640, 480, (301.5, 222.25), 190.0, math.radians(115.0), up_rad)
+
+
+@pytest.mark.parametrize(
+    "mirror", [PAPER_MIRROR, ParabolicMirror(0.5)], ids=["hyperbolic", "parabolic"]
+)
+@pytest.mark.parametrize("up_rad", [0.0, 0.5 * math.pi, -2.0])
+@pytest.mark.parametrize("is_cropped", [False, True])
+def test_pixels_of_the_table_are_those_of_the_model(
+    mirror: CentralMirror, up_rad: float, is_cropped: bool
+) -> None:
+    camera = make_camera(mirror, up_rad=up_rad, is_cropped=is_cropped)
+    theta, phi = np.meshgrid(
+        np.linspace(0.0, camera.rim_rad, 1237), np.linspace(-math.pi, math.pi, 37)
+    )
+    direction = np.stack(
+        (np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)), axis=-1
+    )
+    expected, valid = pixel_from_direction(camera, direction)
+    # The rim itself may round to either side.
+    assert valid[:, :-1].all()
+    table = camera_table(camera)
+    difference = np.abs(pixel_from_table(table, theta, phi) - expected)[valid]
+    assert difference.max() < TOLERANCE_PX
+
+
+def test_table_states_image_and_domain() -> None:
+    camera = make_camera(PAPER_MIRROR, up_rad=0.0, is_cropped=True)
+    table = camera_table(camera)
+    assert table["kind"] == "radial"
+    assert (table["width_px"], table["height_px"]) == (640, 480)
+    assert table["centre_px"] == (301.5, 222.25)
+    assert table["max_theta_rad"] == camera.rim_rad
+    radius_px = table["radius_px"]
+    assert isinstance(radius_px, list)
+    assert len(radius_px) == 4096
+    assert radius_px[0] == 0.0
+    assert radius_px[-1] == pytest.approx(camera.rim_radius_px, abs=1e-9)
+    assert np.all(np.diff(radius_px) > 0.0)
