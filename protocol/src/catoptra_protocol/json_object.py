@@ -16,6 +16,7 @@ from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 
 # Objects and lists inside each other: the deepest message has six.
 MAX_JSON_DEPTH = 16
+_MAX_INT_CHARS = 20  # of 63 bits, with a sign
 _MAX_QUOTED_CHARS = 80  # of a reason in an error text
 
 
@@ -37,7 +38,11 @@ def json_object_from_text(text: str, max_bytes: int) -> dict[str, Any]:
         raise RemoteProtocolError(f"JSON of {num_bytes} bytes: at most {max_bytes} are read")
     try:
         value = json.loads(
-            text, object_pairs_hook=_dict_from_pairs, parse_constant=_reject_constant
+            text,
+            object_pairs_hook=_dict_from_pairs,
+            parse_int=_parse_int,
+            parse_float=_parse_float,
+            parse_constant=_reject_constant,
         )
     except RecursionError as error:
         raise _depth_error() from error
@@ -47,7 +52,8 @@ def json_object_from_text(text: str, max_bytes: int) -> dict[str, Any]:
         raise RemoteProtocolError(
             f"JSON that is {repr(value)[:_MAX_QUOTED_CHARS]}: expected an object"
         )
-    _check_values(value)
+    _check_depth(value)
+    _check_surrogates(text, value)
     return value
 
 
@@ -78,33 +84,44 @@ def _reject_constant(name: str) -> float:
     raise ValueError(f"{name}: expected a finite number")
 
 
-def _check_values(root: dict[str, Any]) -> None:
-    """Check all values, level by level: without recursion, so that no depth exhausts the stack."""
+def _parse_int(text: str) -> int:
+    # Longer ones have no float, and their conversion takes the square of their length.
+    if len(text) > _MAX_INT_CHARS:
+        raise ValueError(f"an int of {len(text)} characters: at most {_MAX_INT_CHARS}")
+    return int(text)
+
+
+def _parse_float(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError("a number beyond all of float64")
+    return number
+
+
+def _check_depth(root: dict[str, Any]) -> None:
+    # Level by level: without recursion, so that no depth exhausts the stack.
     level: list[Any] = [root]
     for _ in range(MAX_JSON_DEPTH):
-        level = [item for container in level for item in _checked_items(container)]
+        level = [
+            value
+            for container in level
+            for value in (container.values() if type(container) is dict else container)
+            if type(value) is dict or type(value) is list
+        ]
         if not level:
             return
     raise _depth_error()
 
 
-def _checked_items(container: dict[str, Any] | list[Any]) -> list[dict[str, Any] | list[Any]]:
-    """Check names, texts and numbers of one object or list; the objects and lists in it."""
-    values = [*container, *container.values()] if isinstance(container, dict) else container
-    for value in values:
-        if isinstance(value, float) and not math.isfinite(value):
-            raise RemoteProtocolError("no JSON: a number beyond all of float64")
-        if isinstance(value, str) and not _is_encodable(value):
-            raise RemoteProtocolError(f"no JSON: an unpaired surrogate in {ascii(value)[:80]}")
-    return [value for value in values if isinstance(value, dict | list)]
-
-
-def _is_encodable(text: str) -> bool:
+def _check_surrogates(text: str, value: dict[str, Any]) -> None:
+    """Check that UTF-8 can encode all names and texts of a value of limited depth."""
+    # Without such an escape the text itself has them all.
+    parts = [text, json.dumps(value, ensure_ascii=False)] if "\\ud" in text.lower() else [text]
     try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
+        for part in parts:
+            part.encode()
+    except UnicodeEncodeError as error:
+        raise RemoteProtocolError("no JSON: an unpaired surrogate") from error
 
 
 def _depth_error() -> RemoteProtocolError:

@@ -70,6 +70,13 @@ def test_request_when_its_id_is_no_int_above_0_is_rejected_without_an_id(id_: st
     assert not isinstance(caught.value, InvalidRequestError)
 
 
+@pytest.mark.parametrize("number", ["9" * 400, "1e400", "-1e999", "NaN", "Infinity", "9" * 5000])
+def test_request_when_a_number_is_beyond_float64_is_rejected(number: str) -> None:
+    text = '{"kind": "drive", "id": 7, "left": %s, "right": 0, "normalized": false}'
+    with pytest.raises(RemoteProtocolError, match="no JSON"):
+        request_from_json(text % number)
+
+
 def test_request_when_it_holds_the_largest_note_fits() -> None:
     request = PublishRequest(1, "n" * 64, '{"text":"' + 8181 * "x" + '"}')
     assert len(request.text) == 8192
