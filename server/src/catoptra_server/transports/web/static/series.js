@@ -10,16 +10,16 @@ import { PoseHistory, compose, planarPose, wrapped } from "./scan_geometry.js";
 /** Two minutes at 10 states a second. */
 const CAPACITY = 1250;
 const MAX_SERIES = 200;
+const inUnit = (unit, ...names) => names.map((name) => [name, unit]);
+const WHEELS = ["front right", "front left", "back right", "back left"];
 /** Names and units of the numbers of known fields; others are numbered. */
 const FIELDS = {
-  "odometry.pose": [["x", "m"], ["y", "m"], ["yaw", "rad"]],
-  "location": [["x", "m"], ["y", "m"], ["z", "m"]],
-  "orientation": [["roll", "rad"], ["pitch", "rad"], ["yaw", "rad"]],
-  "tachometer.vel": ["front right", "front left", "back right", "back left"].map((name) => [
-    `speed ${name}`,
-    "rad/s",
-  ]),
-  "battery": [["", "s"]],
+  "odometry.pose": [...inUnit("m", "x", "y"), ["yaw", "rad"]],
+  location: inUnit("m", "x", "y", "z"),
+  orientation: inUnit("rad", "roll", "pitch", "yaw"),
+  "tachometer.vel": inUnit("rad/s", ...WHEELS.map((wheel) => `speed ${wheel}`)),
+  "tachometer.pos": inUnit("rad", ...WHEELS.map((wheel) => `angle ${wheel}`)),
+  battery: inUnit("s", "battery"),
 };
 const PART_UNITS = { Range: "m", Tick: "ticks" };
 const SKIPPED = new Set(["type", "name", "time", "resolution", "fov", "view", "id"]);
@@ -115,7 +115,10 @@ export class SeriesStore {
     if (odometry.length === 3) {
       const [x, y, yaw] = odometry;
       const pose = compose(planarPose(robot.world_from_start), { x, y, yaw });
-      samples.push(...errorSeries("Odometry error", pose, truth));
+      // Odometry has no time of its own; the status of the same cycle has.
+      const status = [...state.readings.values()].find(({ word }) => word === "STA");
+      const then = (status && this.#history.at(status.time_s)) ?? truth;
+      samples.push(...errorSeries("Odometry error", pose, then));
     }
     for (const belief of beliefsOf(state)) samples.push(...this.#beliefSamples(belief));
     return [...samples, ...[...state.readings.values()].flatMap(seriesOfReading)];
