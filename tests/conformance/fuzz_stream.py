@@ -16,6 +16,11 @@ from catoptra_client.frame import rgb_from_image_bytes
 from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
 from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.stream.json_codec import (
+    json_from_message,
+    reply_from_json,
+    request_from_json,
+)
 from catoptra_protocol.stream.messages import (
     bytes_from_message,
     reply_from_bytes,
@@ -51,6 +56,8 @@ def stream_targets() -> list[FuzzTarget]:
         FuzzTarget("unpack", _feed_msgpack, (*requests, *replies), mutate_message),
         FuzzTarget("request_from_bytes", _feed_request, requests, mutate_message),
         FuzzTarget("reply_from_bytes", _feed_reply, replies, mutate_message),
+        FuzzTarget("request_from_json", _feed_json_request, requests, mutate_json_message),
+        FuzzTarget("reply_from_json", _feed_json_reply, replies, mutate_json_message),
         FuzzTarget("frame_from_parts", _make_frame_feeder(), frames),
         FuzzTarget("rgb_from_image_bytes", _feed_image, images, period=5),
         FuzzTarget("omni_camera_from_pairs", _feed_camera, (_HYPERBOLIC_CONF, _PARABOLIC_CONF)),
@@ -72,6 +79,19 @@ def mutate_message(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
     # Half of the inputs stay valid msgpack, so that the checks of fields are reached.
     if rng.random() < 0.5:
         return mutate(rng, seeds)
+    data: bytes = msgpack.packb(_mutate_fields(rng, seeds))
+    return data
+
+
+def mutate_json_message(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
+    """As `mutate_message`, in JSON."""
+    # Python writes NaN and Infinity, as a careless peer does.
+    text = json.dumps(_mutate_fields(rng, seeds), default=repr).encode()
+    return mutate(rng, [text]) if rng.random() < 0.5 else text
+
+
+def _mutate_fields(rng: random.Random, seeds: Sequence[bytes]) -> dict[str, Any]:
+    """Fields of a message, one of them changed, missing or added."""
     fields = _fields_from_vector(rng.choice(seeds))
     inner = [value for value in fields.values() if isinstance(value, dict) and value]
     target = rng.choice([fields, *inner])
@@ -82,8 +102,7 @@ def mutate_message(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
             target[rng.choice(list(target)) + "_"] = rng.choice(_ODD_VALUES)
         case _:
             target[rng.choice(list(target))] = rng.choice(_ODD_VALUES)
-    data: bytes = msgpack.packb(fields)
-    return data
+    return fields
 
 
 def _fields_from_vector(data: bytes) -> dict[str, Any]:
@@ -124,6 +143,26 @@ def _feed_reply(data: bytes) -> bool:
     return reply is not None
 
 
+def _feed_json_request(data: bytes) -> bool:
+    try:
+        request = request_from_json(data.decode(errors="surrogateescape"))
+    except RemoteProtocolError:
+        return False
+    check(request_from_json(json_from_message(request)) == request, "a request that changes")
+    check(request_from_bytes(bytes_from_message(request)) == request, "a request of no bytes")
+    return True
+
+
+def _feed_json_reply(data: bytes) -> bool:
+    try:
+        reply = reply_from_json(data.decode(errors="surrogateescape"))
+    except RemoteProtocolError:
+        return False
+    if reply is not None:
+        check(reply_from_json(json_from_message(reply)) == reply, "a reply that changes")
+    return reply is not None
+
+
 def _make_frame_feeder() -> FeedInput:
     """Feeder of a header and an image, with one camera cache for all frames as in a client."""
     camera_cache = CameraModelCache()
@@ -138,7 +177,9 @@ def _make_frame_feeder() -> FeedInput:
             frame = frame_from_parts(header, [image], camera_cache=camera_cache, received_s=0.0)
         except RemoteProtocolError:
             return False
-        check(frame.rgb.shape == (header.height_px, header.width_px, 3), "another size")
+        # The picture and its difference from a reference share an image.
+        width_px = header.width_px // (1 if header.difference is None else 2)
+        check(frame.rgb.shape == (header.height_px, width_px, 3), "another size")
         return True
 
     return feed
