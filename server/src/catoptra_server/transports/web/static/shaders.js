@@ -13,9 +13,9 @@ precision highp float;
 precision highp int;
 precision highp sampler2D;
 
-uniform sampler2D frame;
+uniform sampler2D frame;       // filtered linearly
 uniform ivec2 frameSize;
-uniform sampler2D radii;       // of equidistant incidence angles, one row
+uniform sampler2D radii;       // of equidistant incidence angles; each with the next one
 uniform float maxTheta;
 uniform vec2 centre;
 uniform mat2 azimuthMatrix;
@@ -47,25 +47,16 @@ float radiusFromTheta(float theta) {
   int last = textureSize(radii, 0).x - 1;
   float position = theta / maxTheta * float(last);
   int i = clamp(int(position), 0, last - 1);
-  float near = texelFetch(radii, ivec2(i, 0), 0).r;
-  float far = texelFetch(radii, ivec2(i + 1, 0), 0).r;
-  return mix(near, far, position - float(i));
+  vec2 neighbours = texelFetch(radii, ivec2(i, 0), 0).rg;
+  return mix(neighbours.x, neighbours.y, position - float(i));
 }
 
-// Black outside the frame, as BORDER_CONSTANT of OpenCV.
-vec3 texel(ivec2 at) {
-  bool inside = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, frameSize));
-  return inside ? texelFetch(frame, at, 0).rgb : vec3(0.0);
-}
-
-// Bilinear interpolation with pixel centres at +0.5, exact where a filter has 8 bits.
+// Bilinear interpolation with pixel centres at +0.5. Within half a pixel of the border it tends to
+// black, as BORDER_CONSTANT of OpenCV; the texture itself is clamped there.
 vec3 sampleFrame(vec2 pixel) {
-  vec2 position = pixel - 0.5;
-  ivec2 corner = ivec2(floor(position));
-  vec2 weight = position - vec2(corner);
-  vec3 upper = mix(texel(corner), texel(corner + ivec2(1, 0)), weight.x);
-  vec3 lower = mix(texel(corner + ivec2(0, 1)), texel(corner + ivec2(1, 1)), weight.x);
-  return mix(upper, lower, weight.y);
+  vec2 size = vec2(frameSize);
+  vec2 inside = clamp(pixel + 0.5, 0.0, 1.0) * clamp(size - pixel + 0.5, 0.0, 1.0);
+  return inside.x * inside.y * texture(frame, pixel / size).rgb;
 }
 
 vec3 directionOf(vec2 target) {

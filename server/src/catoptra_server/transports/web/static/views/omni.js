@@ -151,10 +151,21 @@ class OmniView {
   /** CSS pixels per pixel of the frame, and the position of the frame's corner. */
   #placement() {
     const { width, height } = this.#canvases;
-    const bitmap = this.#context.frame?.bitmap ?? { width: 1, height: 1 };
-    const scale = this.#zoom * Math.min(width / bitmap.width, height / bitmap.height);
-    const [u, v] = this.#middle ?? [0.5 * bitmap.width, 0.5 * bitmap.height];
+    const fitted = this.#fittedArea();
+    const scale = this.#zoom * Math.min(width / fitted.width, height / fitted.height);
+    const [u, v] = this.#middle ?? fitted.middle;
     return { scale, left: 0.5 * width - u * scale, top: 0.5 * height - v * scale };
+  }
+
+  /** The part of the frame to fit into the view: the mirror, without the black around it. */
+  #fittedArea() {
+    const { frame, table } = this.#context;
+    const { width, height } = frame?.bitmap ?? { width: 1, height: 1 };
+    const whole = { width, height, middle: [0.5 * width, 0.5 * height] };
+    if (!table) return whole;
+    const side = 2 * table.rim_radius_px;
+    if (side > Math.max(width, height)) return whole;
+    return { width: side, height: side, middle: table.centre_px };
   }
 
   #positionFromPixel([u, v]) {
@@ -191,7 +202,7 @@ class OmniView {
     const { scale } = this.#placement();
     const { bitmap } = this.#context.frame ?? {};
     if (!bitmap) return;
-    const [u, v] = this.#middle ?? [0.5 * bitmap.width, 0.5 * bitmap.height];
+    const [u, v] = this.#middle ?? this.#fittedArea().middle;
     this.#setMiddle([u - dx / scale, v - dy / scale]);
   }
 
@@ -238,7 +249,7 @@ class OmniView {
     // Pixel centres, from which keys step on.
     const snap = (value, delta, size) =>
       Math.min(Math.max(Math.floor(value) + 0.5 + delta * step, 0.5), size - 0.5);
-    const [u, v] = start ?? this.#middle ?? [0.5 * bitmap.width, 0.5 * bitmap.height];
+    const [u, v] = start ?? this.#middle ?? this.#fittedArea().middle;
     const pixel = [snap(u, du, bitmap.width), snap(v, dv, bitmap.height)];
     this.#context.setCursor(start ? pixel : [u, v], true);
   }

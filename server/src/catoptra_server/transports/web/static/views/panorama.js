@@ -67,7 +67,9 @@ class PanoramaView {
   /** The cylinder at the resolution of the screen. */
   #cylinder() {
     const { width, scale } = this.#canvases;
-    return chooseCylinder(this.#context.table, Math.min(Math.round(width * scale), MAX_COLUMNS));
+    const { table, unwarper } = this.#context;
+    const columns = Math.min(Math.round(width * scale * unwarper.detail), MAX_COLUMNS);
+    return chooseCylinder(table, Math.max(columns, 1));
   }
 
   /** Where style.css (object-fit: contain) places the picture, in CSS pixels. */

@@ -72,7 +72,8 @@ class PerspectiveView {
   /** The view at the resolution of the screen. */
   #view() {
     const { width, height, scale } = this.#canvases;
-    const reduction = Math.min(scale, MAX_SIDE_PX / Math.max(width, height));
+    const { detail } = this.#context.unwarper;
+    const reduction = Math.min(scale * detail, MAX_SIDE_PX / Math.max(width, height));
     return {
       ...this.#context.window,
       width_px: Math.max(Math.round(width * reduction), 1),
