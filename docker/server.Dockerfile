@@ -61,7 +61,7 @@ ENV PATH=/opt/catoptra/bin:/usr/local/bin:/usr/bin:/bin PYTHONUNBUFFERED=1 PYTHO
     XDG_CACHE_HOME=/tmp/cache MPLCONFIGDIR=/tmp/matplotlib \
     OPENBLAS_NUM_THREADS=1
 USER catoptra
-EXPOSE 3000 5003 5005
+EXPOSE 3000 5003 5005 5080
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=5s --timeout=3s --start-period=10s --retries=3 \
   CMD ["catoptra-server", "doctor", "--probe", "127.0.0.1"]

@@ -19,8 +19,11 @@ PARTICIPLE = re.compile(
 )
 # Verbs and nouns with the same ending.
 NO_PARTICIPLES = {"seed", "speed", "need", "feed", "embed", "exceed", "proceed", "spread_speed"}
-# Callbacks of asyncio.BufferedProtocol, whose names are not ours.
-CALLBACKS = {"connection_made", "buffer_updated", "eof_received", "connection_lost"}
+# Callbacks of asyncio's protocols, whose names are not ours.
+CALLBACKS = {
+    *("connection_made", "connection_lost"),
+    *("buffer_updated", "data_received", "eof_received"),
+}
 
 
 def source_files() -> Iterator[Path]:

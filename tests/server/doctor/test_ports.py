@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
+from catoptra_server.app import VIEW_PORT
+from catoptra_server.doctor import ports
 from catoptra_server.doctor.finding import Level, exit_status
-from catoptra_server.doctor.ports import check_ports, check_running_server
+from catoptra_server.doctor.ports import check_ports, check_running_server, check_view_port
 from client.scripted_server import serve_script
 
 HOST = "127.0.0.1"
@@ -55,3 +57,18 @@ def test_server_when_no_program_listens_is_a_fault() -> None:
         unused.bind((HOST, 0))
         port = unused.getsockname()[1]
         assert exit_status(check_running_server(HOST, {"control": port, "image": port})) == 2
+
+
+def test_view_port_when_taken_is_a_fault_only_if_it_was_requested(
+    occupied_port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ports, "_DEFAULT_VIEW_PORT", occupied_port)
+    (requested,) = check_view_port(HOST, occupied_port)
+    (default,) = check_view_port(HOST, None)
+    (free,) = check_view_port(HOST, 0)
+    assert (requested.level, default.level, free.level) == (Level.FAULT, Level.WARNING, Level.OK)
+    assert "--view 0" in requested.remedy
+
+
+def test_default_view_port_is_that_of_the_server() -> None:
+    assert ports._DEFAULT_VIEW_PORT == VIEW_PORT

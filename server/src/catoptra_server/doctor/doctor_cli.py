@@ -16,7 +16,7 @@ from catoptra_server.doctor.finding import (
     finding_from_dict,
 )
 from catoptra_server.doctor.installation import check_packages, check_python
-from catoptra_server.doctor.ports import check_ports, check_running_server
+from catoptra_server.doctor.ports import check_ports, check_running_server, check_view_port
 from catoptra_server.doctor.processors import check_processors
 from catoptra_server.doctor.renderer_devices import check_renderers
 from catoptra_server.doctor.subprocess_check import run_in_subprocess
@@ -67,6 +67,7 @@ def _run_checks(parsed: argparse.Namespace) -> Iterator[Finding]:
     yield from check_renderers(parsed.renderer)
     yield from _check_configurations(parsed.robot, parsed.world)
     yield from check_ports(parsed.host, {**ports, "stream": parsed.stream_port})
+    yield from check_view_port(parsed.host, parsed.view_port)
 
 
 def _check_configurations(robots: Sequence[str], worlds: Sequence[str]) -> Iterator[Finding]:
@@ -106,6 +107,8 @@ def _build_parser() -> argparse.ArgumentParser:
     add("--control-port", type=_parse_port, default=3000, metavar="PORT")
     add("--image-port", type=_parse_port, default=5003, metavar="PORT")
     add("--stream-port", type=_parse_port, default=5005, metavar="PORT")
+    add("--view", dest="view_port", type=_parse_port, metavar="PORT",
+        help="port of the live page (default: 5080, or a free one)")  # fmt: skip
     add("--probe", metavar="HOST", help="check only whether a server runs on this host")
     add("--json", action="store_true", help="print one JSON object instead of lines")
     return parser

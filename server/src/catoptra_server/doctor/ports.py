@@ -6,11 +6,13 @@ import errno
 import socket
 from collections.abc import Iterator, Mapping
 
-from catoptra_server.doctor.finding import Finding, fault, ok
+from catoptra_server.doctor.finding import Finding, fault, ok, warning
 
 # First bytes of USARSim's greeting line, which the control port sends without a request.
 _GREETING = b"NFO"
 _TIMEOUT_S = 2.0
+# That of `app.VIEW_PORT`, whose module would load the whole server.
+_DEFAULT_VIEW_PORT = 5080
 
 
 def check_ports(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
@@ -27,6 +29,27 @@ def check_ports(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
         listed = ", ".join(f"{name} {port or 'any'}" for name, port in ports.items())
         yield ok("ports", f"free on {host}: {listed}")
     yield from problems
+
+
+def check_view_port(host: str, port: int | None) -> Iterator[Finding]:
+    """Yield whether the server can listen on the port of the live page.
+
+    Args:
+        host: address on which the server will listen.
+        port: requested port, 0 = any free one; None for the default, which may be in use.
+    """
+    wanted = _DEFAULT_VIEW_PORT if port is None else port
+    try:
+        socket.create_server((host, wanted)).close()
+    except OSError as error:
+        message = f"view port {wanted} on {host}: {_error_text(error)}"
+        if port is None:
+            remedy = "the server takes a free port and prints it; --view 0 or --no-view"
+            yield warning("live page", message, remedy=remedy)
+        else:
+            yield fault("live page", message, remedy="take a free port: --view 0, or --no-view")
+    else:
+        yield ok("live page", f"port {wanted or 'any'} is free on {host}")
 
 
 def _check_port(host: str, name: str, port: int) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Exposure of the ports to other machines: no port of the server has authentication."""
+"""Exposure of the ports to other machines: only the live page has authentication."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ async def warn_of_exposure(host: str) -> None:
         return
     if reachable:
         log.warning(
-            "the ports are open to the network on %s, without authentication: every machine that "
-            "reaches them can drive the robots and see their cameras. Restrict them by a firewall, "
+            "the ports are open to the network on %s, without authentication, except for the live "
+            "page, whose link has a token: every machine that reaches them can drive the robots "
+            "and see their cameras. Restrict them by a firewall, "
             "or serve on 127.0.0.1 and connect through `ssh -L`",
             ", ".join(reachable),
         )

@@ -54,7 +54,7 @@ class PageSocket:
         outbox = Outbox(
             self._send,
             on_blocked=lambda: None,  # the end of each message sends the next
-            on_overflow=lambda: self._loop.call_soon(self._end_stalled),
+            on_overflow=lambda: self._loop.call_soon(self._disconnect),
         )
         self.peer = StreamPeer(outbox, context, encode=_encode_reply)
         self._dead_man_switch = DeadManSwitch(
@@ -82,7 +82,7 @@ class PageSocket:
         is_sending = self._sending is not None
         sending_s = self._loop.time() - self._sending_since_s
         if self.peer.has_stalled_outbox() or (is_sending and sending_s > _MAX_SENDING_S):
-            self._end_stalled()
+            self._disconnect()
 
     def _close(self) -> None:
         self._dead_man_switch.close()
@@ -92,7 +92,7 @@ class PageSocket:
         # Not left to aiohttp, which would wait until all is read.
         self._connection.abort()
 
-    def _end_stalled(self) -> None:
+    def _disconnect(self) -> None:
         log.warning("page %s reads nothing: disconnected", self._connection.address)
         self._connection.abort()
 

@@ -66,7 +66,7 @@ class WebAccess:
             return "the request comes from a page of another site"
         return ""
 
-    def is_authorized(self, token: str | None) -> bool:
+    def accepts_token(self, token: str | None) -> bool:
         """Whether a token, of the link or of the cookie, is the right one, or none is needed."""
         if self.token is None:
             return True

@@ -207,7 +207,7 @@ class WebServer:
         token = request.cookies.get(access.cookie_name)
         if request.path == "/":
             token = request.query.get("token", token)
-        if not access.is_authorized(token):
+        if not access.accepts_token(token):
             return "open the link that the server printed: its token is missing or wrong"
         return ""
 
