@@ -1,0 +1,83 @@
+/** Frames of other settings than those of the camera, for the panels that compare. */
+
+import { decodeFrame } from "./connection.js";
+import { isShown, onShown } from "./panel.js";
+
+const INTERVAL_MS = 334;
+const BUSY_AFTER_MS = 700;
+
+/**
+ * Requests frames of a variant while its panel is shown: three a second at most, one pending.
+ *
+ * They come over the connection for commands: the other one keeps a frame request of its own.
+ */
+export class VariantPull {
+  #section;
+  #context;
+  #handlers;
+  #isPending = false;
+  #isChanged = true;
+  #shownTime_s = null;
+
+  /**
+   * @param {HTMLElement} section
+   * @param {Object} context
+   * @param {{variant: function(): Object|null, show: function(Object, ImageBitmap): void,
+   *   fail: function(Error): void, setBusy: function(boolean): void}} handlers `variant` is null
+   *   where no frame is wanted
+   */
+  constructor(section, context, handlers) {
+    this.#section = section;
+    this.#context = context;
+    this.#handlers = handlers;
+    onShown(section, () => this.#ask());
+    context.on("state", () => this.#ask());
+    context.on("selection", () => this.refresh());
+  }
+
+  /** Request a frame soon, though no time has passed: a setting has changed. */
+  refresh() {
+    this.#isChanged = true;
+    this.#ask();
+  }
+
+  #isWanted() {
+    const { commands, selected, camera, state } = this.#context;
+    if (!isShown(this.#section) || !commands.isOpen || camera?.kind !== "omni") return false;
+    if (!selected.robot || this.#handlers.variant() === null) return false;
+    return this.#isChanged || state?.reply.time_s !== this.#shownTime_s;
+  }
+
+  async #ask() {
+    if (this.#isPending || !this.#isWanted()) return;
+    this.#isPending = true;
+    this.#isChanged = false;
+    const pause = new Promise((resolve) => setTimeout(resolve, INTERVAL_MS));
+    const busy = setTimeout(() => this.#handlers.setBusy(true), BUSY_AFTER_MS);
+    try {
+      await this.#request();
+    } catch (error) {
+      this.#handlers.fail(error);
+    } finally {
+      clearTimeout(busy);
+      this.#handlers.setBusy(false);
+    }
+    await pause;
+    this.#isPending = false;
+    this.#ask();
+  }
+
+  async #request() {
+    const { commands, selected } = this.#context;
+    const variant = this.#handlers.variant();
+    const frame = await commands.requestFrame({ ...selected, encoding: "png", variant });
+    const bitmap = await decodeFrame(frame);
+    try {
+      const isCurrent = selected === this.#context.selected && this.#handlers.variant() !== null;
+      this.#shownTime_s = this.#context.state?.reply.time_s ?? null;
+      if (isCurrent) await this.#handlers.show(frame.header, bitmap);
+    } finally {
+      bitmap.close();
+    }
+  }
+}
