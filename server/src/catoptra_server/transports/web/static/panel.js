@@ -107,6 +107,11 @@ export function make(tag, properties = {}, ...children) {
   return element;
 }
 
-/** A name from the wire, short enough for a list or a label. */
-export const shorten = (text, length = 40) =>
-  text.length > length ? `${text.slice(0, length - 1)}\u2026` : text;
+/** Control characters, and those that reverse the direction of all text behind them. */
+const UNSEEN = /[\u0000-\u001f\u007f-\u009f\u200e\u200f\u202a-\u202e\u2066-\u2069]/g;
+
+/** A name from the wire, fit for a list or a label. */
+export function shorten(text, length = 40) {
+  const start = text.slice(0, length + 1).replace(UNSEEN, "\ufffd");
+  return text.length > length ? `${start.slice(0, length - 1)}\u2026` : start;
+}

@@ -13,6 +13,8 @@ export class PlanarView {
   /** Point of the world in the middle of the canvas. */
   centre = { x: 0, y: 0 };
   #canvas;
+  #width = 1;
+  #height = 1;
   #onChange;
   #pointers = new Map();
   #placing = null;
@@ -36,34 +38,37 @@ export class PlanarView {
     canvas.addEventListener("keydown", (event) => this.#key(event));
   }
 
+  /** Take the size of the canvas, in CSS pixels; to ask it for each point would cost a layout. */
+  setSize(width, height) {
+    this.#width = width;
+    this.#height = height;
+  }
+
   /** Position on the canvas of a point of the world, in CSS pixels. */
   toScreen(x, y) {
-    const { clientWidth, clientHeight } = this.#canvas;
     return [
-      clientWidth / 2 + (y - this.centre.y) * this.scale,
-      clientHeight / 2 - (x - this.centre.x) * this.scale,
+      this.#width / 2 + (y - this.centre.y) * this.scale,
+      this.#height / 2 - (x - this.centre.x) * this.scale,
     ];
   }
 
   /** Point of the world under a position on the canvas. */
   toWorld(left, top) {
-    const { clientWidth, clientHeight } = this.#canvas;
     return {
-      x: this.centre.x - (top - clientHeight / 2) / this.scale,
-      y: this.centre.y + (left - clientWidth / 2) / this.scale,
+      x: this.centre.x - (top - this.#height / 2) / this.scale,
+      y: this.centre.y + (left - this.#width / 2) / this.scale,
     };
   }
 
   /** Show all of [xmin, ymin, xmax, ymax] above the lowest `covered` pixels of the canvas. */
   fit([xmin, ymin, xmax, ymax], covered = 0) {
-    const width = this.#canvas.clientWidth;
-    const height = Math.max(40, this.#canvas.clientHeight - covered);
-    this.#setScale(0.94 * Math.min(width / (ymax - ymin || 1), height / (xmax - xmin || 1)));
+    const height = Math.max(40, this.#height - covered);
+    this.#setScale(0.94 * Math.min(this.#width / (ymax - ymin || 1), height / (xmax - xmin || 1)));
     this.centre = { x: (xmin + xmax) / 2 - covered / 2 / this.scale, y: (ymin + ymax) / 2 };
   }
 
   /** Zoom by a factor; the point under a position on the canvas stays there. */
-  zoom(factor, left = this.#canvas.clientWidth / 2, top = this.#canvas.clientHeight / 2) {
+  zoom(factor, left = this.#width / 2, top = this.#height / 2) {
     const before = this.toWorld(left, top);
     this.#setScale(this.scale * factor);
     const after = this.toWorld(left, top);

@@ -5,7 +5,7 @@
  * {x, y, yaw} in the frame of its parent.
  */
 
-import { numbersOf } from "./readings.js";
+import { numbersOf, readingKey } from "./readings.js";
 
 /** Angle in (-pi, pi]. */
 export const wrapped = (angle_rad) =>
@@ -56,6 +56,15 @@ export const rayEnd = (sensor, angle_rad, range_m) => ({
   x: sensor.x_m + range_m * Math.cos(angle_rad),
   y: sensor.y_m + range_m * Math.sin(angle_rad),
 });
+
+/** Pose in the world by the robot's odometry; null without that sensor. */
+export function odometryPose(readings, robot) {
+  const reading = readings.get(readingKey("Odometry", "Odometry"));
+  const numbers = numbersOf(reading?.fields.get("pose") ?? "");
+  if (numbers.length !== 3) return null;
+  const [x, y, yaw] = numbers;
+  return compose(planarPose(robot.world_from_start), { x, y, yaw });
+}
 
 /** The description of a robot's class in server.json, if any. */
 export const classOf = (server, className) =>

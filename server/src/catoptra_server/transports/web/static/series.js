@@ -4,8 +4,8 @@
  */
 
 import { beliefsOf } from "./beliefs.js";
-import { numbersOf, readingKey } from "./readings.js";
-import { PoseHistory, compose, planarPose, wrapped } from "./scan_geometry.js";
+import { numbersOf } from "./readings.js";
+import { PoseHistory, odometryPose, planarPose, wrapped } from "./scan_geometry.js";
 
 /** Two minutes at 10 states a second. */
 const CAPACITY = 1250;
@@ -57,9 +57,11 @@ function fieldSeries(reading, prefix, field, numbers) {
 
 /** Distance and angle between two poses. */
 function errorSeries(group, pose, truth) {
+  const distance_m = Math.hypot(pose.x - truth.x, pose.y - truth.y);
+  const angle_rad = Math.abs(wrapped(pose.yaw - truth.yaw));
   return [
-    { group, label: `${group} position`, unit: "m", value: Math.hypot(pose.x - truth.x, pose.y - truth.y) },
-    { group, label: `${group} yaw`, unit: "rad", value: Math.abs(wrapped(pose.yaw - truth.yaw)) },
+    { group, label: `${group} position`, unit: "m", value: distance_m },
+    { group, label: `${group} yaw`, unit: "rad", value: angle_rad },
   ];
 }
 
@@ -109,16 +111,12 @@ export class SeriesStore {
       { group: "Wheels", label: "Left wheels", unit: "rad/s", value: left },
       { group: "Wheels", label: "Right wheels", unit: "rad/s", value: right },
     ];
-    const odometry = numbersOf(
-      state.readings.get(readingKey("Odometry", "Odometry"))?.fields.get("pose") ?? "",
-    );
-    if (odometry.length === 3) {
-      const [x, y, yaw] = odometry;
-      const pose = compose(planarPose(robot.world_from_start), { x, y, yaw });
+    const measured = odometryPose(state.readings, robot);
+    if (measured) {
       // Odometry has no time of its own; the status of the same cycle has.
       const status = [...state.readings.values()].find(({ word }) => word === "STA");
       const then = (status && this.#history.at(status.time_s)) ?? truth;
-      samples.push(...errorSeries("Odometry error", pose, then));
+      samples.push(...errorSeries("Odometry error", measured, then));
     }
     for (const belief of beliefsOf(state)) samples.push(...this.#beliefSamples(belief));
     return [...samples, ...[...state.readings.values()].flatMap(seriesOfReading)];

@@ -28,11 +28,17 @@ class DrivePanel {
   #limitText = make("output");
   #gamepad = make("p", { className: "quiet", hidden: true });
   #stick;
+  #duration = make("select", { ariaLabel: "Duration of a step" });
+  #stepsAlong = make("input", { type: "checkbox" });
+  #isStepping = false;
 
   constructor(section, context) {
     this.#section = section;
     this.#context = context;
-    this.#control = new DriveControl(context, () => this.#show());
+    this.#control = new DriveControl(context, () => {
+      this.#show();
+      this.#stepAlong();
+    });
     this.#limit.value = remembered("catoptra.drive.limit", 50);
     this.#control.limit = this.#limit.value / 100;
     bodyOf(section).append(...this.#elements());
@@ -76,21 +82,39 @@ class DrivePanel {
     );
   }
 
-  /** Button and duration of a step; none in real time. */
+  /** Button and duration of a step, and whether driving makes steps; none in real time. */
   #stepControls() {
     if (this.#context.server.clock !== "lockstep") return [];
-    const duration = make("select", { ariaLabel: "Duration of a step" });
-    duration.append(...STEPS_S.map((time) => make("option", { value: String(time) }, `${time} s`)));
-    duration.value = "0.1";
+    this.#duration.append(
+      ...STEPS_S.map((time) => make("option", { value: String(time) }, `${time} s`)),
+    );
+    this.#duration.value = "0.1";
     const button = make("button", { type: "button", className: "button" }, "Step");
-    button.addEventListener("click", async () => {
-      try {
-        await this.#context.commands.request({ kind: "step", time_s: Number(duration.value) });
-      } catch (error) {
-        this.#setStatus(`No step: ${error.message}`, "error");
-      }
-    });
-    return [button, duration];
+    button.addEventListener("click", () => this.#step());
+    return [button, this.#duration, make("label", {}, this.#stepsAlong, "while driving")];
+  }
+
+  async #step() {
+    if (this.#isStepping) return;
+    this.#isStepping = true;
+    const time_s = Number(this.#duration.value);
+    // At most as fast as real time, in which people drive.
+    const pause = new Promise((resolve) => setTimeout(resolve, 1000 * time_s));
+    try {
+      await this.#context.commands.request({ kind: "step", time_s });
+      if (this.#stepsAlong.checked && this.#control.isMoving) await pause;
+    } catch (error) {
+      this.#stepsAlong.checked = false;
+      this.#setStatus(`No step: ${error.message}`, "error");
+    } finally {
+      this.#isStepping = false;
+    }
+    this.#stepAlong();
+  }
+
+  /** Let time pass while the robot is driven, if the user wants so. */
+  #stepAlong() {
+    if (this.#stepsAlong.checked && this.#control.isMoving) this.#step();
   }
 
   #setLimit() {

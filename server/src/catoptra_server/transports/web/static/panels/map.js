@@ -10,11 +10,12 @@ import * as draw from "../map_drawing.js";
 import { bodyOf, drawOnDemand, make, remember, remembered, shorten, toolsOf } from "../panel.js";
 import { Path } from "../path.js";
 import { PlanarView } from "../planar_view.js";
-import { numbersOf, readingKey } from "../readings.js";
+import { readingKey } from "../readings.js";
 import {
   PoseHistory,
   classOf,
   compose,
+  odometryPose,
   planarPose,
   rayEnd,
   scanRays,
@@ -28,6 +29,8 @@ const LAYERS = [
   { id: "landmark", label: "Landmarks" },
 ];
 const MAX_ROBOTS = 200;
+/** More names than these would cover each other and the map. */
+const MAX_NAMED = 20;
 const DEFAULT_SIZE_M = [0.5, 0.4];
 
 /** Create the panel; the plan follows, so that the pictures do not wait for it. */
@@ -102,13 +105,17 @@ class MapPanel {
 
   #tools() {
     const tool = (text, label, onclick) =>
-      make("button", { type: "button", className: "button small", ariaLabel: label, title: label, onclick }, text);
-    this.#followButton = tool("Follow", "Keep the robot in the middle", () => this.#toggleFollow());
+      make(
+        "button",
+        { type: "button", className: "button small", ariaLabel: label, title: label, onclick },
+        text,
+      );
+    this.#followButton = tool("Follow", "Follow the robot: keep it in the middle", () => this.#toggleFollow());
     this.#setFollow(remembered("catoptra.map.follow", false));
     return [
       tool("\u2212", "Zoom out", () => this.#view.zoom(0.8)),
       tool("+", "Zoom in", () => this.#view.zoom(1.25)),
-      tool("Fit", "Show the whole map", () => this.#fit()),
+      tool("Fit", "Fit: show the whole map", () => this.#fit()),
       this.#followButton,
     ];
   }
@@ -173,7 +180,7 @@ class MapPanel {
       const pose = planarPose(robot.world_from_robot);
       this.#history.add(state.reply.time_s, pose);
       this.#truePath.add(pose);
-      const measured = odometryPose(state, robot);
+      const measured = odometryPose(state.readings, robot);
       if (measured) this.#odometryPath.add(measured);
       for (const { name, pose: believed } of beliefsOf(state))
         if (believed) this.#filterPath(name).add(believed);
@@ -199,6 +206,7 @@ class MapPanel {
   #draw() {
     if (!this.#plan) return;
     const { pen, width, height } = clearedCanvas(this.#canvas);
+    this.#view.setSize(width, height);
     const state = this.#context.state;
     const robots = (state?.reply.robots ?? []).slice(0, MAX_ROBOTS);
     const robot = (state?.reply.robots ?? []).find(({ name }) => name === this.#robot);
@@ -212,7 +220,8 @@ class MapPanel {
     draw.drawWalls(pen, this.#view, this.#plan.segments);
     this.#drawStarts(pen);
     if (this.#shows("landmark")) this.#drawLandmarks(pen);
-    for (const other of robots) if (other !== robot) this.#drawRobot(pen, other, "muted");
+    for (const other of robots)
+      if (other !== robot) this.#drawRobot(pen, other, "muted", robots.length <= MAX_NAMED);
     if (robot) this.#drawSelected(pen, state, robot);
     if (this.#placed) this.#drawPlaced(pen);
     draw.drawAxes(pen, 14, 42);
@@ -240,10 +249,11 @@ class MapPanel {
     }
   }
 
-  #drawRobot(pen, robot, name) {
+  #drawRobot(pen, robot, name, isNamed) {
     const pose = planarPose(robot.world_from_robot);
     const size = classOf(this.#context.server, robot.class_name)?.size_m ?? DEFAULT_SIZE_M;
     draw.drawRobot(pen, this.#view, pose, size, name);
+    if (!isNamed) return;
     const [left, top] = this.#view.toScreen(pose.x, pose.y);
     const above = (size[0] / 2) * this.#view.scale + 12;
     draw.drawLabel(pen, shorten(robot.name, 24), left, top - above, name, "center");
@@ -256,12 +266,12 @@ class MapPanel {
     if (this.#shows("scan")) draw.drawPoints(pen, view, this.#scanPoints(state, robot), "scan");
     if (this.#shows("odometry")) {
       draw.drawPath(pen, view, this.#odometryPath.points, "odometry", [6, 4]);
-      const measured = odometryPose(state, robot);
+      const measured = odometryPose(state.readings, robot);
       const look = { isFilled: false, dash: [4, 3] };
       if (measured) draw.drawRobot(pen, view, measured, size, "odometry", look);
     }
     if (this.#shows("true")) draw.drawPath(pen, view, this.#truePath.points, "true");
-    this.#drawRobot(pen, robot, "true");
+    this.#drawRobot(pen, robot, "true", true);
     if (!this.#shows("filter")) return;
     for (const path of this.#filterPaths.values())
       draw.drawPath(pen, view, path.points, "filter", [2, 3]);
@@ -290,13 +300,4 @@ class MapPanel {
   #drawPlaced(pen) {
     draw.drawRobot(pen, this.#view, this.#placed, DEFAULT_SIZE_M, "accent");
   }
-}
-
-/** Pose in the world by the robot's odometry; null without that sensor. */
-function odometryPose({ readings }, robot) {
-  const reading = readings.get(readingKey("Odometry", "Odometry"));
-  const numbers = numbersOf(reading?.fields.get("pose") ?? "");
-  if (numbers.length !== 3) return null;
-  const [x, y, yaw] = numbers;
-  return compose(planarPose(robot.world_from_start), { x, y, yaw });
 }

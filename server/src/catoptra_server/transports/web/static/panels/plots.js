@@ -96,7 +96,8 @@ class PlotPanel {
       return { labels, plot: new TimePlot(unit, names, text, (time_s) => this.#hover(time_s)) };
     });
     this.#area.replaceChildren(...this.#plots.map(({ plot }) => plot.element));
-    if (!this.#plots.length) this.#area.textContent = "No series is chosen, or none has values yet.";
+    if (!this.#plots.length)
+      this.#area.textContent = "No series is chosen, or none has values yet.";
   }
 
   #chip(label, place) {

@@ -2,8 +2,7 @@
 
 import { beliefsOf } from "../beliefs.js";
 import { bodyOf, drawOnDemand, make, shorten } from "../panel.js";
-import { numbersOf, readingKey } from "../readings.js";
-import { classOf, compose, degrees, planarPose } from "../scan_geometry.js";
+import { classOf, degrees, odometryPose, planarPose } from "../scan_geometry.js";
 
 const MAX_LISTED = 100;
 const MAX_FIELDS = 24;
@@ -44,7 +43,7 @@ class RobotList {
     const heading = (text) => make("th", { scope: "col" }, text);
     const head = make("tr", {}, heading("Robot"), heading("Class"), heading("Watch"));
     const table = make("table", {}, make("thead", {}, head), this.#rows);
-    const scroller = { className: "scroller", tabIndex: 0, role: "region", ariaLabel: "Robots" };
+    const scroller = { className: "scroller", tabIndex: 0, role: "region", ariaLabel: "List" };
     this.element = make("div", scroller, table, this.#more);
   }
 
@@ -311,16 +310,13 @@ function setValues(list, pairs) {
 const poseText = ({ x, y, yaw }) => `${x.toFixed(3)}, ${y.toFixed(3)} m, ${degrees(yaw)}`;
 
 function valuesOf(robot, { readings }) {
+  const speeds = robot.wheel_speeds_rad_s.map((speed) => speed.toFixed(2)).join(", ");
+  const measured = odometryPose(readings, robot);
   const pairs = [
     ["True pose", poseText(planarPose(robot.world_from_robot))],
-    ["Wheels, left, right", `${robot.wheel_speeds_rad_s.map((v) => v.toFixed(2)).join(", ")} rad/s`],
+    ["By odometry", measured ? poseText(measured) : "\u2013"],
+    ["Wheels, left, right", `${speeds} rad/s`],
   ];
-  const odometry = numbersOf(readings.get(readingKey("Odometry", "Odometry"))?.fields.get("pose") ?? "");
-  if (odometry.length === 3) {
-    const [x, y, yaw] = odometry;
-    const pose = compose(planarPose(robot.world_from_start), { x, y, yaw });
-    pairs.splice(1, 0, ["By odometry", poseText(pose)]);
-  }
   const status = [...readings.values()].find(({ word }) => word === "STA");
   return status ? [...pairs, ...statusPairs(status)] : pairs;
 }

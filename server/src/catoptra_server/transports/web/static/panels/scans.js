@@ -84,7 +84,11 @@ class ScanPanel {
 function groupsOf(sensors) {
   const scanners = sensors.filter(({ type }) => type === "RangeScanner");
   const sonars = sensors.filter(({ type }) => type === "Sonar");
-  const groups = scanners.map((sensor) => ({ type: "scan", label: sensor.name, sensors: [sensor] }));
+  const groups = scanners.map((sensor) => ({
+    type: "scan",
+    label: sensor.name,
+    sensors: [sensor],
+  }));
   if (sonars.length) groups.push({ type: "sonar", label: "Sonars", sensors: sonars });
   return groups;
 }
@@ -225,6 +229,6 @@ function summaryOf(groups, beams) {
   const nearest = echoes.reduce((a, b) => (b.range_m < a.range_m ? b : a));
   const angle_rad = wrapped(nearest.angle_rad);
   const side = angle_rad < 0 ? "left" : "right";
-  const where = `${degrees(Math.abs(angle_rad))} to the ${side}`;
-  return `Nearest: ${nearest.range_m.toFixed(2)} m, ${where} (${shorten(nearest.name, 24)}); ${without}`;
+  const where = `${degrees(Math.abs(angle_rad))} to the ${side} (${shorten(nearest.name, 24)})`;
+  return `Nearest: ${nearest.range_m.toFixed(2)} m, ${where}; ${without}`;
 }

@@ -35,7 +35,8 @@ export function create(section, context) {
 function setText(element, text) {
   if (element.textContent === text) return;
   element.textContent = text;
-  element.title = text;
+  // Only the plan is longer than its place.
+  if (element.id === "status-plan") element.title = text;
 }
 
 function textsOf({ selected, frame, state, statistics, server }) {
