@@ -54,7 +54,7 @@ class PageSocket:
         outbox = Outbox(
             self._send,
             on_blocked=lambda: None,  # the end of each message sends the next
-            on_overflow=lambda: self._loop.call_soon(self._disconnect),
+            on_overflow=self._disconnect,
         )
         self.peer = StreamPeer(outbox, context, encode=_encode_reply)
         self._dead_man_switch = DeadManSwitch(
@@ -93,12 +93,16 @@ class PageSocket:
         self._connection.abort()
 
     def _disconnect(self) -> None:
-        log.warning("page %s reads nothing: disconnected", self._connection.address)
-        self._connection.abort()
+        if not self._connection.is_closing:
+            log.warning("page %s reads nothing: disconnected", self._connection.address)
+            self._connection.abort()
 
     async def _receive(self) -> bool:
         """Handle one message; False at the end."""
         message = await self._websocket.receive()
+        # Input of a connection that was ended is dropped: its replies would fill the outbox.
+        if self._connection.is_closing:
+            return False
         if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG):
             return False
         await self._connection.begin_request()

@@ -100,6 +100,11 @@ class WebConnection(web.RequestHandler):
         """Record that something was sent."""
         self._has_replied = True
 
+    @property
+    def is_closing(self) -> bool:
+        """Whether nothing more is sent."""
+        return self.transport is None or self.transport.is_closing()
+
     def abort(self) -> None:
         """Close the connection at once; bytes that the peer has not read are dropped."""
         if self.transport is not None:
