@@ -52,7 +52,9 @@ export class Comparison {
     this.#differenceCaption.textContent =
       `Difference: at most ${difference.max_levels}, rms ${format(difference.rms_levels)} grey ` +
       `levels; ${format(100 * difference.changed_fraction)} % of the pixels differ. Reference: ` +
-      difference.reference_plan;
+      // Its first part; the reasons would fill the panel.
+      difference.reference_plan.split(/[:;]/)[0];
+    this.#differenceCaption.title = difference.reference_plan;
     this.node.hidden = false;
     fit(this.#difference, width, height);
     await drawHeatMap(this.#difference, bitmap, top);

@@ -13,6 +13,9 @@ const MODES = ["as set", "auto", "always", "never"];
 const NO_EFFECTS =
   "This camera has no image effects. They are part of a robot's file: start the server with the " +
   "file p2at_omni_real.ini to see those of a real camera.";
+const SCALE =
+  "Bars show each effect's bound on a logarithmic scale, the marks its threshold. A mode that is " +
+  "chosen here holds for the picture shown below it only.";
 
 /** Create the panel. */
 export function create(section, context) {
@@ -29,33 +32,20 @@ class EffectsPanel {
   #rows = new Map();
   #forced = null;
   #drawn_ms = -INTERVAL_MS;
-  #body = make("tbody", {});
-  #table;
+  #list = make("ul", { className: "effects", hidden: true });
   #hint = make("p", { className: "quiet" }, "Waiting for a picture.");
   #status = make("p", { className: "quiet", role: "status" });
-  #comparison = new Comparison("With the chosen effects");
+  #comparison = new Comparison("With the chosen modes");
+  /** Below the effect that was clicked last. */
+  #result = make("div", { className: "result" }, this.#status, this.#comparison.node);
   #reset;
 
   constructor(section, context) {
     this.#context = context;
-    const titles = ["Effect", "Bound, threshold", "On", "ms", "Mode"];
-    const head = titles.map((text) => make("th", { scope: "col" }, text));
-    this.#table = make(
-      "table",
-      { className: "effects", hidden: true },
-      make("thead", {}, make("tr", {}, ...head)),
-      this.#body,
-    );
     const reset = { type: "button", className: "button", hidden: true };
     this.#reset = make("button", reset, "All as set");
     this.#reset.addEventListener("click", () => this.reset());
-    bodyOf(section).append(
-      this.#hint,
-      this.#table,
-      this.#reset,
-      this.#status,
-      this.#comparison.node,
-    );
+    bodyOf(section).append(this.#hint, this.#reset, this.#list);
     this.#pull = new VariantPull(section, context, {
       variant: () => this.#variant,
       show: (header, bitmap) => this.#showForced(header, bitmap),
@@ -70,15 +60,14 @@ class EffectsPanel {
     if (frame === null || performance.now() - this.#drawn_ms < INTERVAL_MS) return;
     this.#drawn_ms = performance.now();
     const { effects } = frame.header;
-    this.#table.hidden = effects.length === 0;
-    this.#hint.hidden = effects.length > 0;
-    if (effects.length === 0) this.#hint.textContent = NO_EFFECTS;
+    this.#list.hidden = effects.length === 0;
+    setText(this.#hint, effects.length === 0 ? NO_EFFECTS : SCALE);
     const names = effects.map(({ name }) => name);
     if (names.join() !== [...this.#rows.keys()].join()) this.#build(names);
     const forced = new Map((this.#forced ?? []).map((record) => [record.name, record]));
     for (const record of effects) {
       const isForced = this.#modes.has(record.name);
-      this.#showRow((isForced && forced.get(record.name)) || record);
+      this.#rows.get(record.name).show((isForced && forced.get(record.name)) || record);
     }
   }
 
@@ -97,18 +86,14 @@ class EffectsPanel {
     const mode = MODES[(MODES.indexOf(this.#modes.get(name) ?? MODES[0]) + 1) % MODES.length];
     if (mode === MODES[0]) this.#modes.delete(name);
     else this.#modes.set(name, mode);
+    this.#rows.get(name).node.append(this.#result);
     this.#changed();
   }
 
   #changed() {
     this.#forced = null;
     this.#reset.hidden = this.#modes.size === 0;
-    for (const [name, row] of this.#rows) {
-      const mode = this.#modes.get(name) ?? MODES[0];
-      row.mode.textContent = mode;
-      row.mode.setAttribute("aria-label", `Mode of ${name}: ${mode}. Press for the next one`);
-      row.mode.setAttribute("aria-pressed", String(this.#modes.has(name)));
-    }
+    for (const [name, row] of this.#rows) row.setMode(this.#modes.get(name) ?? MODES[0]);
     if (this.#modes.size === 0) this.#comparison.clear();
     this.#setStatus("");
     this.#pull.refresh();
@@ -122,42 +107,13 @@ class EffectsPanel {
 
   #build(names) {
     this.#rows.clear();
-    this.#body.replaceChildren();
+    this.#list.replaceChildren();
     for (const name of names) {
-      const row = {
-        bar: new Bar(RATIO.fractionOf(1)),
-        bound: make("span", {}),
-        reason: make("div", { className: "reason" }),
-        isOn: make("td", {}),
-        duration: make("td", { className: "number" }),
-        mode: make("button", { type: "button", className: "button small" }, MODES[0]),
-      };
-      row.mode.addEventListener("click", () => this.#cycle(name));
+      const row = new EffectRow(name, () => this.#cycle(name));
       this.#rows.set(name, row);
-      this.#body.append(
-        make(
-          "tr",
-          {},
-          make("th", { scope: "row" }, wordsOf(name)),
-          make("td", {}, row.bound, row.bar.node, row.reason),
-          row.isOn,
-          row.duration,
-          make("td", {}, row.mode),
-        ),
-      );
+      this.#list.append(row.node);
     }
     this.#changed();
-  }
-
-  #showRow({ name, enabled, bound, threshold, unit, reason, duration_ms }) {
-    const row = this.#rows.get(name);
-    // Without a threshold every effect above 0 counts.
-    const ratio = threshold > 0 ? bound / threshold : bound * RATIO.high;
-    row.bar.set(RATIO.fractionOf(ratio), enabled);
-    setText(row.bound, `${format(bound)} (${format(threshold)}) ${unit}`);
-    setText(row.reason, reason);
-    setText(row.isOn, enabled ? "on" : "off");
-    setText(row.duration, duration_ms === null ? "\u2013" : format(duration_ms));
   }
 
   #setStatus(text, isError = false) {
@@ -166,7 +122,52 @@ class EffectsPanel {
   }
 }
 
-/** "FixedPattern" as words: narrow columns break between them. */
+/** One effect: name, decision, duration, mode; bound against threshold; reason. */
+class EffectRow {
+  #name;
+  #bar = new Bar(RATIO.fractionOf(1));
+  #bound = make("span", { className: "number" });
+  #reason = make("p", { className: "reason" });
+  #decision = make("span", {});
+  #mode;
+
+  constructor(name, onClick) {
+    this.#name = wordsOf(name);
+    this.#mode = make("button", { type: "button", className: "button small" });
+    this.#mode.addEventListener("click", onClick);
+    this.node = make(
+      "li",
+      {},
+      make("h3", {}, this.#name),
+      this.#decision,
+      this.#mode,
+      this.#bar.node,
+      this.#bound,
+      this.#reason,
+    );
+  }
+
+  /** Show a record of a frame's header. */
+  show({ enabled, bound, threshold, unit, reason, duration_ms }) {
+    // Without a threshold every effect above 0 counts.
+    const ratio = threshold > 0 ? bound / threshold : bound * RATIO.high;
+    this.#bar.set(RATIO.fractionOf(ratio), enabled);
+    const relation = bound > threshold ? ">" : "\u2264";
+    setText(this.#bound, `${format(bound)} ${relation} ${format(threshold)} ${unit}`);
+    setText(this.#reason, reason);
+    const duration = duration_ms === null ? "" : `, ${format(duration_ms)} ms`;
+    setText(this.#decision, (enabled ? "on" : "off") + duration);
+    this.node.classList.toggle("off", !enabled);
+  }
+
+  setMode(mode) {
+    setText(this.#mode, mode);
+    this.#mode.setAttribute("aria-label", `${this.#name}: ${mode}. Press for the next mode`);
+    this.#mode.classList.toggle("primary", mode !== MODES[0]);
+  }
+}
+
+/** "FixedPattern" as words. */
 function wordsOf(name) {
   return name.replace(/(?<=[a-z])(?=[A-Z])/g, " ");
 }
