@@ -11,16 +11,27 @@ import socket
 import struct
 from pathlib import Path
 
+import aiohttp
 import pytest
 
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.stream.requests import REQUESTS, ImageEncoding
+from catoptra_protocol.stream.replies import Error
+from catoptra_protocol.stream.requests import (
+    REQUESTS,
+    DriveRequest,
+    GetPixelRequest,
+    GetStateRequest,
+    ImageEncoding,
+    SpawnRequest,
+)
 from catoptra_protocol.usarsim.commands import COMMAND_PARSERS
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.effects import EFFECT_TYPES
 from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, write_edited_copy
 from helpers.control_lines import connect_control_lines
+from helpers.live_page import PageClient, read_page_link
+from helpers.loopback import run_scenario
 from helpers.opengl import device_or_skip
 from helpers.server_process import DEADLINE_S, RunningServer, start_server
 
@@ -53,6 +64,12 @@ STREAM_REQUESTS = {
     *("get_frame", "spawn", "drive", "step", "reset", "get_readings", "get_camera"),
     *("get_landmarks", "get_start_poses", "get_status", "set_accuracy"),
 }
+
+
+PAGE_ADDRESSES = (
+    *("/", "/static/main.js", "/api/server.json", "/api/floor_plan.json", "/missing"),
+    f"/api/camera_table.json?class={CLASS}&camera={OMNI}",
+)
 
 
 def write_robots(folder: Path) -> dict[str, Path]:
@@ -131,6 +148,40 @@ def test_server_that_serves_the_stream_loads_no_further_module(
             control.send(f"INIT {{ClassName {CLASS}}} {{Start Centre}}", "STEP {Time 0.1}")
             request_all_images(server)
         send_all_commands(server)
+        assert server.terminate() == 0
+        assert "Traceback" not in server.log.read_text()
+    assert json.loads(report.read_text()) == []
+
+
+async def use_page(link: str) -> None:
+    async with aiohttp.ClientSession() as http:
+        for path in PAGE_ADDRESSES:
+            async with http.get(f"{link}{path}") as response:
+                assert response.status == (404 if path == "/missing" else 200)
+        async with http.ws_connect(f"{link}/socket", origin=link) as websocket:
+            page = PageClient(websocket)
+            for malformed in ("", "{}", '{"kind": "fly", "id": 3}'):
+                await websocket.send_str(malformed)
+                assert isinstance((await page.receive())[0], Error)
+            await page.request(SpawnRequest(1, CLASS, "R", None, "Centre"))
+            await page.request(DriveRequest(2, 1.0, 1.0, False))
+            await page.request(GetStateRequest(3, ""))
+            await page.request(GetPixelRequest(4, "R", OMNI, 30.0, 30.0))
+            for encoding in ImageEncoding:
+                await page.get_frame(encoding)
+            await websocket.send_str("x" * 20000)
+            assert (await websocket.receive()).type is aiohttp.WSMsgType.CLOSE
+
+
+def test_server_that_serves_the_page_loads_no_further_module(tmp_path: Path) -> None:
+    report = tmp_path / "modules.json"
+    path = write_robots(tmp_path)["full"]
+    options = ("--view", "0", "--renderer", "trace")
+    with start_server(tmp_path, *options, robot=path, report_modules=report) as server:
+        link = read_page_link(server)
+        with server.connect_stream() as client:
+            client.get_status()
+        run_scenario(use_page(link))
         assert server.terminate() == 0
         assert "Traceback" not in server.log.read_text()
     assert json.loads(report.read_text()) == []

@@ -34,18 +34,23 @@ def _serve_and_report_modules(report: Path, arguments: list[str]) -> int:
     from catoptra_server import app
 
     loaded: list[str] | None = None
-    load_deferred_modules = app.load_deferred_modules
+    load_deferred_modules, load_view_modules = app.load_deferred_modules, app.load_view_modules
 
     def record(event: str, details: tuple[object, ...]) -> None:
         if event == "import" and loaded is not None:
             loaded.append(str(details[0]))
 
-    def load_and_record(renderer: str, *, has_view: bool) -> None:
+    def load_and_record(renderer: str) -> None:
         nonlocal loaded
-        load_deferred_modules(renderer, has_view=has_view)
+        load_deferred_modules(renderer)
         loaded = []
 
-    app.load_deferred_modules = load_and_record
+    def load_view_and_record() -> None:
+        nonlocal loaded
+        load_view_modules()
+        loaded = []
+
+    app.load_deferred_modules, app.load_view_modules = load_and_record, load_view_and_record
     # The event occurs for modules that are not loaded yet, also where none is found.
     sys.addaudithook(record)
     status = main(arguments)

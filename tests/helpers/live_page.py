@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from catoptra_server.transports.web.web_pages import WebPages
 from catoptra_server.transports.web.web_server import WebServer
 from helpers.fake_simulation import SERVER_INFO, FakeSimulation, create_fake_context
 from helpers.loopback import HOST
+from helpers.server_process import RunningServer
 from helpers.worlds import make_test_world
 
 FILES: Mapping[str, Document] = {
@@ -63,7 +65,7 @@ class PageClient:
     """One WebSocket; `ids` numbers its requests."""
 
     websocket: aiohttp.ClientWebSocketResponse
-    ids: itertools.count[int]
+    ids: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
 
     async def send(self, request: Request) -> None:
         """Send a request."""
@@ -103,6 +105,15 @@ class PageClient:
         header, image = await self.receive()
         assert isinstance(header, FrameHeader), header
         return header, image
+
+
+def read_page_link(server: RunningServer) -> str:
+    """Address of a server's page without the last slash; once, of one started with `--view`."""
+    assert server.process.stdout is not None, "stdout is a pipe"
+    line = server.process.stdout.readline()
+    found = re.fullmatch(r"live page: (http://127\.0\.0\.1:\d+)/\n", line)
+    assert found, f"the server printed no address of a live page: {line!r}"
+    return found[1]
 
 
 @asynccontextmanager

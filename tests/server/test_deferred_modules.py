@@ -12,9 +12,11 @@ import pytest
 SCRIPT = """
 import json, sys
 from catoptra_server.cli import main
-from catoptra_server.deferred_modules import load_deferred_modules
+from catoptra_server.deferred_modules import load_deferred_modules, load_view_modules
 before = sorted(sys.modules)
-load_deferred_modules(sys.argv[1], has_view=sys.argv[2] == "view")
+load_deferred_modules(sys.argv[1])
+if sys.argv[2] == "view":
+    load_view_modules()
 print(json.dumps([before, sorted(sys.modules)]))
 """
 STREAM = {"zmq", "msgpack", "catoptra_server.transports.stream.stream_server"}

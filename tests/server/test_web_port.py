@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 import urllib.request
 from pathlib import Path
 
@@ -12,24 +11,14 @@ import aiohttp
 
 from catoptra_protocol.stream.replies import SensorReports, StateReply
 from catoptra_protocol.stream.requests import DriveRequest, GetStateRequest, SpawnRequest
-from helpers.live_page import PageClient
+from helpers.live_page import PageClient, read_page_link
 from helpers.loopback import run_scenario
-from helpers.server_process import RunningServer, start_server
-
-
-def read_link(server: RunningServer) -> str:
-    """Address of the page, from the second line that the server prints."""
-    assert server.process.stdout is not None
-    found = re.fullmatch(
-        r"live page: (http://127\.0\.0\.1:\d+)/\n", server.process.stdout.readline()
-    )
-    assert found
-    return found[1]
+from helpers.server_process import start_server
 
 
 def test_page_of_a_server_has_its_files_and_describes_it(tmp_path: Path) -> None:
     with start_server(tmp_path, "--view", "0") as server:
-        link = read_link(server)
+        link = read_page_link(server)
         with urllib.request.urlopen(f"{link}/") as response:
             assert b"<!DOCTYPE html>" in response.read()
         with urllib.request.urlopen(f"{link}/api/server.json") as response:
@@ -48,7 +37,7 @@ def test_robot_that_a_page_drives_halts_within_300_ms_and_leaves_with_the_page(
             aiohttp.ClientSession() as http,
             http.ws_connect(f"{link}/socket", origin=link) as watching,
         ):
-            watcher = PageClient(watching, iter(range(1, 10000)))  # type: ignore[arg-type]
+            watcher = PageClient(watching)
             async with http.ws_connect(f"{link}/socket", origin=link) as websocket:
                 page = PageClient(websocket, watcher.ids)
                 spawn = SpawnRequest(1, "USARBot.OmniP2AT", "Mine", None, "Centre")
@@ -61,7 +50,7 @@ def test_robot_that_a_page_drives_halts_within_300_ms_and_leaves_with_the_page(
                 await asyncio.sleep(0)
 
     with start_server(tmp_path, "--view", "0") as server:
-        run_scenario(drive(read_link(server)))
+        run_scenario(drive(read_page_link(server)))
 
 
 async def get_state(page: PageClient) -> StateReply:

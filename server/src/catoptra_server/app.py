@@ -19,7 +19,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.reports import Greeting
 from catoptra_server.config.server_file import ServerSettings, resolve_settings
 from catoptra_server.config.tile_memory import require_tiles_fit
-from catoptra_server.deferred_modules import load_deferred_modules
+from catoptra_server.deferred_modules import load_deferred_modules, load_view_modules
 from catoptra_server.memory_budget import MIB
 from catoptra_server.options import Options
 from catoptra_server.server_threads import ServerThreads
@@ -123,16 +123,14 @@ async def _open_ports(
         # Clients of stream and page wait in their backlogs meanwhile, as they would for the line.
         await _wait_for_first_frame([stream, *([view] if view else [])], stop)
         if not stop.is_set():
-            load_modules = partial(
-                load_deferred_modules, server.options.renderer, has_view=view is not None
-            )
-            await asyncio.to_thread(load_modules)
+            await asyncio.to_thread(load_deferred_modules, server.options.renderer)
             # See deferred_modules.
             from catoptra_server.stream_port import create_stream_context, serve_stream_port
 
             context = create_stream_context(server)
             await open_ports.enter_async_context(serve_stream_port(context, stream, limits.stream))
             if view is not None and access is not None:
+                await asyncio.to_thread(load_view_modules)
                 from catoptra_server.web_port import serve_web_port  # likewise
 
                 await open_ports.enter_async_context(

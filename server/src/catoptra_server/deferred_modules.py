@@ -24,8 +24,6 @@ _MODULES = (
     "numpy.polynomial",
     "numpy.random",
 )
-# Last: 0.2 s and 14 MB of aiohttp.
-_VIEW_MODULES = ("catoptra_server.web_port",)
 # For the rays of GetLandmarks and of sensors, those of mirror meshes, and those of a kernel that
 # cannot be made anew; a server without them runs without embreex.
 _RAY_MODULES = (
@@ -37,16 +35,20 @@ _RAY_MODULES = (
 _RASTER_MODULES = ("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util")
 
 
-def load_deferred_modules(renderer: str, *, has_view: bool) -> None:
+def load_deferred_modules(renderer: str) -> None:
     """Load all modules that a request may need.
 
     Args:
         renderer: requested renderer; `auto` may change to one that it did not start with.
-        has_view: whether the live page is served.
     """
-    for name in (*_MODULES, *(_VIEW_MODULES if has_view else ())):
+    for name in _MODULES:
         importlib.import_module(name)
     for optional in (_RAY_MODULES, _RASTER_MODULES if renderer == AUTO else ()):
         with suppress(ImportError):
             for name in optional:
                 importlib.import_module(name)
+
+
+def load_view_modules() -> None:
+    """Load all modules of the live page: 0.2 s and 13 MB, for which no other port waits."""
+    importlib.import_module("catoptra_server.web_port")

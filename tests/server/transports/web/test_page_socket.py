@@ -334,10 +334,11 @@ def test_page_whose_replies_exceed_the_outbox_is_closed(monkeypatch: pytest.Monk
             async with session.http.ws_connect(url, origin=session.url) as stalled:
                 stalled._writer.transport.pause_reading()
                 client = PageClient(stalled, session.ids)
-                for number in range(1, 5):
-                    await client.request_frame()
-                    await client.send(GetStatusRequest(1000 + number))
                 (socket,) = session.server.sockets
+                # Frames fill the buffers of the kernel, so that replies wait.
+                while not socket.peer.outbox.is_blocked:
+                    await client.request_frame()
+                    await asyncio.sleep(0)
                 number = 2000
                 while session.server.sockets:
                     number += 1
@@ -348,5 +349,6 @@ def test_page_whose_replies_exceed_the_outbox_is_closed(monkeypatch: pytest.Monk
                     assert len(socket.peer.outbox._waiting) <= 17
                     await asyncio.sleep(0)
                 await wait_until(lambda: not session.server.sockets, "end of the socket")
+                stalled._writer.transport.abort()
 
     run_scenario(scenario())
