@@ -67,7 +67,7 @@ export function listenToKeys({ isReady, onDemand, isMoving, onStop }) {
 export function withoutDeadZone(value) {
   const size = Math.abs(value);
   if (!(size > DEAD_ZONE)) return 0;
-  return (Math.sign(value) * Math.min(1, size - DEAD_ZONE)) / (1 - DEAD_ZONE);
+  return Math.sign(value) * Math.min(1, (size - DEAD_ZONE) / (1 - DEAD_ZONE));
 }
 
 /**

@@ -7,7 +7,16 @@ import { beliefsOf } from "../beliefs.js";
 import { clearedCanvas, onColourScheme, onResize } from "../canvas.js";
 import { drawMark } from "../landmarks.js";
 import * as draw from "../map_drawing.js";
-import { bodyOf, drawOnDemand, make, remember, remembered, shorten, toolsOf } from "../panel.js";
+import {
+  bodyOf,
+  drawOnDemand,
+  isOpen,
+  make,
+  remember,
+  remembered,
+  shorten,
+  toolsOf,
+} from "../panel.js";
 import { Path } from "../path.js";
 import { PlanarView } from "../planar_view.js";
 import { readingKey } from "../readings.js";
@@ -22,11 +31,11 @@ import {
 } from "../scan_geometry.js";
 
 const LAYERS = [
-  { id: "true", label: "True" },
-  { id: "odometry", label: "Odometry" },
-  { id: "filter", label: "Filter 2\u03c3" },
-  { id: "scan", label: "Scan" },
-  { id: "landmark", label: "Landmarks" },
+  { id: "true", label: "True", title: "True path and pose" },
+  { id: "odometry", label: "Odometry", title: "Path and pose by the robot's odometry" },
+  { id: "filter", label: "Filter", title: "Path, pose and 2-sigma ellipse that clients publish" },
+  { id: "scan", label: "Scan", title: "Echoes of the range scanners" },
+  { id: "landmark", label: "Landmarks", title: "Landmarks by their status" },
 ];
 const MAX_ROBOTS = 200;
 /** More names than these would cover each other and the map. */
@@ -64,6 +73,7 @@ function boundsOf({ segments, bounds }, { start_poses, landmarks }) {
 }
 
 class MapPanel {
+  #section;
   #context;
   #canvas;
   #view;
@@ -79,8 +89,10 @@ class MapPanel {
   #odometryPath = new Path();
   #filterPaths = new Map();
   #placed = null;
+  #isPlacing = false;
 
   constructor(section, context) {
+    this.#section = section;
     this.#context = context;
     this.#canvas = make("canvas", {
       role: "img",
@@ -96,6 +108,9 @@ class MapPanel {
     context.on("state", (state) => this.#update(state));
     context.on("landmarks", this.#redraw);
     context.on("place", ({ active }) => this.#startPlacing(active));
+    addEventListener("keydown", ({ key }) => {
+      if (key === "Escape" && this.#isPlacing) this.#startPlacing(false);
+    });
   }
 
   setPlan(plan) {
@@ -110,7 +125,8 @@ class MapPanel {
         { type: "button", className: "button small", ariaLabel: label, title: label, onclick },
         text,
       );
-    this.#followButton = tool("Follow", "Follow the robot: keep it in the middle", () => this.#toggleFollow());
+    const follow = "Follow the robot: keep it in the middle";
+    this.#followButton = tool("Follow", follow, () => this.#toggleFollow());
     this.#setFollow(remembered("catoptra.map.follow", false));
     return [
       tool("\u2212", "Zoom out", () => this.#view.zoom(0.8)),
@@ -121,7 +137,7 @@ class MapPanel {
   }
 
   #layerChoice() {
-    const items = LAYERS.map(({ id, label }) => {
+    const items = LAYERS.map(({ id, label, title }) => {
       const box = make("input", { type: "checkbox", checked: !this.#hidden.has(id) });
       box.addEventListener("change", () => {
         if (box.checked) this.#hidden.delete(id);
@@ -129,7 +145,7 @@ class MapPanel {
         remember("catoptra.map.hidden", [...this.#hidden]);
         this.#redraw();
       });
-      return make("label", { className: `layer ${id}` }, box, label);
+      return make("label", { className: `layer ${id}`, title }, box, label);
     });
     return make("div", { className: "layers", role: "group", ariaLabel: "Layers" }, ...items);
   }
@@ -160,16 +176,26 @@ class MapPanel {
     this.#redraw();
   }
 
+  /** Let the next press on the map place a robot; Escape leaves that to another time. */
   #startPlacing(active) {
     this.#placed = null;
+    this.#isPlacing = active;
     const handler = (pose, isFinal) => {
       this.#placed = isFinal ? null : pose;
+      this.#isPlacing = !isFinal;
       this.#redraw();
       if (isFinal)
         this.#context.emit("placed", { x_m: pose.x, y_m: pose.y, yaw_rad: pose.yaw });
     };
     this.#view.setPlacing(active ? handler : null);
+    if (active) this.#reveal();
     this.#redraw();
+  }
+
+  /** Expand the panel and scroll to it. */
+  #reveal() {
+    if (!isOpen(this.#section)) this.#section.querySelector(".toggle").click();
+    this.#section.scrollIntoView({ block: "nearest" });
   }
 
   /** Record paths, also while the panel is hidden; a few numbers each time. */
@@ -223,7 +249,7 @@ class MapPanel {
     for (const other of robots)
       if (other !== robot) this.#drawRobot(pen, other, "muted", robots.length <= MAX_NAMED);
     if (robot) this.#drawSelected(pen, state, robot);
-    if (this.#placed) this.#drawPlaced(pen);
+    if (this.#isPlacing) this.#drawPlacing(pen, width);
     draw.drawAxes(pen, 14, 42);
     draw.drawScale(pen, this.#view, width - 10, 24);
   }
@@ -297,7 +323,9 @@ class MapPanel {
     return points;
   }
 
-  #drawPlaced(pen) {
-    draw.drawRobot(pen, this.#view, this.#placed, DEFAULT_SIZE_M, "accent");
+  #drawPlacing(pen, width) {
+    const hint = "Press for the position, drag for the heading, Esc to cancel";
+    draw.drawLabel(pen, hint, width / 2, 56, "ink", "center");
+    if (this.#placed) draw.drawRobot(pen, this.#view, this.#placed, DEFAULT_SIZE_M, "accent");
   }
 }

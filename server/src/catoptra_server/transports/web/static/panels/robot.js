@@ -127,7 +127,7 @@ class OwnRobot {
     this.#class.append(...classes.map(({ class_name }) => option(class_name)));
     this.#start.append(
       ...start_poses.map(({ name }) => option(name)),
-      option("", "a place on the map"),
+      option("", "x, y, or the map"),
     );
     this.#form = this.#makeForm();
     this.#owned.append(make("label", {}, this.#share, "Let others drive it"), this.#remove);
@@ -143,7 +143,7 @@ class OwnRobot {
 
   #makeForm() {
     const [x, y, heading] = this.#pose;
-    const place = make("button", { type: "button", className: "button" }, "Place on the map");
+    const place = make("button", { type: "button", className: "button" }, "Press on the map");
     place.addEventListener("click", () => this.#startPlacing());
     this.#poseFields = make(
       "div",
@@ -177,21 +177,21 @@ class OwnRobot {
 
   #startChanged() {
     this.#poseFields.hidden = this.#start.value !== "";
-    if (this.#start.value === "") this.#startPlacing();
-    else this.#context.emit("place", { active: false });
+    this.#context.emit("place", { active: false });
   }
 
   #startPlacing() {
     this.#context.emit("place", { active: true });
-    this.#say("Press on the map; drag for the heading.");
+    this.#say("");
   }
 
+  /** Spawn at a place pressed on the map. */
   #setPlace({ x_m, y_m, yaw_rad }) {
     const [x, y, heading] = this.#pose;
     x.value = x_m.toFixed(2);
     y.value = y_m.toFixed(2);
     heading.value = ((yaw_rad * 180) / Math.PI).toFixed(0);
-    this.#say("Spawn it there, or place it anew.");
+    this.#spawn();
   }
 
   async #spawn() {

@@ -131,6 +131,7 @@ function fanView(width, height, extent_m) {
   const scale = (Math.min(width, height) / 2 - 14) / extent_m;
   return {
     scale,
+    extent_m,
     toScreen: ({ x, y }) => [width / 2 + y * scale, height / 2 - x * scale],
   };
 }
@@ -160,9 +161,12 @@ function drawBeam(pen, view, beam) {
   else drawFan(pen, view, beam);
 }
 
-/** The free area as a fan, echoes as points; where there is none the fan's edge stays open. */
+/** The free area as a fan, echoes as points; where there is none the edge is dashed. */
 function drawFan(pen, view, { sensor, rays }) {
-  const ends = rays.map((ray) => view.toScreen(rayEnd(sensor, ray.angle_rad, ray.range_m)));
+  // Without an echo to the edge of the figure: the true end is mostly far outside.
+  const lengthOf = ({ has_echo, range_m }) =>
+    has_echo ? range_m : Math.min(range_m, view.extent_m);
+  const ends = rays.map((ray) => view.toScreen(rayEnd(sensor, ray.angle_rad, lengthOf(ray))));
   pen.beginPath();
   pen.moveTo(...view.toScreen({ x: sensor.x_m, y: sensor.y_m }));
   for (const end of ends) pen.lineTo(...end);
@@ -171,11 +175,15 @@ function drawFan(pen, view, { sensor, rays }) {
   pen.fillStyle = colour("scan");
   pen.fill();
   pen.globalAlpha = 1;
-  pen.fillStyle = colour("scan");
-  pen.strokeStyle = colour("scan");
+  setLine(pen, "scan", 1, [2, 5]);
+  pen.beginPath();
   rays.forEach(({ has_echo }, index) => {
-    if (has_echo) pen.fillRect(ends[index][0] - 1.25, ends[index][1] - 1.25, 2.5, 2.5);
+    const [left, top] = ends[index];
+    if (has_echo) pen.fillRect(left - 1.25, top - 1.25, 2.5, 2.5);
+    else if (index > 0 && !rays[index - 1].has_echo) pen.lineTo(left, top);
+    else pen.moveTo(left, top);
   });
+  pen.stroke();
 }
 
 /** The cone of a sonar with its echo as an arc; without one dashed, to the largest range. */

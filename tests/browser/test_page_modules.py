@@ -1,0 +1,241 @@
+"""Modules of the page that compute without drawing, in the browser, against values by hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from math import cos, pi, radians, sin
+from typing import Any
+
+import numpy as np
+import pytest
+
+from browser.chromium import Browser
+from browser.live_server import LiveServer
+from browser.tab import Tab, open_tab
+
+# Arithmetic in float64 over a few operations.
+_TOLERANCE = 1e-9
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, live: LiveServer) -> Iterator[Tab]:
+    """A page from which modules can be imported."""
+    with open_tab(browser, live.url, new_window=True) as tab:
+        yield tab
+
+
+def run(page: Tab, module: str, body: str) -> Any:
+    """Value of a JavaScript expression of a module `m`."""
+    return page.evaluate(f"import('/static/{module}.js').then((m) => {body})")
+
+
+def _parse(page: Tab, line: str) -> Any:
+    body = f"""{{
+      const reading = m.parseReading({json.dumps(line)});
+      return reading && {{ ...reading, fields: [...reading.fields] }};
+    }}"""
+    return run(page, "readings", body)
+
+
+# The first lines are the examples of protocol/SPEC.md, 5.3.
+
+
+def test_reading_of_a_scanner_keeps_its_ranges(page: Tab) -> None:
+    reading = _parse(
+        page,
+        "SEN {Time 395.38} {Type RangeScanner} {Name Scanner1} {Resolution 0.0174} {FOV 3.1415} "
+        "{Range 2.1924,2.1930}",
+    )
+    assert (reading["type"], reading["name"], reading["time_s"]) == (
+        "RangeScanner",
+        "Scanner1",
+        395.38,
+    )
+    assert dict(reading["fields"])["range"] == "2.1924,2.1930"
+
+
+def test_reading_of_sonars_has_a_part_for_each(page: Tab) -> None:
+    line = "SEN {Time 395.6055} {Type Sonar} {Name F1 Range 4.5604} {Name F2 Range 2.4576}"
+    reading = _parse(page, line)
+    assert reading["name"] == ""
+    assert reading["parts"] == [
+        {"name": "F1", "quantity": "Range", "value": "4.5604"},
+        {"name": "F2", "quantity": "Range", "value": "2.4576"},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("line", "fields"),
+    [
+        ("STA{Type  GroundVehicle }{Battery 1200}", {"type": "GroundVehicle", "battery": "1200"}),
+        # A block without a space has an empty name; one that is not closed does not count.
+        ("sen {Type A} {type B} {x {y} {z 1", {"type": "A", "": "y"}),
+        ("SEN {Type GPS} {Latitude 39,8.0341,N}", {"type": "GPS", "latitude": "39,8.0341,N"}),
+        ("SEN {__proto__ 1} {constructor 2}", {"__proto__": "1", "constructor": "2"}),
+    ],
+)
+def test_reading_follows_the_grammar_of_lines(page: Tab, line: str, fields: dict[str, str]) -> None:
+    assert dict(_parse(page, line)["fields"]) == fields
+
+
+@pytest.mark.parametrize("line", ["NFO {Type Sonar}", "", "{Type Sonar}", "RES {Time 1}"])
+def test_line_of_another_kind_is_no_reading(page: Tab, line: str) -> None:
+    assert _parse(page, line) is None
+
+
+def test_last_reading_of_a_sensor_counts(page: Tab) -> None:
+    reports = ["SEN {Type INS} {Name A} {X 1}", "SEN {Type INS} {Name A} {X 2}", "junk"]
+    body = f"[...m.parseReadings({json.dumps(reports)})].map(([k, r]) => [k, r.fields.get('x')])"
+    assert run(page, "readings", body) == [["INS/A", "2"]]
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [("1,2.5 -3e2", [1, 2.5, -300]), ("NoVictims", []), ("39,8.0341,N", []), ("", [])],
+)
+def test_numbers_of_a_value(page: Tab, text: str, numbers: list[float]) -> None:
+    assert run(page, "readings", f"m.numbersOf({json.dumps(text)})") == numbers
+
+
+def test_composed_pose_agrees_with_matrices(page: Tab) -> None:
+    def matrix(x: float, y: float, yaw: float) -> np.ndarray:
+        return np.array([[cos(yaw), -sin(yaw), x], [sin(yaw), cos(yaw), y], [0, 0, 1]])
+
+    outer, inner = (1.0, -2.0, 2.8), (0.5, 0.25, 1.2)
+    poses = [dict(zip("xy", pose[:2], strict=True), yaw=pose[2]) for pose in (outer, inner)]
+    found = run(page, "scan_geometry", f"m.compose(...{json.dumps(poses)})")
+    expected = matrix(*outer) @ matrix(*inner)
+    assert [found["x"], found["y"]] == pytest.approx(expected[:2, 2], abs=_TOLERANCE)
+    assert found["yaw"] == pytest.approx(2.8 + 1.2 - 2 * pi, abs=_TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    ("angle", "expected"), [(pi, pi), (-pi, pi), (3 * pi, pi), (-0.1, -0.1), (2 * pi, 0.0)]
+)
+def test_wrapped_angle_lies_above_minus_pi_and_up_to_pi(
+    page: Tab, angle: float, expected: float
+) -> None:
+    assert run(page, "scan_geometry", f"m.wrapped({angle!r})") == pytest.approx(expected)
+
+
+def test_scan_begins_on_the_right_of_the_robot(page: Tab) -> None:
+    sensor = {"x_m": 0, "y_m": 0, "yaw_rad": 0.1, "fov_rad": pi, "max_range_m": 20}
+    line = "SEN {Type RangeScanner} {Name S} {FOV 3.1415} {Range 1,2,20.0000}"
+    rays = page.evaluate(
+        f"""Promise.all([import('/static/readings.js'), import('/static/scan_geometry.js')])
+        .then(([r, g]) => g.scanRays(r.parseReading({json.dumps(line)}), {json.dumps(sensor)}))"""
+    )
+    # Angles are clockwise seen from above: the right is positive.
+    assert [ray["angle_rad"] for ray in rays] == pytest.approx(
+        [0.1 + pi / 2, 0.1, 0.1 - pi / 2], abs=1e-4
+    )
+    assert [ray["has_echo"] for ray in rays] == [True, True, False]
+
+
+def test_pose_history_interpolates_across_the_wrap_of_angles(page: Tab) -> None:
+    body = """{
+      const history = new m.PoseHistory();
+      history.add(1, { x: 0, y: 0, yaw: 3.1 });
+      history.add(2, { x: 2, y: 1, yaw: -3.1 });
+      return [history.at(0.5), history.at(1.5), history.at(9)];
+    }"""
+    before, between, after = run(page, "scan_geometry", body)
+    assert before is None
+    assert (between["x"], between["y"]) == (1, 0.5)
+    assert abs(between["yaw"]) == pytest.approx(pi)
+    assert after["x"] == 2
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 30.0, 100.0])
+def test_ellipse_agrees_with_the_eigenvectors(page: Tab, angle_deg: float) -> None:
+    angle = radians(angle_deg)
+    axes = np.array([[cos(angle), -sin(angle)], [sin(angle), cos(angle)]])
+    matrix = np.zeros((3, 3))
+    matrix[:2, :2] = axes @ np.diag([0.09, 0.01]) @ axes.T
+    found = run(page, "beliefs", f"m.positionEllipse({matrix.ravel().tolist()})")
+    assert (found["major_m"], found["minor_m"]) == pytest.approx((0.6, 0.2), abs=_TOLERANCE)
+    assert sin(found["angle_rad"] - angle) == pytest.approx(0.0, abs=_TOLERANCE)
+
+
+@pytest.mark.parametrize("matrix", [[1, 2, 0, 2, 1, 0, 0, 0, 1], [-1, 0, 0, 0, -1, 0, 0, 0, 1]])
+def test_matrix_that_is_no_covariance_has_no_ellipse(page: Tab, matrix: list[float]) -> None:
+    assert run(page, "beliefs", f"m.positionEllipse({matrix})") is None
+
+
+@pytest.mark.parametrize(
+    "note",
+    [
+        None,
+        7,
+        {"pose": [1, 2]},
+        {"pose": [1, 2, "3"]},
+        {"pose": "123"},
+        {"detections": {"length": 9}},
+        {"detections": [None, 1, {"bearing_rad": "1"}]},
+        {"text": {"a": 1}},
+    ],
+)
+def test_note_of_a_wrong_form_is_not_drawn(page: Tab, note: object) -> None:
+    state = f"{{ reply: {{ notes: [] }}, notes: new Map([['n', {json.dumps(note)}]]) }}"
+    (belief,) = run(page, "beliefs", f"m.beliefsOf({state})")
+    assert belief == {
+        "name": "n",
+        "time_s": None,
+        "pose": None,
+        "covariance": None,
+        "detections": [],
+        "text": "",
+    }
+
+
+@pytest.mark.parametrize(
+    ("forward", "turn", "expected"),
+    [
+        (1, 0, [4, 4]),
+        (-1, 0, [-4, -4]),
+        # Left faster than right turns to the right.
+        (0, 1, [2, -2]),
+        (1, 1, [4, 4 / 3]),
+        (-1, -1, [-4, -4 / 3]),
+        (0, 0, [0, 0]),
+    ],
+)
+def test_wheel_speeds_stay_within_the_limit(
+    page: Tab, forward: float, turn: float, expected: list[float]
+) -> None:
+    body = f"m.wheelSpeeds({{ forward: {forward}, turn: {turn} }}, 4)"
+    assert run(page, "drive_control", body) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(0.1, 0), (-0.09, 0), (1, 1), (-1, -1), (0.55, 0.5), ("NaN", 0), (1.5, 1)],
+)
+def test_dead_zone_of_a_stick(page: Tab, value: object, expected: float) -> None:
+    found = run(page, "drive_inputs", f"m.withoutDeadZone({value})")
+    assert found == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("smallest", "step"), [(0.7, 1), (1, 1), (1.1, 2), (3, 5), (6, 10), (0.03, 0.05)]
+)
+def test_ticks_are_round(page: Tab, smallest: float, step: float) -> None:
+    assert run(page, "time_plot", f"m.tickStep({smallest})") == pytest.approx(step)
+
+
+def test_path_stays_bounded_and_keeps_both_ends(page: Tab) -> None:
+    body = """{
+      const path = new m.Path();
+      for (let i = 0; i < 20000; i += 1) path.add({ x: 0.02 * i, y: 0 });
+      return [path.points.length, path.points[0].x, path.points.at(-1).x];
+    }"""
+    length, first, last = run(page, "path", body)
+    assert length <= 4000
+    assert first == 0
+    assert last == pytest.approx(399.98)
+
+
+def test_names_lose_what_is_not_seen(page: Tab) -> None:
+    assert run(page, "panel", r"m.shorten('a\u202eb\u0007c')") == "a\ufffdb\ufffdc"
+    assert run(page, "panel", "m.shorten('x'.repeat(99), 5)") == "xxxx\u2026"
