@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import re
 import socket
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -287,3 +289,56 @@ def test_server_that_is_stopped_at_once_loads_nothing_more(
     monkeypatch.setattr(app, "load_deferred_modules", lambda *_, **__: loaded.set())
     run_scenario(serve_for(make_options(tmp_path), visit))
     assert not loaded.is_set()
+
+
+def test_page_when_its_default_port_is_in_use_takes_a_free_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    links: list[str | None] = []
+
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        links.append(address.view_link)
+        stop.set()
+
+    use_renderer(monkeypatch, FakeView())
+    with socket.create_server((HOST, 0)) as occupied, socket.create_server((HOST, 0)) as spare:
+        control_port, port = spare.getsockname()[1], occupied.getsockname()[1]
+        spare.close()
+        monkeypatch.setattr(app, "VIEW_PORT", port)
+        options = dataclasses.replace(
+            make_options(tmp_path),
+            server_options=ServerOptions(control_port=control_port, has_images=False),
+        )
+        caplog.set_level("INFO")
+        run_scenario(serve_for(options, visit))
+    (link,) = links
+    assert link is not None
+    assert not link.endswith(f":{port}/")
+    assert "the live page takes a free port" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("changes", "pattern"),
+    [
+        ({"has_view": False}, None),
+        ({"view_port": 0}, r"http://127\.0\.0\.1:\d+/"),
+        ({"host": "0.0.0.0"}, r"http://localhost:\d+/\?token=[\w-]{43}"),
+    ],
+)
+def test_link_of_the_page_is_announced_where_it_is_served(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    changes: dict[str, Any],
+    pattern: str | None,
+) -> None:
+    links: list[str | None] = []
+
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        links.append(address.view_link)
+        stop.set()
+
+    use_renderer(monkeypatch, FakeView())
+    run_scenario(serve_for(dataclasses.replace(make_options(tmp_path), **changes), visit))
+    (link,) = links
+    assert (link is None) is (pattern is None)
+    assert pattern is None or re.fullmatch(pattern, link or "")

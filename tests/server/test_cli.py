@@ -147,6 +147,8 @@ def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
         ("--robot", "x", "--world", "y", "--memory-limit-mib", "0"),
         ("--robot", "x", "--world", "y", "--memory-limit-mib", "1073741824"),
         ("--robot", "x", "--world", "y", "--multi-view", "1000x1000:4x4"),
+        ("--robot", "x", "--world", "y", "--view", "70000"),
+        ("--robot", "x", "--world", "y", "--view", "0", "--no-view"),
         ("--robot", "x", "--world", "y", "--multi-view", "2x2"),
         ("--robot", "x", "--world", "y", "--multi-view", "0x2:320x240"),
         ("--robot", "x", "--world", "y", "--multi-view", "300x1:320x240"),
@@ -296,3 +298,27 @@ def test_image_port_when_there_is_none_is_announced_as_off(
 def test_instruction_set_when_named_reaches_the_options() -> None:
     assert parse_options("--instruction-set", "avx2").instruction_set == "avx2"
     assert parse_options().instruction_set == "auto"
+
+
+@pytest.mark.parametrize(
+    ("words", "has_view", "port"),
+    [
+        ((), True, None),
+        (("--view", "0"), True, 0),
+        (("--view", "5081"), True, 5081),
+        (("--no-view",), False, None),
+    ],
+)
+def test_view_options_reach_the_options(
+    words: tuple[str, ...], has_view: bool, port: int | None
+) -> None:
+    options = parse_options(*words)
+    assert (options.has_view, options.view_port) == (has_view, port)
+
+
+def test_link_of_the_page_is_the_second_line(capfd: pytest.CaptureFixture[str]) -> None:
+    link = "http://localhost:5080/?token=secret"
+    module._print_addresses(ListeningAddress("0.0.0.0", 1, 3, 2, link))
+    assert capfd.readouterr().out == (
+        f"listening control=0.0.0.0:1 image=0.0.0.0:3 stream=0.0.0.0:2\nlive page: {link}\n"
+    )
