@@ -29,3 +29,11 @@ def test_progress_when_hidden_prints_nothing(capsys: pytest.CaptureFixture[str])
         advance()
         advance()
     assert capsys.readouterr().err == ""
+
+
+def test_line_when_printed_above_bars_goes_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+    with open_progress(is_visible=False) as progress:
+        progress.print_line("sim: watch the drives at http://[::1]:5080/")
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "sim: watch the drives at http://[::1]:5080/\n"

@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 import json
+import threading
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from queue import SimpleQueue
 
+import numpy as np
 import pytest
 
+from catoptra_client.localization import make_landmark_map
+from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.landmarks import read_landmarks
 from catoptra_studies.experiment.experiment_results import write_experiment_results
 from catoptra_studies.experiment.experiment_runner import (
+    PUBLISHED_FILTER,
     ExperimentConfig,
     run_setup,
     train_classifier,
 )
 from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, REAL, SETUPS, SIM
+from catoptra_studies.experiment.filter_replay import replay_filter
+from catoptra_studies.experiment.remote_server import connect_stream
 from catoptra_studies.experiment.server_process import run_server
+from helpers.server_process import DEADLINE_S
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -72,6 +84,59 @@ def test_sim_and_real_measure_with_their_own_noise(results):
 def test_the_same_run_gives_the_same_log(config, trained, results):
     again = run_setup(config, REAL, trained[0], ignore_progress)
     assert again.drive_logs == results[1].drive_logs
+
+
+class Watch:
+    """A viewer that requests frames and states of a server until it is stopped."""
+
+    def __init__(self, address: ServerAddress) -> None:
+        self.num_frames, self.texts = 0, set[str]()
+        self._stop = threading.Event()
+        # Before the drive, which keeps the server from loading what its viewers need.
+        self._viewer = connect_stream(address, timeout_s=DEADLINE_S)
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stop.set()
+        self._thread.join(DEADLINE_S)
+        self._viewer.close()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            # Before and after the drive there is no robot.
+            with suppress(CatoptraError):
+                self.num_frames += len(self._viewer.get_frame(robot="Run0").rgb) > 0
+                notes = self._viewer.get_state("Run0").notes
+                self.texts |= {json.loads(note.text)["text"] for note in notes}
+
+
+def test_a_watched_run_gives_the_same_log_and_shows_its_filter(config, trained, results):
+    links = SimpleQueue[str]()
+    robot = config.robot_file(SIM.robot_file)
+    log_file = config.output_folder / "watched.log"
+    with run_server(
+        robot, config.field_world_file, seed=0, log_file=log_file, on_page=links.put
+    ) as address:
+        assert links.get(timeout=DEADLINE_S).startswith("http://127.0.0.1:")
+        watch = Watch(address)
+        try:
+            watched = replace(config, remote_servers={SIM.name: address})
+            again = run_setup(watched, SIM, trained[0], ignore_progress)
+        finally:
+            watch.stop()
+    assert again.drive_logs == results[0].drive_logs
+    assert watch.num_frames > 20
+    assert len(watch.texts) > 20
+    assert all("from the truth" in text for text in watch.texts)
+
+
+def test_published_filter_equals_its_replay(results):
+    (log,), (published,) = results[0].drive_logs, results[0].filter_runs[PUBLISHED_FILTER.name]
+    landmark_map = make_landmark_map(read_landmarks(CONFIGS / "landmarks/four_legged_2006.csv"))
+    replayed = replay_filter(log, SIM, PUBLISHED_FILTER, landmark_map)
+    assert np.array_equal(published.estimate, replayed.estimate)
+    assert np.array_equal(published.num_accepted, replayed.num_accepted)
 
 
 def test_report_and_summary_are_written(config, trained, results):

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from catoptra_client.localization import MeasurementUpdate
+from catoptra_client.localization import Belief, MeasurementUpdate
 from catoptra_studies.experiment.drive_log import LandmarkMeasurement
 from catoptra_studies.experiment.filter_step import FilterStep
 
@@ -20,11 +20,15 @@ def note_from_filter_step(step: FilterStep) -> dict[str, object]:
     """Belief, detections and a line of text: metres, radians, the world frame."""
     measurements = zip(step.drive_step.measurements, step.updates, strict=True)
     return {
-        "pose": step.belief.mean.tolist(),
-        "covariance": step.belief.covariance.ravel().tolist(),
+        **belief_entries(step.belief),
         "detections": [_note_detection(*measured) for measured in measurements],
         "text": describe_filter_step(step),
     }
+
+
+def belief_entries(belief: Belief) -> dict[str, object]:
+    """Entries of a note about a belief alone."""
+    return {"pose": belief.mean, "covariance": belief.covariance.ravel()}
 
 
 def describe_filter_step(step: FilterStep) -> str:

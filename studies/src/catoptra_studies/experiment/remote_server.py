@@ -10,6 +10,7 @@ import re
 import time
 from collections.abc import Callable
 
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import ConnectionLostError, DomainError
@@ -68,3 +69,31 @@ def wait_for_server(
             if clock() >= deadline_s:
                 raise
         sleep(_POLL_INTERVAL_S)
+
+
+def connect_stream(
+    address: ServerAddress,
+    *,
+    timeout_s: float,
+    clock: Callable[[], float] = time.monotonic,
+) -> StreamClient:
+    """Connect to the stream of a server that may have just started.
+
+    Args:
+        address: Server with a stream port.
+        timeout_s: Longest wait, and the timeout of the client's calls.
+        clock: Source of the time in seconds.
+
+    Raises:
+        ConnectionLostError: The server did not reply in time.
+    """
+    assert address.stream_port is not None, "the caller's server has a stream"
+    deadline_s = clock() + timeout_s
+    while True:
+        try:
+            return StreamClient.connect(address.host, address.stream_port, timeout_s)
+        except ConnectionLostError:
+            # Its port listens before the modules behind it are loaded: on a busy machine the first
+            # reply comes later than a heartbeat should.
+            if clock() >= deadline_s:
+                raise

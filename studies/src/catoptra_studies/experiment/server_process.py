@@ -84,8 +84,8 @@ def start_server(
     """
     if not can_start_server():
         raise CatoptraError(
-            "no server is installed here: pip install 'catoptra-studies[server]', or use running "
-            "ones by --server"
+            "no server is installed here: pip install 'catoptra-studies[server]', or let demo use "
+            "running ones by --server"
         )
     view = ("--no-view",) if on_page is None else ()
     command = [sys.executable, "-m", "catoptra_server", *arguments, *view]

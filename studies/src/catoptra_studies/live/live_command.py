@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from types import FrameType
 
+from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.experiment.server_process import start_server
 from catoptra_studies.live.live_drive import open_live_drive
@@ -19,21 +21,18 @@ EXIT_FAILURE = 1
 _EXIT_SIGNAL = 128
 
 _DEFAULT_VIEW_PORT = 5080
-_PAGE_TEXT = """\
-A robot drives the paper's route and localizes itself by landmarks. Ctrl-C ends it.
-  Drive it yourself with the arrow keys: it returns to its route three seconds later.
-  Turn the tolerance up until the filter's ellipse grows, and force an effect on or off.
+# The server prints the link with its address.
+_PAGE_TIMEOUT_S = 10.0
+_TEXT = """\
+A robot drives the paper's route and localizes itself by landmarks; Ctrl-C ends it.
+Programs reach its server on ports {control} (control), {image} (images), {stream} (stream).
+To try: drive the robot by the arrow keys; it returns to its route 3 s after the last one.
+        Turn up the tolerance, or force an effect, and see what the filter makes of it.
 Watch it at {link}"""
 
 
-def main(
-    arguments: Sequence[str] | None = None, on_page: Callable[[str], None] | None = None
-) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run server and robot until a signal, the last lap or an error.
-
-    Args:
-        arguments: Words of the command line.
-        on_page: Receives the link of the page; None prints it.
 
     Returns:
         0 after `--laps`, 130 after Ctrl-C, 1 after an error.
@@ -41,7 +40,7 @@ def main(
     parsed = _make_parser().parse_args(arguments)
     try:
         with _raise_on_signals():
-            _run(parsed, on_page or _print_page)
+            _run(parsed)
     except KeyboardInterrupt as interrupt:
         print_line("live: server and robot have ended")
         number = interrupt.args[0] if interrupt.args else signal.SIGINT
@@ -52,7 +51,7 @@ def main(
     return 0
 
 
-def _run(parsed: argparse.Namespace, on_page: Callable[[str], None]) -> None:
+def _run(parsed: argparse.Namespace) -> None:
     parsed.output.mkdir(parents=True, exist_ok=True)
     # The server's usual ports, so that other programs find it; port 0 takes free ones throughout.
     ports = ("--control-port", "0", "--image-port", "0") if parsed.view == 0 else ()
@@ -60,16 +59,22 @@ def _run(parsed: argparse.Namespace, on_page: Callable[[str], None]) -> None:
         *("--robot", parsed.robot, "--world", parsed.world, "--seed", str(parsed.seed)),
         *("--view", str(parsed.view), *ports),
     )
+    links = SimpleQueue[str]()
     log_file = parsed.output / "server.log"
-    with (
-        start_server(server_arguments, log_file=log_file, on_page=on_page) as address,
-        open_live_drive(address) as drive,
-    ):
-        drive.run(parsed.laps)
+    with start_server(server_arguments, log_file=log_file, on_page=links.put) as address:
+        # At once: the page is open before the training ends.
+        _print_address(address, links)
+        with open_live_drive(address) as drive:
+            drive.run(parsed.laps)
 
 
-def _print_page(link: str) -> None:
-    print_line(_PAGE_TEXT.format(link=link))
+def _print_address(address: ServerAddress, links: SimpleQueue[str]) -> None:
+    try:
+        link = links.get(timeout=_PAGE_TIMEOUT_S)
+    except Empty as error:
+        raise CatoptraError("the server serves no live page: see its log") from error
+    control, image, stream = address.control_port, address.image_port, address.stream_port
+    print_line(_TEXT.format(control=control, image=image, stream=stream, link=link))
 
 
 @contextmanager

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 
 from catoptra_client.control_connection import ReplyTimeoutError
+from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.localization import OdometryPose
 from catoptra_client.robot_client import RobotClient
@@ -21,14 +23,14 @@ from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import angle_difference
 from catoptra_protocol.stream.requests import ImageEncoding
-from catoptra_protocol.usarsim.reports import GroundTruthReading
+from catoptra_protocol.usarsim.reports import GroundTruthReading, OdometryReading
 from catoptra_studies.experiment.drive_log import (
     read_chassis,
-    read_odometry_pose,
     read_true_pose,
 )
 from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.experiment.filter_note import NOTE_NAME
+from catoptra_studies.experiment.remote_server import connect_stream
 from catoptra_studies.experiment.route import Waypoint
 from catoptra_studies.live.live_localizer import LiveLocalizer
 from catoptra_studies.live.route_progress import (
@@ -44,6 +46,7 @@ from catoptra_studies.live.shared_control import (
     observe_speeds,
     record_command,
 )
+from catoptra_studies.live.timed_odometry import TimedOdometry, interpolate_odometry
 
 ROBOT_NAME = "Live"
 # The server may calibrate renderers, and page and filter share its frames.
@@ -62,14 +65,6 @@ _BACK_OFF_S = 1.5
 _NUM_SKIPPED_WAYPOINTS = 8
 
 
-@dataclass(frozen=True, slots=True)
-class _Odometry:
-    """A reading, and the time that the server states for its cycle."""
-
-    time_s: float
-    pose: OdometryPose
-
-
 class LiveDrive:
     """A spawned robot and its filter."""
 
@@ -77,10 +72,17 @@ class LiveDrive:
         self,
         robot: RobotClient,
         stream: StreamClient,
+        route: Sequence[Waypoint],
         *,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Take a spawned robot of the name ROBOT_NAME; its clients stay the caller's.
+        """Take a spawned robot.
+
+        Args:
+            robot: Client of the robot of the name ROBOT_NAME.
+            stream: Stream of the same server. Both clients stay the caller's.
+            route: Waypoints of one lap.
+            clock: Source of the time in seconds.
 
         Raises:
             CatoptraError: The world has no landmarks.
@@ -92,10 +94,12 @@ class LiveDrive:
         self._chassis = replace(chassis, max_speed_rad_s=_SPEED_FRACTION * chassis.max_speed_rad_s)
         height_m = robot.get_camera_and_height()[1]
         self._localizer = LiveLocalizer(stream.get_landmarks(), height_m=height_m)
-        self._route = SIM.route
+        self._route = route
         self._progress = RouteProgress()
         self._control = SharedControl()
-        self._odometry: _Odometry | None = None
+        self._frame: Frame | None = None
+        # Six seconds: no frame is older.
+        self._readings = deque[TimedOdometry](maxlen=32)
         self._moved = (clock(), read_true_pose(robot))
         self._back_off_until_s = 0.0
 
@@ -108,22 +112,25 @@ class LiveDrive:
         """
         self._robot.share_control()
         while num_laps is None or self._progress.num_laps < num_laps:
-            time_s = self._wait_for_newest_readings()
+            self._wait_for_readings()
             self._drive()
-            self._localize(time_s)
+            self._localize()
 
-    def _wait_for_newest_readings(self) -> float:
-        """Wait for the next readings, and skip older ones that were not read in time.
+    def _wait_for_readings(self) -> None:
+        """Wait for the next readings, and take all that have arrived."""
+        self._take_reading(None)
+        # A loop that took one a turn would fall behind for good after a pause.
+        with suppress(ReplyTimeoutError):
+            while True:
+                self._take_reading(_DRAIN_S)
 
-        Returns:
-            Simulation time of the readings.
-        """
-        reading = self._robot.wait_for_report(GroundTruthReading)
-        while True:
-            try:
-                reading = self._robot.wait_for_report(GroundTruthReading, timeout_s=_DRAIN_S)
-            except ReplyTimeoutError:
-                return reading.time_s
+    def _take_reading(self, timeout_s: float | None) -> None:
+        odometry = self._robot.wait_for_report(OdometryReading, timeout_s)
+        # Of the same cycle: it follows in the robot files. Odometry itself has no time in UT2004's
+        # dialect.
+        time_s = self._robot.wait_for_report(GroundTruthReading).time_s
+        pose = OdometryPose(odometry.x_m, odometry.y_m, odometry.yaw_rad)
+        self._readings.append(TimedOdometry(time_s, pose))
 
     def _drive(self) -> None:
         """Command the wheels, unless a viewer does."""
@@ -169,33 +176,37 @@ class LiveDrive:
                 return robot.wheel_speeds_rad_s
         raise CatoptraError(f"robot {ROBOT_NAME!r} has left the world: see the server's log")
 
-    def _localize(self, time_s: float) -> None:
-        """Train or localize by a frame, and publish the result."""
-        previous, newest = self._odometry, _Odometry(time_s, read_odometry_pose(self._robot))
-        self._odometry = newest
-        frame = self._stream.get_frame(robot=ROBOT_NAME, encoding=ImageEncoding.RAW)
-        assert frame.time_s is not None, "frames of the stream carry a time"
-        odometry = _extrapolate(previous or newest, newest, frame.time_s)
-        note = self._localizer.follow(frame, odometry)
-        if self._control.is_foreign:
-            note["text"] = f"driven by a viewer; {note['text']}"
-        self._robot.publish(NOTE_NAME, note)
+    def _localize(self) -> None:
+        """Train or localize by the pending frame, publish the result, request the next frame."""
+        if self._frame is not None:
+            assert self._frame.time_s is not None, "frames of the stream carry a time"
+            odometry = interpolate_odometry(self._readings, self._frame.time_s)
+            # Exposed after the newest reading: at its turn in the next cycle.
+            if odometry is None:
+                return
+            note = self._localizer.follow(self._frame, odometry, self._readings[-1].pose)
+            if self._control.is_foreign:
+                note["text"] = f"driven by a viewer; {note['text']}"
+            self._robot.publish(NOTE_NAME, note)
+        self._frame = self._stream.get_frame(robot=ROBOT_NAME, encoding=ImageEncoding.RAW)
 
 
 @contextmanager
-def open_live_drive(address: ServerAddress) -> Iterator[LiveDrive]:
-    """Spawn the robot at the start of the route.
+def open_live_drive(
+    address: ServerAddress, route: Sequence[Waypoint] = SIM.route
+) -> Iterator[LiveDrive]:
+    """Spawn the robot at the start of a route.
 
     Args:
         address: A server in real time, with a stream.
+        route: Waypoints of one lap; by default the paper's.
 
     Raises:
         CatoptraError: No such server, no robot of that class, or a world without landmarks.
     """
-    assert address.stream_port is not None, "the servers started here have a stream"
-    start = SIM.route[0]
+    start = route[0]
     with (
-        StreamClient.connect(address.host, address.stream_port, _TIMEOUT_S) as stream,
+        connect_stream(address, timeout_s=_TIMEOUT_S) as stream,
         RobotClient.connect(address.host, address.control_port, _TIMEOUT_S) as robot,
     ):
         robot.spawn(
@@ -205,19 +216,4 @@ def open_live_drive(address: ServerAddress) -> Iterator[LiveDrive]:
             rotation_rad=(0.0, 0.0, start.yaw_rad),
         )
         robot.wait_for_report(GroundTruthReading)
-        yield LiveDrive(robot, stream)
-
-
-def _extrapolate(previous: _Odometry, newest: _Odometry, time_s: float) -> OdometryPose:
-    """Odometry at a time shortly after the newest reading, by the velocity before it."""
-    interval_s = newest.time_s - previous.time_s
-    # At most one interval: a frame that comes later still says nothing about the velocity.
-    after_s = min(max(time_s - newest.time_s, 0.0), max(interval_s, 0.0))
-    if after_s == 0.0:
-        return newest.pose
-    fraction, old, new = after_s / interval_s, previous.pose, newest.pose
-    return OdometryPose(
-        new.x_m + fraction * (new.x_m - old.x_m),
-        new.y_m + fraction * (new.y_m - old.y_m),
-        new.yaw_rad + fraction * angle_difference(new.yaw_rad, old.yaw_rad),
-    )
+        yield LiveDrive(robot, stream, route)

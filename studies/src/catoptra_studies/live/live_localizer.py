@@ -7,20 +7,26 @@ the truth that the note compares the belief with, and no filter reads it.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
 from catoptra_client.frame import Frame
 from catoptra_client.landmarks import Detector, Viewpoint, detect, label_frame, make_detector, train
 from catoptra_client.landmarks.histogram import UInt8Array
-from catoptra_client.localization import OdometryPose, make_landmark_map
-from catoptra_protocol.errors import CatoptraError
+from catoptra_client.localization import (
+    OdometryPose,
+    control_from_odometry,
+    make_landmark_map,
+    predict,
+)
+from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_studies.experiment.drive_log import DriveStep, measurements_in_range
 from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER
-from catoptra_studies.experiment.filter_note import note_from_filter_step
+from catoptra_studies.experiment.filter_note import belief_entries, note_from_filter_step
 from catoptra_studies.experiment.filter_step import FilterStep, advance_filter, begin_filter
 from catoptra_studies.experiment.route import Waypoint
 
@@ -49,20 +55,23 @@ class LiveLocalizer:
         self._landmarks = tuple(landmarks)
         self._map = make_landmark_map(self._landmarks)
         self._viewpoint = Viewpoint(height_m)
-        self._labelled_frames: list[tuple[UInt8Array, UInt8Array]] = []
+        self._labelled_frames = deque[tuple[UInt8Array, UInt8Array]](maxlen=NUM_TRAINING_FRAMES)
         self._detector: Detector | None = None
         self.latest: FilterStep | None = None
         """Latest step of the filter; None while the classifier is trained."""
 
-    def follow(self, frame: Frame, odometry: OdometryPose) -> dict[str, object]:
+    def follow(
+        self, frame: Frame, odometry: OdometryPose, newest_odometry: OdometryPose
+    ) -> dict[str, object]:
         """Train or localize by one frame.
 
         Args:
             frame: Frame of the robot's omnidirectional camera, from the stream.
             odometry: Odometry at the exposure.
+            newest_odometry: Odometry since then.
 
         Returns:
-            The note for the robot's viewers.
+            The note for the robot's viewers: the belief of now, and the detections of the frame.
         """
         if self._detector is None:
             return self._train(frame)
@@ -74,24 +83,30 @@ class LiveLocalizer:
             measurements = measurements_in_range(detect(self._detector, frame.rgb))
             step = DriveStep(truth, odometry, measurements)
             self.latest = advance_filter(self.latest, step, LIVE_FILTER, self._map)
-        return note_from_filter_step(self.latest)
+        note = note_from_filter_step(self.latest)
+        since = control_from_odometry(odometry, newest_odometry)
+        now = predict(self.latest.belief, since, noise=LIVE_FILTER.motion_noise)
+        return note | belief_entries(now)
 
     def _train(self, frame: Frame) -> dict[str, object]:
         camera = _require_omni_camera(frame)
         mirror = _require_pose(frame) @ (frame.robot_from_mirror or Pose.identity())
         labels = label_frame(camera, self._landmarks, world_from_mirror=mirror)
         self._labelled_frames.append((frame.rgb, labels))
-        if len(self._labelled_frames) == NUM_TRAINING_FRAMES:
-            self._detector = make_detector(
-                camera,
-                train(self._labelled_frames),
-                landmarks=self._landmarks,
-                viewpoint=self._viewpoint,
-            )
-        return {
-            "text": f"training the classifier: {len(self._labelled_frames)} of "
-            f"{NUM_TRAINING_FRAMES} labelled frames"
-        }
+        num_frames = len(self._labelled_frames)
+        text = f"training the classifier: {num_frames} of {NUM_TRAINING_FRAMES} labelled frames"
+        if num_frames == NUM_TRAINING_FRAMES:
+            try:
+                self._detector = self._make_detector(camera)
+            except DomainError as error:
+                # A colour that no frame shows: the next frame takes the place of the oldest.
+                text = f"training the classifier: {error}"
+        return {"text": text}
+
+    def _make_detector(self, camera: OmniCamera) -> Detector:
+        classifier = train(self._labelled_frames)
+        viewpoint = self._viewpoint
+        return make_detector(camera, classifier, landmarks=self._landmarks, viewpoint=viewpoint)
 
 
 def _require_omni_camera(frame: Frame) -> OmniCamera:

@@ -1,0 +1,111 @@
+"""Training on the first frames, then a filter that starts at the truth and follows odometry."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_client.frame import Frame
+from catoptra_client.landmarks import COLOUR_CODES, label_frame
+from catoptra_client.localization import OdometryPose
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.image_port import ImageType
+from catoptra_studies.live.live_localizer import NUM_TRAINING_FRAMES, LiveLocalizer
+
+HEIGHT_M = 0.6
+CAMERA = camera_with_inscribed_rim(
+    PAPER_MIRROR, width_px=200, height_px=200, rim_rad=math.radians(120.0)
+)
+FIELD = (
+    Landmark("ahead", "beacon", 1.5, 0.5, 0.2, 0.2, 0.2, 0.4, "cyan", "magenta"),
+    Landmark("behind", "beacon", -1.2, -0.5, 0.2, 0.2, 0.2, 0.4, "magenta", "yellow"),
+)
+PALETTE = {"cyan": (0, 200, 200), "magenta": (200, 0, 200), "yellow": (200, 200, 0)}
+
+
+def make_frame(x_m: float, yaw_rad: float = 0.0) -> Frame:
+    """Frame of a robot on the x axis, grey but for the colours of the landmarks."""
+    world_from_robot = Pose.from_rpy((x_m, 0.0, -0.1), (0.0, 0.0, yaw_rad))
+    robot_from_mirror = Pose.from_rpy((0.0, 0.0, 0.1 - HEIGHT_M))
+    rgb = np.full((CAMERA.height_px, CAMERA.width_px, 3), 90, np.uint8)
+    labels = label_frame(CAMERA, FIELD, world_from_mirror=world_from_robot @ robot_from_mirror)
+    for colour, code in COLOUR_CODES.items():
+        rgb[labels == code] = PALETTE[colour]
+    return Frame(
+        rgb,
+        1,
+        0.0,
+        ImageType.RAW,
+        camera_name="Omni",
+        time_s=0.0,
+        world_from_robot=world_from_robot,
+        camera=CAMERA,
+        robot_from_mirror=robot_from_mirror,
+    )
+
+
+def train_localizer() -> tuple[LiveLocalizer, list[object]]:
+    """A localizer after its training, and the texts of its notes."""
+    localizer = LiveLocalizer(FIELD, height_m=HEIGHT_M)
+    still = OdometryPose(0.0, 0.0, 0.0)
+    notes = [localizer.follow(make_frame(0.0), still, still) for _ in range(NUM_TRAINING_FRAMES)]
+    assert all(set(note) == {"text"} for note in notes)
+    return localizer, [note["text"] for note in notes]
+
+
+def test_notes_count_the_training_frames():
+    _, texts = train_localizer()
+    assert texts[0] == f"training the classifier: 1 of {NUM_TRAINING_FRAMES} labelled frames"
+    assert texts[-1] == (
+        f"training the classifier: {NUM_TRAINING_FRAMES} of {NUM_TRAINING_FRAMES} labelled frames"
+    )
+
+
+def test_filter_starts_at_the_truth_and_follows_odometry():
+    localizer, _ = train_localizer()
+    # Odometry has a frame of its own: only its differences count.
+    start, end, later = (OdometryPose(x_m, 5.0, 0.0) for x_m in (5.0, 5.3, 5.4))
+    begun = localizer.follow(make_frame(1.0), start, start)
+    moved = localizer.follow(make_frame(1.2), end, later)
+    assert begun["pose"] == pytest.approx([1.0, 0.0, 0.0])
+    # The belief of now; the text is about the exposure.
+    assert moved["pose"] == pytest.approx([1.4, 0.0, 0.0])
+    assert str(moved["text"]).startswith("0.10 m from the truth")
+
+
+def test_training_without_a_colour_goes_on_until_frames_show_it():
+    localizer, still = LiveLocalizer(FIELD, height_m=HEIGHT_M), OdometryPose(0.0, 0.0, 0.0)
+    beyond = [make_frame(500.0) for _ in range(NUM_TRAINING_FRAMES)]
+    for frame in beyond:
+        note = localizer.follow(frame, still, still)
+    assert "no training pixel of: cyan" in str(note["text"])
+    assert set(localizer.follow(make_frame(0.0), still, still)) == {"text"}
+    assert "pose" in localizer.follow(make_frame(0.0), still, still)
+
+
+def test_truth_has_the_yaw_of_the_pose():
+    localizer, _ = train_localizer()
+    still = OdometryPose(0.0, 0.0, 0.0)
+    note = localizer.follow(make_frame(0.0, -2.0), still, still)
+    assert note["pose"] == pytest.approx([0.0, 0.0, -2.0])
+
+
+def test_world_without_landmarks_is_rejected():
+    with pytest.raises(CatoptraError, match="no landmarks"):
+        LiveLocalizer((), height_m=HEIGHT_M)
+
+
+def test_perspective_camera_is_rejected_by_its_name():
+    camera = PerspectiveCamera(40, 40, math.radians(60.0))
+    frame = replace(make_frame(0.0), camera=camera)
+    localizer, still = LiveLocalizer(FIELD, height_m=HEIGHT_M), OdometryPose(0.0, 0.0, 0.0)
+    with pytest.raises(CatoptraError, match="'Omni' is no omnidirectional one"):
+        localizer.follow(frame, still, still)
