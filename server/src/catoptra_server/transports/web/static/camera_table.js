@@ -81,12 +81,11 @@ export class CameraTable {
 /**
  * Fetch the table of a camera.
  *
- * @param {function(string): string} urlOf URL of a path of this server
  * @returns {Promise<CameraTable|null>} null for a camera without such a model
  */
-export async function fetchCameraTable(urlOf, className, camera) {
+export async function fetchCameraTable(className, camera) {
   const query = new URLSearchParams({ class: className, camera });
-  const response = await fetch(urlOf(`/api/camera_table.json?${query}`));
+  const response = await fetch(`/api/camera_table.json?${query}`);
   if (response.status === 404) return null;
   if (!response.ok) throw new Error(`camera table: ${response.status} ${response.statusText}`);
   const json = await response.json();

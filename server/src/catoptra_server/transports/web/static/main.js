@@ -3,23 +3,21 @@
 import { CameraTable, chooseCylinder, fetchCameraTable } from "./camera_table.js";
 import { Connection } from "./connection.js";
 import { startFeed, FeedStatistics } from "./feed.js";
-import { Unwarper } from "./gl.js";
 import { createPanels, preparePanels } from "./panels.js";
+import { Unwarper } from "./unwarper.js";
 
 const FAULT_SHOWN_MS = 5000;
 const WINDOW = { yaw_rad: 0, pitch_rad: -0.2, fov_rad: 1.3, aspect: 4 / 3 };
 
-/** URL of a path of this server, with the token of the page's own link if that has one. */
-function urlOf(path, protocol = location.protocol) {
-  const url = new URL(path, location.href);
-  const token = new URLSearchParams(location.search).get("token");
-  if (token !== null) url.searchParams.set("token", token);
-  url.protocol = protocol;
+/** URL of the server's socket. */
+function socketUrl() {
+  const url = new URL("/socket", location.href);
+  url.protocol = location.protocol === "https:" ? "wss:" : "ws:";
   return url.href;
 }
 
 async function fetchServer() {
-  const response = await fetch(urlOf("/api/server.json"));
+  const response = await fetch("/api/server.json");
   if (!response.ok) throw new Error(`server.json: ${response.status} ${response.statusText}`);
   return response.json();
 }
@@ -37,10 +35,8 @@ class Context {
   landmarks = [];
   /** CameraTable of the selected camera; null while loading and for other kinds of cameras. */
   table = null;
-  /** Unwarper; null without WebGL2. */
-  unwarper = null;
-  /** Why there is no unwarper. */
-  unwarperFault = "";
+  /** Pictures of views, by WebGL2. */
+  unwarper = new Unwarper(() => this.emit("unwarper"));
   /** Perspective view: yaw, pitch, horizontal field of view, width over height. */
   window = { ...WINDOW };
   /** Pixel [u, v] under the cursor, or null; held: placed by a click or by a key. */
@@ -51,14 +47,8 @@ class Context {
 
   constructor(server) {
     this.server = server;
-    const socket = urlOf("/socket", location.protocol === "https:" ? "wss:" : "ws:");
-    this.pictures = new Connection(socket);
-    this.commands = new Connection(socket);
-    try {
-      this.unwarper = new Unwarper(() => this.emit("restored"));
-    } catch (error) {
-      this.unwarperFault = error.message;
-    }
+    this.pictures = new Connection(socketUrl());
+    this.commands = new Connection(socketUrl());
   }
 
   /** Call a function on each event of a name from now on. */
@@ -115,7 +105,7 @@ class Context {
     this.#setTable(null);
     if (this.camera?.kind !== "omni") return;
     try {
-      const table = await fetchCameraTable(urlOf, className, camera);
+      const table = await fetchCameraTable(className, camera);
       if (this.#tableOf === key) this.#setTable(table);
     } catch (error) {
       if (this.#tableOf === key) this.#tableOf = "";
@@ -152,14 +142,14 @@ class Context {
 
   #setTable(table) {
     this.table = table;
-    this.unwarper?.setTable(table);
+    this.unwarper.setTable(table);
     this.emit("table", table);
   }
 
   #forgetFrame() {
     this.frame?.bitmap.close();
     this.frame = null;
-    this.unwarper?.setFrame(null);
+    this.unwarper.setFrame(null);
     this.setCursor(null);
   }
 }
@@ -238,15 +228,15 @@ function expose(context) {
      * A cylinder of the present frame as base64 RGBA; by default that of `make_panorama`. Some of
      * top_slope, bottom_slope, seam_azimuth_rad may be given.
      */
-    readPanorama(width, height, geometry = {}) {
+    async readPanorama(width, height, geometry = {}) {
       const cylinder = { ...chooseCylinder(context.table, width), ...geometry };
       if (height) cylinder.rows = height;
-      const pixels = context.unwarper.read(cylinder);
+      const pixels = await context.unwarper.read(cylinder);
       return { width, height: cylinder.rows, pixels: base64(pixels), geometry: cylinder };
     },
     /** A perspective view {width_px, height_px, fov_rad, yaw_rad, pitch_rad}, likewise. */
-    readPerspective(view) {
-      const pixels = context.unwarper.read(view);
+    async readPerspective(view) {
+      const pixels = await context.unwarper.read(view);
       return { width: view.width_px, height: view.height_px, pixels: base64(pixels) };
     },
     CameraTable,
@@ -259,7 +249,7 @@ async function start() {
   watchConnections(context);
   // First of all handlers: views draw with the frame uploaded and the selection valid.
   context.on("state", () => followRobots(context));
-  context.on("frame", ({ bitmap }) => context.unwarper?.setFrame(bitmap));
+  context.on("frame", ({ bitmap }) => context.unwarper.setFrame(bitmap));
   expose(context);
   await createPanels(context);
   startFeed(context);

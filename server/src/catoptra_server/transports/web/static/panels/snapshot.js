@@ -50,25 +50,15 @@ async function savePicture(context) {
 /** The panorama of a picture that is rendered for it, not of one that JPEG has changed. */
 async function savePanorama(context) {
   const { unwarper, table } = context;
-  if (!unwarper || !table) throw new Error(context.unwarperFault || "this camera has no panorama");
+  if (!table) throw new Error("this camera has no panorama");
   const { header, blob } = await requestPng(context);
   const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none" });
   const columns = Math.min(MAX_COLUMNS, 2 * header.width_px);
   const cylinder = chooseCylinder(table, columns);
-  const pixels = readPanorama(unwarper, bitmap, cylinder, context.frame);
+  const pixels = await unwarper.read(cylinder, bitmap);
+  bitmap.close();
   const panorama = await pngOf(new ImageData(pixels, columns, cylinder.rows));
   return download(panorama, fileName(header, "_panorama"));
-}
-
-/** Unwarp another picture than the shown one, which then follows again. */
-function readPanorama(unwarper, bitmap, cylinder, shown) {
-  try {
-    unwarper.setFrame(bitmap);
-    return new Uint8ClampedArray(unwarper.read(cylinder).buffer);
-  } finally {
-    unwarper.setFrame(shown?.bitmap ?? null);
-    bitmap.close();
-  }
 }
 
 function pngOf(image) {

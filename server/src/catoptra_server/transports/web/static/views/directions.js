@@ -74,8 +74,8 @@ export function reasonForNoUnwarping(context) {
   const reason = reasonForNoPicture(context);
   if (reason) return reason;
   if (context.camera?.kind !== "omni") return "This camera has no mirror to unwarp.";
-  if (context.unwarper === null) {
-    return `Unwarping needs WebGL2: ${context.unwarperFault}. Update the browser, or allow ` +
+  if (context.unwarper.fault) {
+    return `Unwarping needs WebGL2: ${context.unwarper.fault}. Update the browser, or allow ` +
       "hardware or software 3D graphics in its settings.";
   }
   return context.unwarper.isReady ? "" : "Waiting for the camera's model.";

@@ -30,7 +30,7 @@ export function create(section, context) {
   context.on("frame", () => {
     if (isShown(section)) view.draw();
   });
-  for (const event of ["selection", "state", "table", "restored"]) {
+  for (const event of ["selection", "state", "table", "unwarper"]) {
     context.on(event, view.requestDraw);
   }
   for (const event of ["cursor", "window", "landmarks"]) context.on(event, view.requestOverlay);
@@ -60,8 +60,13 @@ class PanoramaView {
   draw() {
     const reason = reasonForNoUnwarping(this.#context);
     this.#canvases.setMessage(reason);
-    if (!reason) this.#context.unwarper.draw(this.#canvases.picture, this.#cylinder());
-    this.#drawOverlay();
+    if (reason) {
+      this.#drawOverlay();
+    } else {
+      // Together with its picture: marks lie on what they name.
+      const onDrawn = () => this.#drawOverlay();
+      this.#context.unwarper.draw(this.#canvases.picture, this.#cylinder(), onDrawn);
+    }
   }
 
   /** The cylinder at the resolution of the screen. */

@@ -23,7 +23,7 @@ export function create(section, context) {
   context.on("frame", () => {
     if (isShown(section)) view.draw();
   });
-  for (const event of ["selection", "state", "table", "restored", "window"]) {
+  for (const event of ["selection", "state", "table", "unwarper", "window"]) {
     context.on(event, view.requestDraw);
   }
   for (const event of ["cursor", "landmarks"]) context.on(event, view.requestOverlay);
@@ -61,8 +61,13 @@ class PerspectiveView {
   draw() {
     const reason = reasonForNoUnwarping(this.#context);
     this.#canvases.setMessage(reason);
-    if (!reason) this.#context.unwarper.draw(this.#canvases.picture, this.#view());
-    this.#drawOverlay();
+    if (reason) {
+      this.#drawOverlay();
+    } else {
+      // Together with its picture: marks lie on what they name.
+      const onDrawn = () => this.#drawOverlay();
+      this.#context.unwarper.draw(this.#canvases.picture, this.#view(), onDrawn);
+    }
     const { yaw_rad, pitch_rad, fov_rad } = this.#context.window;
     const degrees = (angle_rad) => `${Math.round((angle_rad * 180) / Math.PI)}\u00b0`;
     const text = `${degrees(yaw_rad)}, ${degrees(pitch_rad)}, ${degrees(fov_rad)} wide`;

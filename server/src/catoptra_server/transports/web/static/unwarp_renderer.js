@@ -1,8 +1,8 @@
 /**
- * Unwarping of the present frame on the graphics processor, for all views.
+ * Unwarping of the present frame by WebGL2, in a worker: creating a context, compiling, and
+ * rendering without a graphics processor take longer than a page may stand still.
  *
- * One WebGL context for all of them: a frame is uploaded once, and one place restores a lost
- * context. A view receives its picture by drawImage.
+ * One context for all views: a frame is uploaded once, and one place restores a lost context.
  */
 
 import { FRAGMENT_SHADER, VERTEX_SHADER } from "./shaders.js";
@@ -11,11 +11,10 @@ import { viewAxes } from "./transforms.js";
 const FRAME_UNIT = 0;
 const RADII_UNIT = 1;
 const AZIMUTHS_UNIT = 2;
-const SOFTWARE_RENDERER = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 
-/** Unwarps the frame of a camera by its table. */
-export class Unwarper {
-  #canvas = document.createElement("canvas");
+/** Renders views of the frame of a camera by its table. */
+export class UnwarpRenderer {
+  #canvas = new OffscreenCanvas(1, 1);
   #gl;
   #uniforms = {};
   #frame = null;
@@ -23,8 +22,6 @@ export class Unwarper {
   #azimuthsOf = "";
   #isUploaded = false;
   #onRestored;
-  /** Resolution of views in the page, relative to that of the screen. */
-  detail = 1;
 
   /**
    * @param {function(): void} onRestored called when the views must be drawn again
@@ -38,8 +35,6 @@ export class Unwarper {
     this.#canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.#canvas.addEventListener("webglcontextrestored", () => this.#restore());
     this.#setUp();
-    // Measured: 0.15 us per pixel on a processor; a third of the pixels keeps frames fluent.
-    if (SOFTWARE_RENDERER.test(this.renderer)) this.detail = 0.6;
   }
 
   /** Whether pictures can be drawn: not between the loss of the context and its return. */
@@ -54,15 +49,16 @@ export class Unwarper {
     return gl.getParameter(extension?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER) ?? "";
   }
 
-  /** Lose the context, as a driver does; for tests. */
+  /** Lose the context for a moment, as a driver may; for tests. */
   loseContext() {
     const extension = this.#gl.getExtension("WEBGL_lose_context");
     extension?.loseContext();
     setTimeout(() => extension?.restoreContext(), 100);
   }
 
-  /** Take the frame to show from now on; uploaded when it is first drawn. */
+  /** Take the frame to show from now on, and close the one before. */
   setFrame(bitmap) {
+    this.#frame?.close();
     this.#frame = bitmap;
     this.#isUploaded = false;
   }
@@ -74,31 +70,24 @@ export class Unwarper {
   }
 
   /**
-   * Draw a view into a canvas, and fit the canvas to it.
+   * Render a view.
    *
-   * @param {HTMLCanvasElement} canvas
    * @param {Object} view a cylinder, as of chooseCylinder, or a perspective view: {width_px,
    *   height_px, fov_rad, yaw_rad, pitch_rad}
+   * @returns {ImageBitmap}
    */
-  draw(canvas, view) {
+  draw(view) {
     const [width, height] = sizeOf(view);
-    // Only ever enlarged: another size would be another allocation for each of two views.
-    if (this.#canvas.width < width) this.#canvas.width = width;
-    if (this.#canvas.height < height) this.#canvas.height = height;
+    if (this.#canvas.width !== width) this.#canvas.width = width;
+    if (this.#canvas.height !== height) this.#canvas.height = height;
     this.#render(view, [height, -1]);
-    if (canvas.width !== width || canvas.height !== height) {
-      canvas.width = width;
-      canvas.height = height;
-    }
-    const pen = canvas.getContext("2d", { alpha: false });
-    const top = this.#canvas.height - height;
-    pen.drawImage(this.#canvas, 0, top, width, height, 0, 0, width, height);
+    return this.#canvas.transferToImageBitmap();
   }
 
   /**
    * Pixels of a view, read back from an offscreen target.
    *
-   * @returns {Uint8Array} RGBA, rows from the top
+   * @returns {Uint8ClampedArray} RGBA, rows from the top
    */
   read(view) {
     const gl = this.#gl;
@@ -111,7 +100,7 @@ export class Unwarper {
     gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, target);
     // A framebuffer's first row is the first that is read: no flip.
     this.#render(view, [0, 1]);
-    const pixels = new Uint8Array(4 * width * height);
+    const pixels = new Uint8ClampedArray(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.deleteFramebuffer(framebuffer);
