@@ -14,7 +14,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test browser-test stability lint format bench cost effects conformance fuzz soak wheels compose clean
+.PHONY: help setup demo live test browser-test stability lint format bench cost effects conformance fuzz soak wheels compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,6 +40,10 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 
 demo: $(READY) ## Repeat the paper's experiment with servers as processes; writes out/demo/report.html
 	$(BIN)/catoptra-studies demo --output out/demo
+
+# One page a machine: PORT=0 takes free ports for a second one.
+live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080]
+	$(BIN)/catoptra-studies live --output out/live $(if $(PORT),--view $(PORT))
 
 test: $(READY) ## Run all tests
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile tests

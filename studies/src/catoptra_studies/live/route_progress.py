@@ -44,7 +44,7 @@ def advance_progress(
     """Progress to the first waypoint ahead that is not reached yet."""
     # At most one lap: no pose is at all waypoints.
     for _ in route:
-        if not _is_reached(progress, route, pose):
+        if not _is_at_waypoint(progress, route, pose):
             break
         progress = skip_waypoints(progress, route, 1)
     return progress
@@ -99,7 +99,7 @@ def steer(
     )
 
 
-def _is_reached(progress: RouteProgress, route: Sequence[Waypoint], pose: Waypoint) -> bool:
+def _is_at_waypoint(progress: RouteProgress, route: Sequence[Waypoint], pose: Waypoint) -> bool:
     target = route[progress.index]
     if _is_turn(progress, route):
         return abs(wrap_angle(target.yaw_rad - pose.yaw_rad)) < _REACHED_RAD
