@@ -342,3 +342,53 @@ def test_link_of_the_page_is_announced_where_it_is_served(
     (link,) = links
     assert (link is None) is (pattern is None)
     assert pattern is None or re.fullmatch(pattern, link or "")
+
+
+async def connect_for_ever(port: int) -> None:
+    while True:
+        _, writer = await asyncio.open_connection(HOST, port)
+        writer.close()
+
+
+def test_server_that_cannot_load_the_page_serves_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> None:
+        raise ImportError("injected")
+
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        port = int((address.view_link or "").rstrip("/").rpartition(":")[2])
+        with pytest.raises(ConnectionError):
+            await connect_for_ever(port)
+        reader, writer = await asyncio.open_connection(HOST, address.stream_port)
+        assert await reader.read(1)  # the stream's greeting
+        writer.close()
+        stop.set()
+
+    use_renderer(monkeypatch, FakeView())
+    monkeypatch.setattr(app, "load_view_modules", fail)
+    run_scenario(serve_for(make_options(tmp_path), visit))
+    assert "the live page is not served: injected" in caplog.text
+
+
+def test_server_that_ends_does_not_wait_until_the_page_is_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_loading, may_end = threading.Event(), threading.Event()
+
+    def load() -> None:
+        is_loading.set()
+        may_end.wait(DEADLINE_S)
+
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        assert await asyncio.to_thread(is_loading.wait, DEADLINE_S)
+        stop.set()
+
+    async def scenario() -> None:
+        await serve_for(make_options(tmp_path), visit)
+        assert not may_end.is_set()
+        may_end.set()
+
+    use_renderer(monkeypatch, FakeView())
+    monkeypatch.setattr(app, "load_view_modules", load)
+    run_scenario(scenario())

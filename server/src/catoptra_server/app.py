@@ -129,8 +129,7 @@ async def _open_ports(
 
             context = create_stream_context(server)
             await open_ports.enter_async_context(serve_stream_port(context, stream, limits.stream))
-            if view is not None and access is not None:
-                await asyncio.to_thread(load_view_modules)
+            if view is not None and access is not None and await _load_view(view, stop):
                 from catoptra_server.web_port import serve_web_port  # likewise
 
                 await open_ports.enter_async_context(
@@ -152,6 +151,25 @@ async def _wait_for_first_frame(listeners: Sequence[Listener], stop: asyncio.Eve
     for wait in waits:
         wait.cancel()
     await asyncio.gather(*waits, return_exceptions=True)
+
+
+async def _load_view(view: Listener, stop: asyncio.Event) -> bool:
+    """Load the modules of the live page; False if the server ends or cannot load them."""
+    loading = asyncio.ensure_future(asyncio.to_thread(load_view_modules))
+    stopping = asyncio.ensure_future(stop.wait())
+    # A server that ends closes its ports at once, and leaves the thread to its own end.
+    await asyncio.wait((loading, stopping), return_when=asyncio.FIRST_COMPLETED)
+    stopping.cancel()
+    if not loading.done():
+        return False
+    try:
+        loading.result()
+    # OSError: no free descriptor. All else is served without the page.
+    except (ImportError, OSError) as error:
+        log.error("the live page is not served: %s", error)
+        view.close()
+        return False
+    return True
 
 
 # Parts of the process's descriptors for the connections of control and image port, each, of stream
