@@ -5,7 +5,8 @@
  * wheel speeds are sent at 20 Hz, since the server stops a robot whose driver is silent for 0.25 s.
  */
 
-import { classOf } from "./scan_geometry.js";
+import { shorten } from "./panel.js";
+import { classOf, robotOf } from "./scan_geometry.js";
 
 const INTERVAL_MS = 50;
 /** Wheel speed of turning on the spot, as a fraction of the limit: turning is the faster motion. */
@@ -19,17 +20,16 @@ const MAX_UNANSWERED = 10;
  * @returns {{name: string, wire_name: string, robot: object|null, reason: string}} an empty name
  *   with the reason why there is none
  */
-export function targetOf({ own, state, commands }) {
+export function targetOf(context) {
+  const { own, selected, commands } = context;
   const none = (reason) => ({ name: "", wire_name: "", robot: null, reason });
   if (!commands.isOpen) return none("there is no connection");
-  const robots = state?.reply.robots ?? [];
-  const robotOf = (name) => robots.find((robot) => robot.name === name) ?? null;
-  if (own) return { name: own, wire_name: "", robot: robotOf(own), reason: "" };
-  const robot = robotOf(state?.reply.robot ?? "");
+  if (own) return { name: own, wire_name: "", robot: robotOf(context, own), reason: "" };
+  const robot = robotOf(context, selected.robot);
   if (!robot) return none("there is no robot yet: spawn one below");
-  if (robot.shares_control)
-    return { name: robot.name, wire_name: robot.name, robot, reason: "" };
-  return none(`the owner of ${robot.name.slice(0, 40)} does not share control: spawn one below`);
+  const { name } = robot;
+  if (robot.shares_control) return { name, wire_name: name, robot, reason: "" };
+  return none(`the owner of ${shorten(name)} does not share control: spawn one below`);
 }
 
 /** Wheel speeds in rad/s of a demand; the faster side is at most at the limit. */
@@ -74,6 +74,11 @@ export class DriveControl {
     return this.#timer !== null;
   }
 
+  /** Name of the robot driven last, to which the reason belongs. */
+  get drivenName() {
+    return this.#driven?.name ?? "";
+  }
+
   /** Set the demand of one input; the demands of all inputs add up. */
   setDemand(source, demand) {
     this.#demands.set(source, demand);
@@ -95,7 +100,10 @@ export class DriveControl {
   emergencyStop(reason) {
     const target = targetOf(this.#context);
     this.stop(reason);
-    if (target.name) this.#send(target, [0, 0]);
+    if (!target.name) return;
+    this.#driven = target;
+    this.#send(target, [0, 0]);
+    this.#onChange();
   }
 
   #start() {

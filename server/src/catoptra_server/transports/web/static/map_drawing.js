@@ -55,8 +55,8 @@ export function drawWalls(pen, view, segments) {
   pen.stroke();
 }
 
-/** Corners of a robot: its rectangle with the front drawn out to a point. */
-function outline([length, width]) {
+/** Corners of a robot in its own frame: its rectangle, the front drawn out to a point. */
+export function robotOutline([length, width]) {
   const [front, half] = [length / 2, width / 2];
   return [
     { x: -front, y: -half },
@@ -70,7 +70,7 @@ function outline([length, width]) {
 /** A robot's outline; small robots keep a size that can be seen. */
 export function drawRobot(pen, view, pose, size_m, name, { isFilled = true, dash = [] } = {}) {
   const enlargement = Math.max(1, 10 / (size_m[0] * view.scale));
-  const corners = outline(size_m.map((side) => side * enlargement));
+  const corners = robotOutline(size_m.map((side) => side * enlargement));
   setLine(pen, name, 1.5, dash);
   tracePoints(
     pen,

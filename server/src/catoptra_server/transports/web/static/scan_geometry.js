@@ -7,6 +7,9 @@
 
 import { numbersOf, readingKey } from "./readings.js";
 
+/** Of robots of unknown classes, and of one that is being placed. */
+export const DEFAULT_SIZE_M = [0.5, 0.4, 0.3];
+
 /** Angle in (-pi, pi]. */
 export const wrapped = (angle_rad) =>
   angle_rad - 2 * Math.PI * Math.ceil((angle_rad - Math.PI) / (2 * Math.PI));
@@ -69,6 +72,17 @@ export function odometryPose(readings, robot) {
 /** The description of a robot's class in server.json, if any. */
 export const classOf = (server, className) =>
   server.classes.find((candidate) => candidate.class_name === className);
+
+/** The robot of the newest state that has the name; null for none. */
+export const robotOf = ({ state }, name) =>
+  state?.reply.robots.find((robot) => robot.name === name) ?? null;
+
+/** Name of the robot whose readings the page receives. */
+export const selectedName = ({ state, selected }) => state?.reply.robot || selected.robot;
+
+/** Length, width and height of a robot in metres. */
+export const sizeOf = (server, robot) =>
+  classOf(server, robot.class_name)?.size_m ?? DEFAULT_SIZE_M;
 
 /** True poses of the recent past, to place readings and notes at the time they belong to. */
 export class PoseHistory {

@@ -183,7 +183,8 @@ class DrivePanel {
     const shortName = shorten(name, 30);
     if (this.#control.isMoving) return [`Driving ${shortName}.`, "ok"];
     if (!name) return [`Stopped: ${reason}.`, ""];
-    if (this.#control.reason) return [`Stopped: ${this.#control.reason}.`, ""];
+    const { reason: stopReason, drivenName } = this.#control;
+    if (stopReason && drivenName === name) return [`Stopped: ${stopReason}.`, ""];
     const isDriven = robot?.wheel_speeds_rad_s.some((speed) => speed !== 0);
     if (wire_name && isDriven) return [`Another client drives ${shortName}; you may too.`, ""];
     return [`Ready to drive ${shortName}: keys W A S D or arrows, gamepad, stick.`, ""];

@@ -21,6 +21,7 @@ import { Path } from "../path.js";
 import { PlanarView } from "../planar_view.js";
 import { readingKey } from "../readings.js";
 import {
+  DEFAULT_SIZE_M,
   PoseHistory,
   classOf,
   compose,
@@ -28,6 +29,7 @@ import {
   planarPose,
   rayEnd,
   scanRays,
+  sizeOf,
 } from "../scan_geometry.js";
 
 const LAYERS = [
@@ -40,7 +42,6 @@ const LAYERS = [
 const MAX_ROBOTS = 200;
 /** More names than these would cover each other and the map. */
 const MAX_NAMED = 20;
-const DEFAULT_SIZE_M = [0.5, 0.4];
 
 /** Create the panel; the plan follows, so that the pictures do not wait for it. */
 export function create(section, context) {
@@ -277,7 +278,7 @@ class MapPanel {
 
   #drawRobot(pen, robot, name, isNamed) {
     const pose = planarPose(robot.world_from_robot);
-    const size = classOf(this.#context.server, robot.class_name)?.size_m ?? DEFAULT_SIZE_M;
+    const size = sizeOf(this.#context.server, robot);
     draw.drawRobot(pen, this.#view, pose, size, name);
     if (!isNamed) return;
     const [left, top] = this.#view.toScreen(pose.x, pose.y);
@@ -287,7 +288,7 @@ class MapPanel {
 
   #drawSelected(pen, state, robot) {
     const view = this.#view;
-    const size = classOf(this.#context.server, robot.class_name)?.size_m ?? DEFAULT_SIZE_M;
+    const size = sizeOf(this.#context.server, robot);
     const beliefs = beliefsOf(state);
     if (this.#shows("scan")) draw.drawPoints(pen, view, this.#scanPoints(state, robot), "scan");
     if (this.#shows("odometry")) {

@@ -1,10 +1,18 @@
 /** Range scanners and sonars of the selected robot in its own frame, forward up. */
 
 import { clearedCanvas, colour, onColourScheme, onResize } from "../canvas.js";
-import { drawLabel, setLine } from "../map_drawing.js";
+import { drawLabel, robotOutline, setLine } from "../map_drawing.js";
 import { bodyOf, drawOnDemand, make, remember, remembered, shorten } from "../panel.js";
 import { numbersOf, readingKey } from "../readings.js";
-import { classOf, degrees, hasEcho, rayEnd, scanRays, wrapped } from "../scan_geometry.js";
+import {
+  classOf,
+  degrees,
+  hasEcho,
+  rayEnd,
+  scanRays,
+  sizeOf,
+  wrapped,
+} from "../scan_geometry.js";
 
 const RANGES_M = [1, 2, 3, 5, 7, 10, 15, 20];
 const MAX_SCANNERS = 20;
@@ -54,7 +62,7 @@ class ScanPanel {
     const view = fanView(width, height, extent_m);
     drawRings(pen, view, extent_m);
     for (const beam of beams) drawBeam(pen, view, beam);
-    if (robot) drawBody(pen, view, classOf(server, robot.class_name)?.size_m ?? [0.5, 0.4]);
+    if (robot) drawBody(pen, view, sizeOf(server, robot));
     this.#summary.textContent = robot ? summaryOf(shown, beams) : "No robot is selected.";
   }
 
@@ -209,17 +217,10 @@ function drawCone(pen, view, { sensor, rays: [ray] }) {
   pen.stroke();
 }
 
-function drawBody(pen, view, [length, width]) {
+function drawBody(pen, view, size_m) {
   setLine(pen, "true", 1.5);
-  const corners = [
-    [-length / 2, -width / 2],
-    [length * 0.35, -width / 2],
-    [length * 0.575, 0],
-    [length * 0.35, width / 2],
-    [-length / 2, width / 2],
-  ];
   pen.beginPath();
-  for (const [x, y] of corners) pen.lineTo(...view.toScreen({ x, y }));
+  for (const corner of robotOutline(size_m)) pen.lineTo(...view.toScreen(corner));
   pen.closePath();
   pen.stroke();
 }
