@@ -17,6 +17,7 @@ const MAX_PARTS = 256;
  * @property {string} name of the sensor; empty for sensors of many parts
  * @property {number|null} time_s
  * @property {Map<string, string>} fields values by name in lower case
+ * @property {Map<string, string>} labels names as sent, by name in lower case
  * @property {{name: string, quantity: string, value: string}[]} parts
  */
 
@@ -44,16 +45,20 @@ export function parseReading(line) {
   const word = /^[^\s{]*/.exec(line.trim())[0].toUpperCase();
   if (word !== "SEN" && word !== "STA" && word !== "MISSTA") return null;
   const fields = new Map();
+  const labels = new Map();
   const parts = [];
   for (const [name, value] of blocksOf(line)) {
     const key = name.toLowerCase();
     const part = key === "name" ? partOf(value) : null;
     if (part && parts.length < MAX_PARTS) parts.push(part);
-    else if (!part && !fields.has(key)) fields.set(key, value);
+    if (part || fields.has(key)) continue;
+    fields.set(key, value);
+    labels.set(key, name);
   }
   const [time_s] = numbersOf(fields.get("time") ?? "");
   const type = fields.get("type") ?? word;
-  return { word, type, name: fields.get("name") ?? "", time_s: time_s ?? null, fields, parts };
+  const name = fields.get("name") ?? "";
+  return { word, type, name, time_s: time_s ?? null, fields, labels, parts };
 }
 
 /** Key of a sensor in the map of readings. */

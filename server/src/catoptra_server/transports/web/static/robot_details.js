@@ -63,7 +63,7 @@ function valuesOf(robot, { readings }) {
 }
 
 /** Battery and lights in words, then the joints. */
-function statusPairs({ fields }) {
+function statusPairs({ fields, labels }) {
   const isLit = fields.get("lighttoggle")?.toLowerCase() === "true";
   // Robots without steered wheels report angles of 0 for them.
   const isJoint = ([name, value]) =>
@@ -72,7 +72,7 @@ function statusPairs({ fields }) {
   return [
     ["Battery", `${fields.get("battery") ?? "\u2013"} s`],
     ["Lights", isLit ? `on, ${fields.get("lightintensity") ?? "\u2013"} %` : "off"],
-    ...joints.map(([name, value]) => [shorten(name, 24), `${shorten(value, 24)} rad`]),
+    ...joints.map(([name, value]) => [shorten(labels.get(name), 24), `${shorten(value, 24)} rad`]),
   ];
 }
 

@@ -28,6 +28,8 @@ class ScanPanel {
   #chosen = make("div", { className: "controls", role: "group", ariaLabel: "Sensors" });
   #summary = make("p", { className: "quiet" });
   #range = make("select");
+  /** All but the summary: hidden for a robot without range sensors. */
+  #view = make("div");
   #hidden = new Set(remembered("catoptra.scans.hidden", []));
   #listed = "";
   #redraw;
@@ -38,10 +40,11 @@ class ScanPanel {
       make("option", { value: "0" }, "automatic"),
       ...RANGES_M.map((range) => make("option", { value: String(range) }, `${range} m`)),
     );
-    const figure = make("div", { className: "figure scan" }, this.#canvas);
     const choice = make("label", {}, "Extent", this.#range);
     const controls = make("div", { className: "controls" }, this.#chosen, choice);
-    bodyOf(section).append(controls, figure, this.#summary);
+    const figure = make("div", { className: "figure scan" }, this.#canvas);
+    this.#view.append(controls, figure);
+    bodyOf(section).append(this.#view, this.#summary);
     this.#redraw = drawOnDemand(section, () => this.#draw());
     this.#range.addEventListener("change", this.#redraw);
     context.on("state", this.#redraw);
@@ -55,6 +58,11 @@ class ScanPanel {
     const sensors = (robot && classOf(server, robot.class_name)?.sensors) ?? [];
     const groups = groupsOf(sensors).slice(0, MAX_SCANNERS);
     this.#list(groups);
+    this.#view.hidden = groups.length === 0;
+    if (!groups.length) {
+      this.#summary.textContent = "The selected robot has no range sensor.";
+      return;
+    }
     const shown = groups.filter(({ label }) => !this.#hidden.has(label));
     const beams = shown.flatMap((group) => beamsOf(group, state.readings));
     const { pen, width, height } = clearedCanvas(this.#canvas);
@@ -62,8 +70,8 @@ class ScanPanel {
     const view = fanView(width, height, extent_m);
     drawRings(pen, view, extent_m);
     for (const beam of beams) drawBeam(pen, view, beam);
-    if (robot) drawBody(pen, view, sizeOf(server, robot));
-    this.#summary.textContent = robot ? summaryOf(shown, beams) : "No robot is selected.";
+    drawBody(pen, view, sizeOf(server, robot));
+    this.#summary.textContent = summaryOf(shown, beams);
   }
 
   /** A box for each scanner and one for the sonars together; made anew for another robot. */
