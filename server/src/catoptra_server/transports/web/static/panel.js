@@ -76,11 +76,20 @@ export function remember(key, value) {
   }
 }
 
+/** Give a section its title, its tools and its body; the ids are those that index.html names. */
+export function furnish(section, title) {
+  const name = section.id.replace("panel-", "");
+  const body = make("div", { className: "body", id: `body-${name}` });
+  const properties = { type: "button", className: "toggle", id: `title-${name}` };
+  const toggle = make("button", { ...properties, "aria-controls": body.id }, title);
+  const tools = make("div", { className: "tools" });
+  section.append(make("header", {}, make("h2", {}, toggle), tools), body);
+  setUpToggle(section, toggle);
+}
+
 /** Make the panel's title expand and collapse it, from the state of the last visit. */
-export function setUpToggles(section) {
-  const toggle = section.querySelector(".toggle");
+function setUpToggle(section, toggle) {
   observer.observe(section);
-  if (!toggle) return;
   const apply = (open) => {
     toggle.setAttribute("aria-expanded", String(open));
     section.classList.toggle("closed", !open);

@@ -6,7 +6,7 @@
  * the title, `toolsOf(section)`; it draws only while `isShown(section)` (panel.js).
  */
 
-import { bodyOf, setUpToggles } from "./panel.js";
+import { bodyOf, furnish } from "./panel.js";
 
 /** Loads a module on first use, so that a panel with a fault leaves the others intact. */
 const from = (path) => async (section, context) => (await import(path)).create(section, context);
@@ -31,9 +31,11 @@ export const PANELS = [
 /** Section of the panel with this id. */
 export const sectionOf = (id) => document.getElementById(`panel-${id}`);
 
-/** Make the panels collapsible, as they were left; needs no connection. */
+/** Give the panels their titles, expanded or collapsed as they were left; needs no connection. */
 export function preparePanels() {
-  for (const { id } of PANELS) setUpToggles(sectionOf(id));
+  for (const { id, title } of PANELS)
+    // The status line has its place in the bar of the page, without a title.
+    if (id !== "status") furnish(sectionOf(id), title);
 }
 
 /** Create all panels. The fault of one is shown in its place. */
