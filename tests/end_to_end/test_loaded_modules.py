@@ -20,6 +20,7 @@ from catoptra_protocol.stream.replies import Error
 from catoptra_protocol.stream.requests import (
     REQUESTS,
     DriveRequest,
+    FrameVariant,
     GetPixelRequest,
     GetStateRequest,
     ImageEncoding,
@@ -57,12 +58,15 @@ COMMANDS = {
     "GETCONF": ["GETCONF {Type Camera}", "GETCONF {Type Robot}", "GETCONF {Type RangeScanner}"],
     "GETGEO": ["GETGEO {Type Robot}", "GETGEO {Type RangeScanner}", "GETGEO {Type Camera}"],
     "GETSTARTPOSES": ["GETSTARTPOSES"],
+    "NOTE": ["NOTE {Name n} {Data eyJ0ZXh0IjoieCJ9}", "NOTE {Name n} {Data ?}"],
+    "SHARE": ["SHARE {Control True}"],
     "STEP": ["STEP {Time 0.5}"],
 }
 # Those that `call_all_requests` sends.
 STREAM_REQUESTS = {
     *("get_frame", "spawn", "drive", "step", "reset", "get_readings", "get_camera"),
     *("get_landmarks", "get_start_poses", "get_status", "set_accuracy"),
+    *("get_state", "get_pixel", "publish", "share_control"),
 }
 
 
@@ -113,6 +117,11 @@ def call_all_requests(client: StreamClient, cameras: tuple[str, ...]) -> None:
     client.get_readings()
     client.get_camera()
     client.get_landmark_projections()
+    client.publish("n", {"pose": [0.0, 0.0, 0.0], "text": "x"})
+    client.share_control()
+    client.get_state("R")
+    client.get_pixel(30.0, 30.0, robot="R", camera=OMNI)
+    client.get_frame(robot="R", camera=OMNI, variant=FrameVariant(polygons=16, reference="exact"))
     for camera in cameras:
         client.get_landmark_projections("R", camera)
         for encoding in ImageEncoding:
