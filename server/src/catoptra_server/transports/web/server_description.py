@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from catoptra_server.planning.camera_variant import POLYGON_COUNTS
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.robot_description import RobotDescription, SensorDescription
 from catoptra_server.sensors.range_scanner import RangeScannerDescription
@@ -12,9 +13,6 @@ from catoptra_server.transports.stream.landmark_replies import landmarks_reply
 from catoptra_server.transports.stream.server_info import ServerInfo
 
 Json = dict[str, object]
-
-# Meshes to compare by hand; each is a square number, as the mesh demands.
-_POLYGONS = (16, 64, 256, 1024, 4096)
 
 
 def describe_server(info: ServerInfo) -> Json:
@@ -27,7 +25,7 @@ def describe_server(info: ServerInfo) -> Json:
         "classes": [_describe_class(robot) for robot in info.robots],
         "start_poses": [dataclasses.asdict(start) for start in info.start_poses],
         "landmarks": [dataclasses.asdict(landmark) for landmark in landmarks],
-        "polygons": _POLYGONS,
+        "polygons": POLYGON_COUNTS,
         "renderers": [kind.value for kind in RendererKind],
     }
 
