@@ -14,13 +14,13 @@ const KEYS = {
   KeyD: [0, 1],
   ArrowRight: [0, 1],
 };
-const FIELDS = "input:not([type=checkbox], [type=button]), select, textarea, [contenteditable]";
+const FIELDS = "input:not([type=checkbox], [type=range]), select, textarea, [contenteditable]";
 
-/** Whether a key belongs to the element that has the focus. */
-function isTaken({ target, code }) {
+/** Whether a key belongs to the element that has the focus; views prevent the default action. */
+function isTaken({ target, code, defaultPrevented }) {
+  if (defaultPrevented) return true;
   if (!(target instanceof Element)) return false;
-  if (target.closest(FIELDS)) return true;
-  return code.startsWith("Arrow") && target.closest("[data-own-keys]") !== null;
+  return target.matches(FIELDS) || (code.startsWith("Arrow") && target.matches("[type=range]"));
 }
 
 /**

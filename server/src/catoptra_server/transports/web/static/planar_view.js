@@ -27,7 +27,6 @@ export class PlanarView {
     this.#canvas = canvas;
     this.#onChange = onChange;
     canvas.tabIndex = 0;
-    canvas.dataset.ownKeys = "";
     // A click leaves the focus where it is, and with it the arrow keys to the robot.
     canvas.addEventListener("mousedown", (event) => event.preventDefault());
     canvas.addEventListener("pointerdown", (event) => this.#press(event));
