@@ -127,12 +127,15 @@ function frameFromBuffer(buffer) {
   return { header, bytes: new Uint8Array(buffer, 4 + length) };
 }
 
-/**
- * Decode the image of a frame outside the page's thread.
- *
- * @returns {Promise<ImageBitmap>} with the values of the file, without colour management
- */
-export function decodeFrame({ header, bytes }) {
-  const blob = new Blob([bytes], { type: `image/${header.encoding}` });
-  return createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+/** Values as in the file, without colour management. */
+export const DECODING = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
+
+/** File of the image of a frame. */
+export function fileFromFrame({ header, bytes }) {
+  return new Blob([bytes], { type: `image/${header.encoding}` });
+}
+
+/** Decode the image of a frame outside the page's thread. @returns {Promise<ImageBitmap>} */
+export function decodeFrame(frame) {
+  return createImageBitmap(fileFromFrame(frame), DECODING);
 }

@@ -3,7 +3,7 @@
  * nothing while the tab is hidden.
  */
 
-import { decodeFrame } from "./connection.js";
+import { DECODING, fileFromFrame } from "./connection.js";
 import { landmarksWithStatus } from "./landmarks.js";
 import { parseReadings } from "./readings.js";
 
@@ -144,8 +144,9 @@ class FramePull {
       this.#context.statistics.frames_asked += 1;
       const request = { robot, camera, encoding: "jpeg" };
       const frame = await this.#context.pictures.requestFrame(request);
-      const bitmap = await decodeFrame(frame);
-      isDrawn = await this.#draw({ ...frame, bitmap }, robot, camera);
+      const file = fileFromFrame(frame);
+      const bitmap = await createImageBitmap(file, DECODING);
+      isDrawn = await this.#draw({ ...frame, file, bitmap }, robot, camera);
     } catch (error) {
       this.#retryAt_ms = performance.now() + RETRY_MS;
       this.#context.report(error);
@@ -167,7 +168,7 @@ class FramePull {
   }
 
   /** Draw a frame in the next animation frame; false if the tab was hidden before. */
-  #draw({ header, bitmap, received_ms }, robot, camera) {
+  #draw({ header, file, bitmap, received_ms }, robot, camera) {
     const context = this.#context;
     return new Promise((resolve) => {
       // Animation frames end with the tab's visibility; an old frame must not follow it.
@@ -186,7 +187,7 @@ class FramePull {
         }
         this.#shown = { robot, camera, time_s: header.time_s };
         const start_ms = performance.now();
-        this.#emit({ header, bitmap, received_ms });
+        this.#emit({ header, file, bitmap, received_ms });
         const duration_ms = performance.now() - start_ms;
         // The next one when this one is in all views: a slow renderer slows the pull.
         await context.unwarper.whenIdle();

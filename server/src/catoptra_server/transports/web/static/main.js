@@ -1,6 +1,6 @@
 /** Start of the page: the server's description, two connections, the context of all panels. */
 
-import { CameraTable, chooseCylinder, fetchCameraTable } from "./camera_table.js";
+import { chooseCylinder, fetchCameraTable } from "./camera_table.js";
 import { Connection } from "./connection.js";
 import { startFeed, FeedStatistics } from "./feed.js";
 import { createPanels, preparePanels } from "./panels.js";
@@ -28,7 +28,7 @@ class Context {
   selected = { robot: "", camera: "" };
   /** Name of the robot that this page has spawned; empty for none. */
   own = "";
-  /** Newest frame, {header, bitmap, received_ms}; its bitmap lives until the next one. */
+  /** Newest frame, {header, file, bitmap, received_ms}; its bitmap lives until the next one. */
   frame = null;
   /** Newest state, {reply, readings, notes}. */
   state = null;
@@ -239,7 +239,6 @@ function expose(context) {
       const pixels = await context.unwarper.read(view);
       return { width: view.width_px, height: view.height_px, pixels: base64(pixels) };
     },
-    CameraTable,
   };
 }
 
@@ -249,7 +248,7 @@ async function start() {
   watchConnections(context);
   // First of all handlers: views draw with the frame uploaded and the selection valid.
   context.on("state", () => followRobots(context));
-  context.on("frame", ({ bitmap }) => context.unwarper.setFrame(bitmap));
+  context.on("frame", ({ bitmap, file }) => context.unwarper.setFrame(bitmap, file));
   expose(context);
   await createPanels(context);
   startFeed(context);

@@ -43,7 +43,7 @@ export class UnwarpRenderer {
   }
 
   /** Name of the graphics processor or of the program in its place; "" if the browser hides it. */
-  get renderer() {
+  get name() {
     const gl = this.#gl;
     const extension = gl.getExtension("WEBGL_debug_renderer_info");
     return gl.getParameter(extension?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER) ?? "";

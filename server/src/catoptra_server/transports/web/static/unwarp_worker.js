@@ -2,23 +2,30 @@
 
 import { UnwarpRenderer } from "./unwarp_renderer.js";
 
+const SOFTWARE_RENDERER = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+
 let renderer = null;
+let isSoftware = false;
+/** Messages are handled in turn, though a frame takes time to decode. */
+let last = Promise.resolve();
 
 /** Tell the page that views can be drawn, at the start and after a lost context. */
 function announce() {
-  postMessage({ kind: "running", renderer: renderer.renderer });
+  isSoftware = SOFTWARE_RENDERER.test(renderer.name);
+  postMessage({ kind: "running", renderer: renderer.name, isSoftware });
 }
 
 /** Result of a request; nulls while there is no context. */
 function perform({ kind, view }) {
   if (!renderer?.isReady) return { bitmap: null, pixels: null };
-  if (kind === "draw") return { bitmap: renderer.draw(view) };
-  return { pixels: renderer.read(view) };
+  // Pixels of a software renderer are in memory: the page would wait for them in a bitmap.
+  if (kind === "draw" && !isSoftware) return { bitmap: renderer.draw(view), pixels: null };
+  return { bitmap: null, pixels: renderer.read(view) };
 }
 
-addEventListener("message", ({ data }) => {
+async function handle(data) {
   if (data.kind === "frame") {
-    renderer?.setFrame(data.bitmap);
+    renderer?.setFrame(await createImageBitmap(data.source, data.options));
   } else if (data.kind === "table") {
     renderer?.setTable(data.table);
   } else if (data.kind === "lose") {
@@ -28,6 +35,13 @@ addEventListener("message", ({ data }) => {
     const transferred = [result.bitmap, result.pixels?.buffer].filter(Boolean);
     postMessage({ kind: "reply", id: data.id, ...result }, transferred);
   }
+}
+
+addEventListener("message", ({ data }) => {
+  last = last.then(() => handle(data)).catch((error) => {
+    if (data.id) postMessage({ kind: "reply", id: data.id, bitmap: null, pixels: null });
+    console.error(error);
+  });
 });
 
 try {

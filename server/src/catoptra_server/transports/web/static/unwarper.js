@@ -1,6 +1,7 @@
 /** The page's side of the worker that unwarps frames (unwarp_worker.js). */
 
-const SOFTWARE_RENDERER = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+import { DECODING } from "./connection.js";
+
 // Measured: 0.15 us per pixel on a processor; a third of the pixels keeps frames fluent.
 const SOFTWARE_DETAIL = 0.6;
 
@@ -16,6 +17,7 @@ export class Unwarper {
   #onChange;
   #isRunning = false;
   #frame = null;
+  #source = null;
   #isSent = false;
   #table = null;
   #lastId = 0;
@@ -44,9 +46,16 @@ export class Unwarper {
     return table.width_px === frame.width && table.height_px === frame.height;
   }
 
-  /** Take the frame to show from now on, which must stay open until the next; null for none. */
-  setFrame(bitmap) {
+  /**
+   * Take the frame to show from now on.
+   *
+   * @param {ImageBitmap|null} bitmap which must stay open until the next one; null for none
+   * @param {Blob|ImageBitmap} source of the same picture: to decode a file again costs less than
+   *   to copy a bitmap
+   */
+  setFrame(bitmap, source = bitmap) {
     this.#frame = bitmap;
+    this.#source = source;
     this.#isSent = false;
   }
 
@@ -89,7 +98,7 @@ export class Unwarper {
    */
   async read(view, bitmap = this.#frame) {
     if (this.fault || bitmap === null) throw new Error(this.fault || "there is no picture");
-    this.#worker.postMessage({ kind: "frame", bitmap });
+    this.#worker.postMessage({ kind: "frame", source: bitmap, options: DECODING });
     // The worker has the present frame again with the next view of the page.
     this.#isSent = bitmap === this.#frame;
     const { pixels } = await this.#request({ kind: "read", view });
@@ -106,14 +115,7 @@ export class Unwarper {
     const drawing = { next: null };
     this.#drawings.set(canvas, drawing);
     this.#sendFrame();
-    const { bitmap } = await this.#request({ kind: "draw", view });
-    if (bitmap !== null) {
-      if (canvas.width !== bitmap.width) canvas.width = bitmap.width;
-      if (canvas.height !== bitmap.height) canvas.height = bitmap.height;
-      canvas.getContext("2d", { alpha: false }).drawImage(bitmap, 0, 0);
-      bitmap.close();
-      onDrawn();
-    }
+    if (show(canvas, view, await this.#request({ kind: "draw", view }))) onDrawn();
     this.#drawings.delete(canvas);
     const { next } = drawing;
     if (next !== null && this.isReady) this.#startDrawing(canvas, next.view, next.onDrawn);
@@ -124,8 +126,7 @@ export class Unwarper {
 
   #sendFrame() {
     if (this.#isSent || this.#frame === null) return;
-    // A copy: the page draws its own frame too.
-    this.#worker.postMessage({ kind: "frame", bitmap: this.#frame });
+    this.#worker.postMessage({ kind: "frame", source: this.#source, options: DECODING });
     this.#isSent = true;
   }
 
@@ -145,7 +146,7 @@ export class Unwarper {
     } else if (data.kind === "running") {
       this.#isRunning = true;
       this.renderer = data.renderer;
-      if (SOFTWARE_RENDERER.test(data.renderer)) this.detail = SOFTWARE_DETAIL;
+      this.detail = data.isSoftware ? SOFTWARE_DETAIL : 1;
       this.#onChange();
     }
   }
@@ -157,4 +158,21 @@ export class Unwarper {
     this.#replies.clear();
     this.#onChange();
   }
+}
+
+/** Show the reply to a request in a canvas of the view's size; false if there is no picture. */
+function show(canvas, view, { bitmap, pixels }) {
+  if (bitmap === null && pixels === null) return false;
+  const width = view.columns ?? view.width_px;
+  const height = view.rows ?? view.height_px;
+  if (canvas.width !== width) canvas.width = width;
+  if (canvas.height !== height) canvas.height = height;
+  const pen = canvas.getContext("2d", { alpha: false });
+  if (bitmap === null) {
+    pen.putImageData(new ImageData(pixels, width, height), 0, 0);
+  } else {
+    pen.drawImage(bitmap, 0, 0);
+    bitmap.close();
+  }
+  return true;
 }
