@@ -2,6 +2,10 @@
 
 import { make } from "./panel.js";
 
+const LABEL_FONT = "12px system-ui, sans-serif";
+const LABEL_HEIGHT = 14;
+const LABEL_GAP = 10;
+
 /** Statuses by name. The colours have a contrast of 3 : 1 to black and to white. */
 export const STATUSES = {
   visible: { label: "visible", colour: "#2b83d9", shape: "circle" },
@@ -78,15 +82,37 @@ export function drawMark(pen, x, y, status, radius = 6) {
   pen.restore();
 }
 
-/** Draw a mark and the name beside it. */
-export function drawLandmark(pen, x, y, status, name) {
-  drawMark(pen, x, y, status);
-  drawLabel(pen, name, x + 10, y);
+/**
+ * Draw the marks and names of landmarks: a name beside its mark where there is room, and none where
+ * it would cover another.
+ *
+ * @param {CanvasRenderingContext2D} pen
+ * @param {{x: number, y: number, status: string, name: string}[]} places in units of the pen
+ * @param {number} width of the view
+ */
+export function drawLandmarks(pen, places, width) {
+  for (const { x, y, status } of places) drawMark(pen, x, y, status);
+  pen.font = LABEL_FONT;
+  const taken = [];
+  for (const { x, y, name } of places) {
+    const length = pen.measureText(name).width;
+    const left = [x + LABEL_GAP, x - LABEL_GAP - length].find((start) => {
+      const isInside = start >= 0 && start + length <= width;
+      return isInside && !taken.some((other) => overlaps(other, start, length, y));
+    });
+    if (left === undefined) continue;
+    taken.push({ left, right: left + length, y });
+    drawLabel(pen, name, left, y);
+  }
+}
+
+function overlaps(other, left, length, y) {
+  return other.left < left + length && left < other.right && Math.abs(other.y - y) < LABEL_HEIGHT;
 }
 
 /** Draw white text with a dark outline, readable on any picture. */
 export function drawLabel(pen, text, x, y) {
-  pen.font = "12px system-ui, sans-serif";
+  pen.font = LABEL_FONT;
   pen.textBaseline = "middle";
   pen.lineJoin = "round";
   pen.lineWidth = 3;

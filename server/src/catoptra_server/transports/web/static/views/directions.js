@@ -22,6 +22,14 @@ export function landmarkDirections(context) {
     }));
 }
 
+/** Places of landmarks in a view, for drawLandmarks; `project` gives null outside the view. */
+export function landmarkPlaces(context, project) {
+  return landmarkDirections(context).flatMap(({ name, status, direction }) => {
+    const position = project(direction);
+    return position ? [{ x: position[0], y: position[1], name, status }] : [];
+  });
+}
+
 /** Directions along the border of the perspective view, closed. */
 export function windowOutline({ yaw_rad, pitch_rad, fov_rad, aspect }) {
   const { forward, right, down } = viewAxes(yaw_rad, pitch_rad);

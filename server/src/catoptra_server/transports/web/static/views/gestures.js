@@ -28,8 +28,9 @@ export function watchGestures(node, handlers) {
   if (handlers.zoom) {
     const onWheel = (event) => {
       event.preventDefault();
-      const delta = event.deltaY * (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? PX_PER_LINE : 1);
-      handlers.zoom(Math.exp(-delta * ZOOM_PER_WHEEL_PX), event.offsetX, event.offsetY);
+      const px = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? PX_PER_LINE : 1;
+      const factor = Math.exp(-event.deltaY * px * ZOOM_PER_WHEEL_PX);
+      handlers.zoom(factor, event.offsetX, event.offsetY);
     };
     node.addEventListener("wheel", onWheel, { passive: false });
   }

@@ -3,12 +3,12 @@
  * and the cursor. By 2D canvas, so that it needs no WebGL.
  */
 
-import { drawLandmark, drawLabel } from "../landmarks.js";
+import { drawLandmarks, drawLabel } from "../landmarks.js";
 import { bodyOf, drawOnDemand, isShown, make, toolsOf } from "../panel.js";
 import {
   aimFromDirection,
   directionFromAngles,
-  landmarkDirections,
+  landmarkPlaces,
   reasonForNoPicture,
   windowOutline,
 } from "./directions.js";
@@ -97,16 +97,14 @@ class OmniView {
 
   /** By the pose of the frame; without a model of the camera by the pixels of the reply. */
   #drawLandmarks(pen) {
-    if (this.#context.table) {
-      for (const { name, status, direction } of landmarkDirections(this.#context)) {
-        const position = this.#project(direction);
-        if (position) drawLandmark(pen, ...position, status, name);
-      }
-    } else {
-      for (const { name, status, pixel } of this.#context.landmarks) {
-        if (pixel) drawLandmark(pen, ...this.#positionFromPixel(pixel), status, name);
-      }
-    }
+    const { table, landmarks } = this.#context;
+    const places = table
+      ? landmarkPlaces(this.#context, (direction) => this.#project(direction))
+      : landmarks.filter(({ pixel }) => pixel).map(({ name, status, pixel }) => {
+          const [x, y] = this.#positionFromPixel(pixel);
+          return { x, y, name, status };
+        });
+    drawLandmarks(pen, places, this.#canvases.width);
   }
 
   #drawCircle(pen, radius_px, colour, dash) {

@@ -4,12 +4,12 @@
  */
 
 import { chooseCylinder } from "../camera_table.js";
-import { drawLabel, drawLandmark } from "../landmarks.js";
+import { drawLabel, drawLandmarks } from "../landmarks.js";
 import { drawOnDemand, isShown } from "../panel.js";
 import {
   aimFromDirection,
   cursorDirection,
-  landmarkDirections,
+  landmarkPlaces,
   reasonForNoUnwarping,
   windowOutline,
 } from "./directions.js";
@@ -98,12 +98,11 @@ class PanoramaView {
     pen.rect(left, top, cylinder.columns * scale, cylinder.rows * scale);
     pen.clip();
     this.#drawScale(pen, placement);
-    tracePolyline(pen, windowOutline(this.#context.window).map(project), 0.5 * this.#canvases.width);
+    const outline = windowOutline(this.#context.window).map(project);
+    tracePolyline(pen, outline, 0.5 * this.#canvases.width);
     strokeOutlined(pen, "#ff9de1");
-    for (const { name, status, direction } of landmarkDirections(this.#context)) {
-      const position = project(direction);
-      if (position) drawLandmark(pen, ...position, status, name);
-    }
+    const places = landmarkPlaces(this.#context, project);
+    drawLandmarks(pen, places, this.#canvases.width);
     const cursor = cursorDirection(this.#context);
     const position = cursor && project(cursor);
     if (position) drawCrosshair(pen, position, this.#context.cursor.isHeld);
@@ -122,7 +121,8 @@ class PanoramaView {
     const bottom = top + cylinder.rows * scale;
     for (const degrees of AZIMUTH_LABELS_DEG) {
       const azimuth_rad = (degrees * Math.PI) / 180;
-      const [x] = positionFromDirection(placement, [Math.cos(azimuth_rad), Math.sin(azimuth_rad), 0]);
+      const direction = [Math.cos(azimuth_rad), Math.sin(azimuth_rad), 0];
+      const [x] = positionFromDirection(placement, direction);
       pen.beginPath();
       pen.moveTo(x, bottom - 6);
       pen.lineTo(x, bottom);

@@ -1,9 +1,9 @@
 /** The perspective view: a pinhole camera at the viewpoint, turned by hand. */
 
-import { drawLandmark } from "../landmarks.js";
+import { drawLandmarks } from "../landmarks.js";
 import { drawOnDemand, isShown, make, toolsOf } from "../panel.js";
 import { viewAxes } from "../transforms.js";
-import { cursorDirection, landmarkDirections, reasonForNoUnwarping } from "./directions.js";
+import { cursorDirection, landmarkPlaces, reasonForNoUnwarping } from "./directions.js";
 import { watchGestures } from "./gestures.js";
 import { drawCrosshair, ViewCanvases } from "./view_canvases.js";
 
@@ -93,10 +93,8 @@ class PerspectiveView {
   #drawOverlay() {
     const pen = this.#canvases.clear(this.#canvases.overlay);
     if (reasonForNoUnwarping(this.#context)) return;
-    for (const { name, status, direction } of landmarkDirections(this.#context)) {
-      const position = this.#project(direction);
-      if (position) drawLandmark(pen, ...position, status, name);
-    }
+    const places = landmarkPlaces(this.#context, (direction) => this.#project(direction));
+    drawLandmarks(pen, places, this.#canvases.width);
     const cursor = cursorDirection(this.#context);
     const position = cursor && this.#project(cursor);
     if (position) drawCrosshair(pen, position, this.#context.cursor.isHeld);
