@@ -1,7 +1,8 @@
 """One robot on a server in real time: it drives the route, localizes itself, publishes its belief.
 
 The control connection owns the robot and receives its readings, five times a second with the robots
-of this repository; the stream has its frames, and the wheel speeds by which viewers drive it.
+of this repository. The stream has the wheel speeds by which viewers drive it and, in a thread of
+its own, the frames.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 
 from catoptra_client.control_connection import ReplyTimeoutError
 from catoptra_client.frame import Frame
@@ -20,7 +23,7 @@ from catoptra_client.localization import OdometryPose
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.errors import CatoptraError, ConnectionLostError, DeadlineExceededError
 from catoptra_protocol.optics.numerics import angle_difference
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.reports import GroundTruthReading, OdometryReading
@@ -49,8 +52,11 @@ from catoptra_studies.live.shared_control import (
 from catoptra_studies.live.timed_odometry import TimedOdometry, interpolate_odometry
 
 ROBOT_NAME = "Live"
-# The server may calibrate renderers, and page and filter share its frames.
-_TIMEOUT_S = 20.0
+# The server may calibrate renderers; Ctrl-C waits for a frame at most so long.
+_TIMEOUT_S = 10.0
+# A server that is busy with the frames of its viewers is no lost one: the control connection ends
+# with the server, and the stream's calls may be repeated.
+_STREAM_DELAYS = (ConnectionLostError, DeadlineExceededError)
 # Readings that have arrived are read at once; later ones belong to the next cycle.
 _DRAIN_S = 0.002
 # The interval of the readings: the next command follows with them.
@@ -74,6 +80,7 @@ class LiveDrive:
         stream: StreamClient,
         route: Sequence[Waypoint],
         *,
+        request_frame: Callable[[], Future[Frame]],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Take a spawned robot.
@@ -82,6 +89,8 @@ class LiveDrive:
             robot: Client of the robot of the name ROBOT_NAME.
             stream: Stream of the same server. Both clients stay the caller's.
             route: Waypoints of one lap.
+            request_frame: Requests the newest frame of the robot's first camera, and returns at
+                once: the wheels must not wait for a slow frame.
             clock: Source of the time in seconds.
 
         Raises:
@@ -97,9 +106,10 @@ class LiveDrive:
         self._route = route
         self._progress = RouteProgress()
         self._control = SharedControl()
-        self._frame: Frame | None = None
-        # Six seconds: no frame is older.
-        self._readings = deque[TimedOdometry](maxlen=32)
+        self._request_frame = request_frame
+        self._pending_frame = request_frame()
+        # 25 seconds: no frame is older.
+        self._readings = deque[TimedOdometry](maxlen=128)
         self._moved = (clock(), read_true_pose(robot))
         self._back_off_until_s = 0.0
 
@@ -136,7 +146,8 @@ class LiveDrive:
         """Command the wheels, unless a viewer does."""
         now_s, pose = self._clock(), read_true_pose(self._robot)
         was_foreign = self._control.is_foreign
-        self._control = observe_speeds(self._control, self._read_wheel_speeds(), now_s)
+        with suppress(*_STREAM_DELAYS):
+            self._control = observe_speeds(self._control, self._read_wheel_speeds(), now_s)
         if self._control.is_foreign:
             self._moved = now_s, pose
             return
@@ -178,17 +189,20 @@ class LiveDrive:
 
     def _localize(self) -> None:
         """Train or localize by the pending frame, publish the result, request the next frame."""
-        if self._frame is not None:
-            assert self._frame.time_s is not None, "frames of the stream carry a time"
-            odometry = interpolate_odometry(self._readings, self._frame.time_s)
+        if not self._pending_frame.done():
+            return
+        with suppress(*_STREAM_DELAYS):
+            frame = self._pending_frame.result()
+            assert frame.time_s is not None, "frames of the stream carry a time"
+            odometry = interpolate_odometry(self._readings, frame.time_s)
             # Exposed after the newest reading: at its turn in the next cycle.
             if odometry is None:
                 return
-            note = self._localizer.follow(self._frame, odometry, self._readings[-1].pose)
+            note = self._localizer.follow(frame, odometry, self._readings[-1].pose)
             if self._control.is_foreign:
                 note["text"] = f"driven by a viewer; {note['text']}"
             self._robot.publish(NOTE_NAME, note)
-        self._frame = self._stream.get_frame(robot=ROBOT_NAME, encoding=ImageEncoding.RAW)
+        self._pending_frame = self._request_frame()
 
 
 @contextmanager
@@ -207,7 +221,9 @@ def open_live_drive(
     start = route[0]
     with (
         connect_stream(address, timeout_s=_TIMEOUT_S) as stream,
+        connect_stream(address, timeout_s=_TIMEOUT_S) as frames,
         RobotClient.connect(address.host, address.control_port, _TIMEOUT_S) as robot,
+        ThreadPoolExecutor(1, "frames") as pool,
     ):
         robot.spawn(
             ROBOT_CLASS,
@@ -216,4 +232,6 @@ def open_live_drive(
             rotation_rad=(0.0, 0.0, start.yaw_rad),
         )
         robot.wait_for_report(GroundTruthReading)
-        yield LiveDrive(robot, stream, route)
+        # A connection of its own, for one thread.
+        get_frame = partial(frames.get_frame, robot=ROBOT_NAME, encoding=ImageEncoding.RAW)
+        yield LiveDrive(robot, stream, route, request_frame=partial(pool.submit, get_frame))
