@@ -37,9 +37,9 @@ export class OwnRobot {
     this.#remove.addEventListener("click", () => this.#reset());
     context.on("placed", (place) => this.#setPlace(place));
     context.commands.on("close", () => this.#lose("the connection was lost"));
-    context.on("state", () => this.#selectNew());
+    context.on("state", () => this.#follow());
     const heading = make("h3", {}, "A robot of your own");
-    this.element = make("div", { className: "block" }, heading, this.#form, this.#owned);
+    this.element = make("div", { className: "block own" }, heading, this.#form, this.#owned);
     this.element.append(this.#message);
   }
 
@@ -113,11 +113,14 @@ export class OwnRobot {
     this.update();
   }
 
-  /** Watch one's robot as soon as a state lists it: the page selects among those listed. */
-  #selectNew() {
-    if (!this.#isNew || !robotOf(this.#context, this.#own)) return;
-    this.#isNew = false;
-    this.#context.select(this.#own);
+  /** Watch the robot as soon as a state lists it, and notice when none does any more. */
+  #follow() {
+    if (robotOf(this.#context, this.#own)) {
+      if (this.#isNew) this.#context.select(this.#own);
+      this.#isNew = false;
+    } else if (!this.#isNew) {
+      this.#lose("see the server's log");
+    }
   }
 
   #place() {

@@ -58,10 +58,12 @@ export function drawOnDemand(section, draw) {
   return request;
 }
 
-/** Number, bounded and finite, from the page's local storage; private windows may forbid it. */
+/** A value of an earlier visit, of the same kind as the fallback; private windows have none. */
 export function remembered(key, fallback) {
   try {
-    return JSON.parse(localStorage.getItem(key)) ?? fallback;
+    const value = JSON.parse(localStorage.getItem(key)) ?? fallback;
+    const isAlike = typeof value === typeof fallback;
+    return isAlike && Array.isArray(value) === Array.isArray(fallback) ? value : fallback;
   } catch {
     return fallback;
   }

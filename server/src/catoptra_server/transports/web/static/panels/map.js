@@ -79,7 +79,7 @@ class MapPanel {
   #canvas;
   #view;
   #redraw;
-  #plan = null;
+  #plan = { segments: [] };
   #isFitted = false;
   #hidden = new Set(remembered("catoptra.map.hidden", []));
   #followButton;
@@ -231,7 +231,6 @@ class MapPanel {
   }
 
   #draw() {
-    if (!this.#plan) return;
     const { pen, width, height } = clearedCanvas(this.#canvas);
     this.#view.setSize(width, height);
     const state = this.#context.state;
