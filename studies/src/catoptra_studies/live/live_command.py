@@ -27,7 +27,7 @@ _TEXT = """\
 A robot drives the paper's route and localizes itself by landmarks; Ctrl-C ends it.
 Programs reach its server on ports {control} (control), {image} (images), {stream} (stream).
 To try: drive the robot by the arrow keys; it returns to its route 3 s after the last one.
-        Turn up the tolerance, or force an effect, and see what the filter makes of it.
+        choose 64 polygons, or force an effect: the page shows the difference and its cost.
 Watch it at {link}"""
 
 
