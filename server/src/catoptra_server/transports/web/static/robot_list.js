@@ -10,7 +10,8 @@ export class RobotList {
   #context;
   #rows = make("tbody");
   #more = make("p", { className: "quiet" });
-  #signature = null;
+  /** Rows by name, each with the signature of what it shows. */
+  #cache = new Map();
 
   constructor(context) {
     this.#context = context;
@@ -21,27 +22,33 @@ export class RobotList {
     this.element = make("div", scroller, table, this.#more);
   }
 
-  /** Build the rows anew where something they show has changed. */
+  /** Replace the rows that have changed; the others stay, under the pointer too. */
   update() {
-    const { state, selected, own } = this.#context;
-    const robots = state?.reply.robots ?? [];
-    const chosen = selectedName(this.#context);
+    const robots = this.#context.state?.reply.robots ?? [];
     const listed = robots.slice(0, MAX_LISTED);
-    const signature = JSON.stringify([
-      listed.map(({ name, class_name, shares_control }) => [name, class_name, shares_control]),
-      [chosen, selected.camera, own, robots.length],
-    ]);
-    if (signature === this.#signature) return;
-    this.#signature = signature;
     const hadFocus = this.#rows.contains(document.activeElement);
-    this.#rows.replaceChildren(...listed.map((robot) => this.#row(robot, chosen)));
-    if (hadFocus) this.#rows.querySelector('[aria-pressed="true"]')?.focus();
-    const hidden = robots.length - listed.length;
-    this.#more.textContent = robots.length
-      ? hidden > 0
-        ? `and ${hidden} more`
-        : ""
-      : "There is no robot yet.";
+    this.#cache = new Map(listed.map((robot) => [robot.name, this.#cachedRow(robot)]));
+    const rows = [...this.#cache.values()].map(({ row }) => row);
+    const kept = new Set(rows);
+    for (const row of [...this.#rows.children]) if (!kept.has(row)) row.remove();
+    rows.forEach((row, index) => {
+      const present = this.#rows.children[index] ?? null;
+      if (present !== row) this.#rows.insertBefore(row, present);
+    });
+    if (hadFocus && !this.#rows.contains(document.activeElement))
+      this.#rows.querySelector('[aria-pressed="true"]')?.focus();
+    this.#more.textContent = remarkOf(robots.length, robots.length - listed.length);
+  }
+
+  #cachedRow(robot) {
+    const { selected, own } = this.#context;
+    const { name, class_name, shares_control } = robot;
+    const chosen = selectedName(this.#context);
+    const camera = name === chosen ? selected.camera : null;
+    const signature = JSON.stringify([class_name, shares_control, name === own, camera]);
+    const cached = this.#cache.get(name);
+    if (cached?.signature === signature) return cached;
+    return { signature, row: this.#row(robot, chosen) };
   }
 
   #row(robot, chosen) {
@@ -73,4 +80,9 @@ export class RobotList {
     };
     return make("button", properties, kind === "omni" ? "Omni" : shorten(name, 16));
   }
+}
+
+function remarkOf(number, numHidden) {
+  if (number === 0) return "There is no robot yet.";
+  return numHidden > 0 ? `and ${numHidden} more` : "";
 }
