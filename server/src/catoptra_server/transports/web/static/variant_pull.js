@@ -42,8 +42,10 @@ export class VariantPull {
   }
 
   #isWanted() {
-    const { commands, selected, camera, state } = this.#context;
+    const { commands, selected, camera, frame, state } = this.#context;
     if (!isShown(this.#section) || !commands.isOpen || camera?.kind !== "omni") return false;
+    // The camera's own picture first: the server may prepare a variant for a second.
+    if (frame === null) return false;
     if (!selected.robot || this.#handlers.variant() === null) return false;
     return this.#isChanged || state?.reply.time_s !== this.#shownTime_s;
   }
