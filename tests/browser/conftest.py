@@ -12,7 +12,15 @@ from pathlib import Path
 import pytest
 
 from browser.chromium import INSTALL_HINT, Browser, is_installed, start_browser
+from browser.live_server import (
+    LiveServer,
+    OwnedServer,
+    start_live_server,
+    write_full_robot,
+    write_plain_robot,
+)
 from browser.measured_requirements import MeasuredRequirements
+from browser.stream_probe import connect_probe
 from helpers.configs import REPOSITORY
 
 OUTPUT = REPOSITORY / "out/browser"
@@ -80,3 +88,35 @@ def output() -> Path:
     """Folder of report, screenshots and axe-core."""
     OUTPUT.mkdir(parents=True, exist_ok=True)
     return OUTPUT
+
+
+@pytest.fixture(scope="session")
+def empty_live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
+    """A server without robots."""
+    folder = tmp_path_factory.mktemp("empty_live")
+    with start_live_server(folder, write_plain_robot(folder)) as server:
+        yield server
+
+
+@pytest.fixture(scope="session")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
+    """A server with 20 frames a second of 640 x 640 px, and one robot that stands still."""
+    folder = tmp_path_factory.mktemp("live")
+    with (
+        start_live_server(folder, write_plain_robot(folder)) as server,
+        connect_probe(server.server.stream_port) as owner,
+    ):
+        owner.spawn("Standing", 1.5, 1.0)
+        yield server
+
+
+@pytest.fixture(scope="session")
+def full_live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OwnedServer]:
+    """A server with a robot that has all sensors, two cameras and all image effects."""
+    folder = tmp_path_factory.mktemp("full_live")
+    with (
+        start_live_server(folder, write_full_robot(folder)) as server,
+        connect_probe(server.server.stream_port) as owner,
+    ):
+        owner.spawn("Full", 0.8, -0.6)
+        yield OwnedServer(server, owner)

@@ -83,6 +83,7 @@ class DevTools:
         self._last_id = 0
         self._lock = threading.Lock()
         self._replies: dict[int, Future[Message]] = {}
+        self._has_ended = False
         self._handlers: dict[str, Callable[[str, Message], None]] = {}
         self._reader = thread.submit(self._receive())
 
@@ -96,6 +97,8 @@ class DevTools:
         """
         reply: Future[Message] = Future()
         with self._lock:
+            if self._has_ended:
+                raise DevToolsError(f"{method}: the browser has ended")
             self._last_id += 1
             id_ = self._last_id
             self._replies[id_] = reply
@@ -132,6 +135,7 @@ class DevTools:
             if part.type is aiohttp.WSMsgType.TEXT:
                 self._dispatch(json.loads(part.data))
         with self._lock:
+            self._has_ended = True
             waiting, self._replies = list(self._replies.values()), {}
         for reply in waiting:
             reply.set_result({"error": {"message": "the browser has ended"}})

@@ -11,8 +11,6 @@
     sockets: [],
     // {duration, startTime} of each task of the main thread above 50 ms.
     longTasks: [],
-    // Message of each socket that was lost, by the page's own events.
-    keydowns: [],
     timeOrigin: performance.timeOrigin,
   };
   const maxFrames = 5000;
@@ -77,12 +75,6 @@
     }
   }).observe({ type: "longtask", buffered: true });
 
-  window.addEventListener(
-    "keydown",
-    (event) => instruments.keydowns.push({ key: event.key, at_ms: performance.now() }),
-    true,
-  );
-
   // Centre [x, y] of an element in the viewport; null for an invisible one.
   instruments.scrollTo = (selector) => {
     const element = document.querySelector(selector);
@@ -106,6 +98,13 @@
       groups.add(element.name);
       return isFirst;
     });
+  };
+
+  // A control for a report of a failed test.
+  instruments.describe = (element) => {
+    const panel = element.closest("section, header.bar")?.id ?? "";
+    const name = element.ariaLabel || element.title || element.textContent.trim() || element.id;
+    return `${panel} ${element.localName} ${name.slice(0, 40)}`;
   };
 
   window.instruments = instruments;

@@ -104,7 +104,11 @@ class Tab:
 
     def wait_for(self, expression: str, event: str, limit_s: float) -> Any:
         """Poll an expression of the page until its value is true; the value."""
-        return wait_until(lambda: self.evaluate(expression), event, limit_s)
+        try:
+            return wait_until(lambda: self.evaluate(expression), event, limit_s)
+        except DevToolsError as error:
+            notice = self.evaluate("document.getElementById('notice')?.textContent")
+            raise DevToolsError(f"{error}; {notice=}, console: {self.log.messages}") from None
 
     # Input
 
@@ -185,6 +189,15 @@ class Tab:
     def activate(self) -> None:
         """Show this tab, with the focus; another tab of the window becomes hidden."""
         self._devtools.call("Target.activateTarget", targetId=self.target)
+
+    def minimize(self, is_minimized: bool) -> None:
+        """Minimize the window of this tab, which hides the tab, or show it again."""
+        found = self._devtools.call("Browser.getWindowForTarget", targetId=self.target)
+        self._devtools.call(
+            "Browser.setWindowBounds",
+            windowId=found["windowId"],
+            bounds={"windowState": "minimized" if is_minimized else "normal"},
+        )
 
     def close(self) -> None:
         """Close the tab, as its user does."""

@@ -1,0 +1,110 @@
+"""Servers of the browser tests, and the robots on them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from browser.stream_probe import StreamProbe, connect_probe
+from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS, Edit, write_edited_copy
+from helpers.server_process import RunningServer, start_server
+
+# The capture camera of OmniP2AT.
+CAMERA = "OmniCamPillar_Link4"
+
+
+@dataclass(frozen=True, slots=True)
+class LiveServer:
+    """A server with a live page."""
+
+    server: RunningServer
+    url: str
+    """Address of the page."""
+    probe: StreamProbe
+    """A stream client without a robot, until a test spawns one."""
+
+    @property
+    def view_port(self) -> int:
+        """Port of the page."""
+        port = urlsplit(self.url).port
+        assert port is not None, f"{self.url} has no port"
+        return port
+
+
+@dataclass(frozen=True, slots=True)
+class OwnedServer:
+    """A server with the client that owns its robot."""
+
+    live: LiveServer
+    owner: StreamProbe
+
+
+@contextmanager
+def start_live_server(
+    folder: Path, robot: Path, *arguments: str, world: Path = FIELD, view_port: int = 0
+) -> Iterator[LiveServer]:
+    """Serve a page for the length of a block.
+
+    Args:
+        folder: Receives server.log.
+        robot: Robot file.
+        arguments: Further options of the command line.
+        world: World file.
+        view_port: Port of the page; 0: a free one.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    options = ("--threads", "0", "--view", str(view_port), *arguments)
+    with (
+        start_server(folder, *options, robot=robot, world=world) as server,
+        connect_probe(server.stream_port) as probe,
+    ):
+        yield LiveServer(server, _read_link(server), probe)
+
+
+def _read_link(server: RunningServer) -> str:
+    """Address of the page, from the line that the server prints after that of its ports."""
+    assert server.process.stdout is not None, "stdout is a pipe"
+    line = server.process.stdout.readline()
+    found = re.fullmatch(r"live page: (http://\S+)\n", line)
+    assert found, f"the server printed no address of a live page: {line!r}"
+    return found[1]
+
+
+def write_plain_robot(folder: Path, *edits: Edit, size_px: int = 640) -> Path:
+    """Write the bundled robot with 20 frames a second."""
+    return write_edited_copy(
+        OMNI_ROBOT,
+        folder,
+        Edit("ResolutionX=360", f"ResolutionX={size_px}"),
+        Edit("ResolutionY=360", f"ResolutionY={size_px}"),
+        Edit("FrameInterval=0.0 ", "FrameInterval=0.05"),
+        *edits,
+    )
+
+
+def write_parabolic_robot(folder: Path) -> Path:
+    """Write the bundled robot with a parabolic mirror and a camera of 640 x 640 px."""
+    return write_plain_robot(
+        folder,
+        Edit("class'Catoptra.HyperbolicMirror'", "class'Catoptra.ParabolicMirror'"),
+        Edit("[Catoptra.HyperbolicMirror]", "[Catoptra.ParabolicMirror]\nHorizonRadius=0.5"),
+    )
+
+
+def write_full_robot(folder: Path, size_px: int = 360) -> Path:
+    """Write a robot with all sensors, two cameras, and all image effects of `p2at_omni_real`."""
+    real = (ROBOTS / "p2at_omni_real.ini").read_text(encoding="utf-8")
+    _, _, effects = real.partition("ResolutionY=480\n")
+    assert effects.lstrip().startswith("SelfView"), "p2at_omni_real.ini has another order of keys"
+    text = (
+        f"[Configuration]\nBasedOn={ROBOTS / 'p2at_omni_full.ini'}\n\n"
+        f"[Catoptra.OmniCaptureCamera]\nResolutionX={size_px}\nResolutionY={size_px}\n"
+        f"FrameInterval=0.05\n{effects}"
+    )
+    path = folder / "full.ini"
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -1,0 +1,501 @@
+"""Every panel of the page is used as a person does, and every script of the page runs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from browser.chromium import Browser
+from browser.devtools import wait_until
+from browser.live_server import CAMERA, LiveServer, OwnedServer
+from browser.measured_requirements import MeasuredRequirements
+from browser.static_files import list_scripts
+from browser.tab import Tab, open_tab
+
+# The test of each panel of panels.js.
+PANEL_TESTS = {
+    "omni": "test_omni_zooms_and_moves_the_cursor",
+    "status": "test_status_shows_robot_time_and_rate",
+    "drive": "test_drive_turns_the_wheels_by_stick_gamepad_and_keys",
+    "panorama": "test_panorama_turns_the_perspective_view",
+    "map": "test_map_draws_layers_and_notes",
+    "perspective": "test_perspective_turns_by_dragging",
+    "cursor": "test_cursor_shows_what_the_camera_sees",
+    "robot": "test_robot_is_spawned_shared_and_removed",
+    "accuracy": "test_accuracy_of_few_polygons_shows_a_difference",
+    "effects": "test_effects_when_forced_show_a_difference",
+    "plots": "test_plots_add_and_remove_series",
+    "scans": "test_scans_show_the_nearest_echo",
+    "snapshot": "test_snapshot_downloads_pictures",
+}
+# Least fraction of the functions of a script that the tests of this module call.
+_MIN_COVERED = 0.5
+_LIMIT_S = 15.0
+# Scripts of a worker, whose coverage the page's profiler does not have. The pictures that they draw
+# are compared in test_unwarping.
+_IN_WORKER = frozenset({"unwarp_worker.js", "unwarp_renderer.js", "shaders.js"})
+_PIXELS_PX = 360
+_NOTE = {
+    "pose": [0.7, -0.5, 0.4],
+    "covariance": [0.04, 0.01, 0.0, 0.01, 0.02, 0.0, 0.0, 0.0, 0.01],
+    "detections": [
+        {"landmark": "yellow_goal", "bearing_rad": 0.1, "range_m": 1.5, "accepted": True},
+        {"landmark": "cyan_goal", "bearing_rad": 3.0, "range_m": None, "accepted": False},
+    ],
+    "text": "innovation 0.03 m",
+}
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, full_live: OwnedServer) -> Iterator[Tab]:
+    """The page of a robot with everything, all panels in view, with coverage of its scripts."""
+    with open_tab(browser, new_window=True) as tab:
+        tab.emulate(width=1400, height=3200)
+        tab.call("Profiler.enable")
+        tab.call("Profiler.startPreciseCoverage", callCount=True, detailed=False)
+        tab.open(full_live.live.url)
+        tab.wait_for("instruments.frames.length >= 5", "5 pictures", 2 * _LIMIT_S)
+        yield tab
+
+
+def _text(tab: Tab, panel: str) -> str:
+    return str(tab.evaluate(f"document.querySelector('#panel-{panel} .body').innerText"))
+
+
+def _wait_for_text(tab: Tab, panel: str, pattern: str, limit_s: float = _LIMIT_S) -> None:
+    body = f"document.querySelector('#panel-{panel} .body').innerText"
+    tab.wait_for(f"new RegExp({json.dumps(pattern)}).test({body})", f"{pattern!r}", limit_s)
+
+
+def _image(tab: Tab, selector: str) -> str:
+    """Contents of a canvas, to be compared."""
+    return str(tab.invoke("(s) => document.querySelector(s).toDataURL()", selector))
+
+
+def _wait_for_change(tab: Tab, selector: str, before: str) -> None:
+    wait_until(lambda: _image(tab, selector) != before, f"change of {selector}", _LIMIT_S)
+
+
+def _focus(tab: Tab, selector: str) -> None:
+    tab.invoke("(s) => document.querySelector(s).focus()", selector)
+
+
+def _choose(tab: Tab, selector: str, value: str) -> None:
+    """Choose an option of a list, as the keyboard of a person does."""
+    chosen = tab.invoke(
+        """(selector, value) => {
+          const list = document.querySelector(selector);
+          list.focus();
+          list.value = value;
+          const chosen = list.value;
+          for (const name of ["input", "change"]) {
+            list.dispatchEvent(new Event(name, { bubbles: true }));
+          }
+          return chosen;
+        }""",
+        selector,
+        value,
+    )
+    assert chosen == value, f"{selector} has no option {value!r}"
+
+
+def _click_button(tab: Tab, panel: str, text: str) -> None:
+    """Click the button of a panel with a text or a name."""
+    index = tab.invoke(
+        """(panel, text) => {
+          const buttons = [...document.querySelectorAll(`#panel-${panel} button`)];
+          const found = buttons.findIndex((button) => button.checkVisibility()
+            && (button.textContent.trim() === text || button.ariaLabel?.startsWith(text)));
+          if (found >= 0) buttons[found].dataset.clicked = `${panel}-${found}`;
+          return found;
+        }""",
+        panel,
+        text,
+    )
+    assert index >= 0, f"panel {panel} has no button {text!r}"
+    tab.click(f"[data-clicked='{panel}-{index}']")
+
+
+def _cursor(tab: Tab) -> list[float]:
+    pixel = tab.evaluate("catoptra.context.cursor.pixel")
+    assert pixel, "there is a cursor"
+    return [float(value) for value in pixel]
+
+
+def _hover(tab: Tab, selector: str, dx: float = 0.0, dy: float = 0.0) -> None:
+    x, y = tab.centre_of(selector)
+    tab.mouse("mouseMoved", x + dx, y + dy)
+
+
+def test_status_shows_robot_time_and_rate(page: Tab) -> None:
+    _wait_for_text(page, "status", r"Full[\s\S]*[1-9]\d* / s[\s\S]*\d ms[\s\S]*trace")
+    time = page.evaluate("document.getElementById('status-time').textContent")
+    page.wait_for(f"document.getElementById('status-time').textContent !== {time!r}", "time", 5.0)
+
+
+def test_omni_zooms_and_moves_the_cursor(page: Tab) -> None:
+    overlay = "#panel-omni .overlay"
+    _hover(page, overlay)
+    middle = _cursor(page)
+    assert middle == pytest.approx([_PIXELS_PX / 2] * 2, abs=3.0)
+    _hover(page, overlay, dx=60.0)
+    wide_px = _cursor(page)[0] - middle[0]
+    x, y = page.centre_of(overlay)
+    page.mouse("mouseWheel", x, y, delta_y=-600.0)
+    _hover(page, overlay, dx=59.0)
+    _hover(page, overlay, dx=60.0)
+    page.wait_for("true", "input", 1.0)
+    assert 0.0 < _cursor(page)[0] - middle[0] < 0.7 * wide_px
+    _click_button(page, "omni", "Show the whole picture")
+    page.click(overlay)
+    _wait_for_text(page, "cursor", "held")
+    before = _cursor(page)
+    page.press("ArrowRight")
+    page.press("ArrowRight", shift=True)
+    # The first key moves the cursor to the centre of a pixel.
+    assert _cursor(page)[0] == pytest.approx(before[0] + 11.0, abs=0.6)
+    page.press("Escape")
+    assert page.evaluate("catoptra.context.cursor.pixel") is None
+
+
+def test_cursor_shows_what_the_camera_sees(page: Tab) -> None:
+    # A quarter of the view below the middle: the floor behind the robot.
+    _hover(page, "#panel-omni .overlay", dy=100.0)
+    _wait_for_text(page, "cursor", r"range\s+\d+\.\d+ m[\s\S]*object\s+\w+[\s\S]*bound\s+\S+ px")
+    assert "°" in _text(page, "cursor")
+    _hover(page, "#panel-plots")
+    page.wait_for("catoptra.context.cursor.pixel === null", "end of the cursor", 5.0)
+
+
+def test_panorama_turns_the_perspective_view(page: Tab) -> None:
+    overlay = "#panel-panorama .overlay"
+    x, y = page.centre_of(overlay)
+    width = page.evaluate(f"document.querySelector('{overlay}').clientWidth")
+    page.mouse("mouseMoved", x + width / 4, y)
+    page.click(overlay)
+    page.mouse("mouseMoved", x + width / 4, y)
+    _focus(page, overlay)
+    page.press("Escape")
+    page.mouse("mouseMoved", x + width / 4 - 1, y)
+    page.mouse("mouseMoved", x + width / 4, y)
+    page.press("l")
+    # A quarter of the width is a quarter of a turn to the right.
+    assert page.evaluate("catoptra.context.window.yaw_rad") == pytest.approx(math.pi / 2, abs=0.03)
+    _click_button(page, "perspective", "Ahead")
+    page.wait_for("catoptra.context.window.yaw_rad === 0", "view ahead", 5.0)
+
+
+def test_perspective_turns_by_dragging(page: Tab) -> None:
+    overlay = "#panel-perspective .overlay"
+    before = _image(page, "#panel-perspective .picture")
+    x, y = page.centre_of(overlay)
+    page.drag([(x, y), (x - 30, y), (x - 80, y + 10)])
+    assert page.evaluate("catoptra.context.window.yaw_rad") > 0.1
+    _wait_for_change(page, "#panel-perspective .picture", before)
+    page.mouse("mouseWheel", x, y, delta_y=-300.0)
+    page.wait_for("catoptra.context.window.fov_rad < 1.2", "zoom", 5.0)
+    _focus(page, overlay)
+    page.press("0")
+    page.wait_for("catoptra.context.window.yaw_rad === 0", "view ahead", 5.0)
+
+
+def test_map_draws_layers_and_notes(page: Tab, full_live: OwnedServer) -> None:
+    canvas = "#panel-map canvas"
+    before = _image(page, canvas)
+    full_live.owner.publish("ekf", json.dumps(_NOTE))
+    _wait_for_change(page, canvas, before)
+    _wait_for_text(page, "robot", "innovation 0.03 m")
+    statuses = "Object.fromEntries(catoptra.context.landmarks.map((l) => [l.name, l.status]))"
+    page.wait_for(f"({statuses}).yellow_goal === 'detected'", "detected landmark", 5.0)
+    assert page.evaluate(f"({statuses}).cyan_goal") == "rejected"
+    for layer in ("filter", "landmark", "scan"):
+        before = _image(page, canvas)
+        page.click(f"#panel-map .layer.{layer} input")
+        _wait_for_change(page, canvas, before)
+        page.click(f"#panel-map .layer.{layer} input")
+    before = _image(page, canvas)
+    _click_button(page, "map", "Zoom in")
+    _wait_for_change(page, canvas, before)
+    _move_map(page, canvas)
+    _click_button(page, "map", "Follow")
+    _click_button(page, "map", "Fit")
+
+
+def _move_map(tab: Tab, canvas: str) -> None:
+    """Pan and zoom by mouse and keys."""
+    x, y = tab.centre_of(canvas)
+    for move in (
+        lambda: tab.drag([(x, y), (x + 20, y + 10), (x + 40, y + 20)]),
+        lambda: tab.mouse("mouseWheel", x, y, delta_y=-200.0),
+        lambda: tab.press("ArrowLeft"),
+        lambda: tab.press("-"),
+    ):
+        before = _image(tab, canvas)
+        _focus(tab, canvas)
+        move()
+        _wait_for_change(tab, canvas, before)
+
+
+def test_scans_show_the_nearest_echo(page: Tab) -> None:
+    canvas = "#panel-scans canvas"
+    _wait_for_text(page, "scans", r"Nearest: \d+\.\d+ m")
+    before = _image(page, canvas)
+    page.click("#panel-scans .layer.sonar input")
+    page.click("#panel-scans .layer.scan input")
+    _wait_for_text(page, "scans", "No range sensor is shown")
+    assert _image(page, canvas) != before
+    page.click("#panel-scans .layer.sonar input")
+    page.click("#panel-scans .layer.scan input")
+    _choose(page, "#panel-scans select", "10")
+
+
+def test_plots_add_and_remove_series(page: Tab) -> None:
+    _choose(page, "#panel-plots select", "F1 range")
+    _wait_for_text(page, "plots", r"F1 range\s*\d")
+    _hover(page, "#panel-plots canvas")
+    assert page.evaluate("document.querySelectorAll('#panel-plots canvas').length") >= 2
+    _click_button(page, "plots", "Remove F1 range")
+    page.wait_for(
+        "!document.querySelector('#panel-plots .chips').innerText.includes('F1')", "removal", 5.0
+    )
+
+
+def test_robot_is_spawned_shared_and_removed(page: Tab, full_live: OwnedServer) -> None:
+    probe = full_live.live.probe
+    page.invoke("() => { document.querySelector('#panel-robot [name=name]').value = 'Mine'; }")
+    _choose(page, "#panel-robot [name=start]", "CornerCyanLeft")
+    _click_button(page, "robot", "Spawn")
+    wait_until(lambda: probe.get_robot("Mine"), "robot of the page", _LIMIT_S)
+    page.wait_for("catoptra.context.selected.robot === 'Mine'", "its selection", _LIMIT_S)
+    page.click("#panel-robot input[type=checkbox]")
+    wait_until(lambda: _shares(full_live.live, "Mine"), "shared control", _LIMIT_S)
+    _click_button(page, "robot", f"Watch omni camera {CAMERA} of Full")
+    page.wait_for("instruments.frames.at(-1).robot === 'Full'", "picture of another", _LIMIT_S)
+    _click_button(page, "robot", "Remove Mine")
+    wait_until(lambda: not probe.get_robot("Mine"), "removal", _LIMIT_S)
+    page.click("#panel-robot summary")
+    _wait_for_text(page, "robot", "ECLeft")
+    page.click("#panel-robot summary")
+
+
+def test_robot_is_spawned_where_the_map_is_pressed(page: Tab, full_live: OwnedServer) -> None:
+    probe = full_live.live.probe
+    page.invoke("() => { document.querySelector('#panel-robot [name=name]').value = 'Placed'; }")
+    _choose(page, "#panel-robot [name=start]", "")
+    page.evaluate("[...document.querySelectorAll('#panel-robot button')].length")
+    _click_button(page, "robot", "Press on the map")
+    x, y = page.centre_of("#panel-map canvas")
+    # Dragged to the right: a heading of a quarter of a turn.
+    page.drag([(x, y), (x + 20, y), (x + 50, y)])
+    robot = wait_until(lambda: probe.get_robot("Placed"), "robot of the page", _LIMIT_S)
+    assert robot is not None
+    rotation = robot.world_from_robot.rotation
+    assert math.atan2(rotation[3], rotation[0]) == pytest.approx(math.pi / 2, abs=0.05)
+    _click_button(page, "robot", "Remove Placed")
+    wait_until(lambda: not probe.get_robot("Placed"), "removal", _LIMIT_S)
+
+
+def _shares(live: LiveServer, name: str) -> bool:
+    robot = live.probe.get_robot(name)
+    return robot is not None and robot.shares_control
+
+
+def _speeds(live: LiveServer, name: str) -> tuple[float, float]:
+    robot = live.probe.get_robot(name)
+    return (0.0, 0.0) if robot is None else robot.wheel_speeds_rad_s
+
+
+def test_drive_turns_the_wheels_by_stick_gamepad_and_keys(
+    page: Tab, full_live: OwnedServer
+) -> None:
+    live = full_live.live
+    full_live.owner.share_control(True)
+    page.wait_for(
+        "/^Ready/.test(document.querySelector('.drive-status').textContent)", "ready", 5.0
+    )
+    page.activate()
+    _drive_by_stick(page, live)
+    _drive_by_gamepad(page, live)
+    for key, signs in (("a", (-1, 1)), ("ArrowDown", (-1, -1))):
+        page.key_down(key)
+        wait_until(partial(_has_signs, live, signs), f"motion by {key}", _LIMIT_S)
+        page.key_up(key)
+        _wait_for_stop(live)
+    page.key_down("w")
+    wait_until(lambda: _has_signs(live, (1, 1)), "motion", _LIMIT_S)
+    page.press(" ")
+    _wait_for_stop(live)
+    page.key_up("w")
+    full_live.owner.share_control(False)
+    _wait_for_text(page, "drive", "does not share control")
+
+
+def _has_signs(live: LiveServer, signs: tuple[int, int]) -> bool:
+    speeds = _speeds(live, "Full")
+    return all(np.sign(speed) == sign for speed, sign in zip(speeds, signs, strict=True))
+
+
+def _wait_for_stop(live: LiveServer) -> None:
+    wait_until(lambda: _speeds(live, "Full") == (0.0, 0.0), "stop", _LIMIT_S)
+
+
+def _drive_by_stick(tab: Tab, live: LiveServer) -> None:
+    x, y = tab.centre_of(".stick")
+    tab.mouse("mousePressed", x, y)
+    tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y - 40, button="left", buttons=1)
+    wait_until(lambda: _has_signs(live, (1, 1)), "motion by the stick", _LIMIT_S)
+    tab.mouse("mouseReleased", x, y - 40)
+    _wait_for_stop(live)
+
+
+def _drive_by_gamepad(tab: Tab, live: LiveServer) -> None:
+    """A gamepad by the interface that pages read: DevTools has none."""
+    tab.evaluate(
+        """(() => {
+          window.pad = { connected: true, id: "Pad", axes: [0, -1], buttons: [] };
+          navigator.getGamepads = () => [window.pad];
+          const event = new Event("gamepadconnected");
+          event.gamepad = window.pad;
+          window.dispatchEvent(event);
+        })()"""
+    )
+    wait_until(lambda: _has_signs(live, (1, 1)), "motion by the gamepad", _LIMIT_S)
+    tab.evaluate("window.pad.axes = [0.05, 0.05]; undefined")
+    _wait_for_stop(live)
+    tab.evaluate("window.pad.connected = false; undefined")
+
+
+def _difference(tab: Tab, panel: str) -> int:
+    """Largest difference that a panel states, in grey levels."""
+    _wait_for_text(tab, panel, r"Difference: at most \d+", 2 * _LIMIT_S)
+    found = tab.evaluate(
+        f"document.querySelector('#panel-{panel} .body').innerText.match(/at most (\\d+)/)[1]"
+    )
+    return int(found)
+
+
+def test_accuracy_of_few_polygons_shows_a_difference(
+    page: Tab, requirements: MeasuredRequirements
+) -> None:
+    _choose(page, "#accuracy-mirror", "16")
+    _choose(page, "#accuracy-samples", "1")
+    wait_until(lambda: _difference(page, "accuracy") > 30, "large difference", 2 * _LIMIT_S)
+    coarse = _difference(page, "accuracy")
+    colours = "new Set(new Uint32Array(pen.getImageData(0, 0, pen.canvas.width, 200).data.buffer))"
+    canvas = "document.querySelectorAll('#panel-accuracy figure canvas')[1]"
+    page.wait_for(
+        f"(() => {{ const pen = {canvas}.getContext('2d'); return {colours}.size > 8; }})()",
+        "heat map",
+        _LIMIT_S,
+    )
+    assert "ms" in _text(page, "accuracy")
+    _choose(page, "#accuracy-mirror", "4096")
+    _choose(page, "#accuracy-samples", "4")
+    wait_until(lambda: _difference(page, "accuracy") < coarse, "smaller difference", 2 * _LIMIT_S)
+    requirements.check(
+        "accuracy panel: 16 polygons differ from the exact surface, 4096 less",
+        f"{coarse} and {_difference(page, 'accuracy')} grey levels",
+        is_met=coarse > _difference(page, "accuracy"),
+    )
+
+
+def test_accuracy_target_shows_plan_and_neighbours(page: Tab) -> None:
+    _choose(page, "#accuracy-settings-by", "target")
+    _choose(page, "#accuracy-tolerance", "120")
+    # The server measures the cost of plans first.
+    _wait_for_text(page, "accuracy", r"(More accurate|Faster): \S+ px", 40.0)
+    _wait_for_text(page, "accuracy", r"predicted\s+\S+ ms")
+    _choose(page, "#accuracy-settings-by", "numbers")
+
+
+def test_effects_when_forced_show_a_difference(
+    page: Tab, requirements: MeasuredRequirements
+) -> None:
+    _wait_for_text(page, "effects", "Vignetting")
+    # "as set" -> auto -> always -> never.
+    for mode in ("as set", "auto", "always"):
+        _click_button(page, "effects", f"Vignetting: {mode}")
+    comparison = "document.querySelector('#panel-effects .comparison').checkVisibility()"
+    page.wait_for(comparison, "difference picture", 2 * _LIMIT_S)
+    # The camera has the effect: only the last mode changes the picture.
+    difference = wait_until(lambda: _difference(page, "effects"), "difference", 2 * _LIMIT_S)
+    requirements.check(
+        "effects panel: a forced effect shows its difference",
+        f"Vignetting off: at most {difference} grey levels",
+        is_met=difference > 0,
+    )
+    _click_button(page, "effects", "All as set")
+    page.wait_for(f"!{comparison}", "end of the comparison", 5.0)
+
+
+def test_snapshot_downloads_pictures(browser: Browser, page: Tab) -> None:
+    picture = _download(browser, page, "Save picture (PNG)")
+    assert picture.shape[:2] == (_PIXELS_PX, _PIXELS_PX)
+    panorama = _download(browser, page, "Save panorama (PNG)")
+    assert panorama.shape[1] == 2 * _PIXELS_PX
+
+
+def _download(browser: Browser, tab: Tab, button: str) -> npt.NDArray[np.uint8]:
+    """Picture that a button saves."""
+    before = set(browser.downloads.iterdir())
+    _click_button(tab, "snapshot", button)
+
+    def find_file() -> list[Path]:
+        return [p for p in browser.downloads.glob("*.png") if p not in before]
+
+    (path,) = wait_until(find_file, "downloaded file", _LIMIT_S)
+    assert path.name.startswith("Full_")
+    image = cv2.imread(str(path))
+    assert image is not None, f"{path.name} is no picture"
+    assert image.std() > 10.0, f"{path.name} is empty"
+    return np.asarray(image, np.uint8)
+
+
+def test_scripts_of_the_page_all_run(page: Tab, requirements: MeasuredRequirements) -> None:
+    covered = _covered_functions(page)
+    fractions = {name: covered.get(name, 0.0) for name in list_scripts() if name not in _IN_WORKER}
+    requested = {url.partition("/static/")[2] for url in page.log.urls}
+    low = {name: round(value, 2) for name, value in fractions.items() if value < _MIN_COVERED}
+    requirements.check(
+        f"each script of the page runs, at least {100 * _MIN_COVERED:.0f} % of its functions",
+        f"{len(fractions)} scripts, {100 * np.mean(list(fractions.values())):.0f} % of their "
+        f"functions {low or ''}",
+        is_met=len(fractions) > 10 and not low and set(fractions) <= requested,
+    )
+    messages = [m for m in page.log.messages if "GPU stall due to ReadPixels" not in m]
+    assert messages == []
+
+
+def _covered_functions(tab: Tab) -> dict[str, float]:
+    """Fraction of the functions of each script that have been called."""
+    result: list[dict[str, Any]] = tab.call("Profiler.takePreciseCoverage")["result"]
+    counts: dict[str, list[bool]] = {}
+    for script in result:
+        name = script["url"].partition("/static/")[2]
+        called = [bool(function["ranges"][0]["count"]) for function in script["functions"]]
+        if name:
+            # A script of an earlier load of the page counts too.
+            known = counts.get(name, [False] * len(called))
+            counts[name] = [a or b for a, b in zip(known, called, strict=False)] or called
+    return {name: sum(called) / len(called) for name, called in counts.items() if called}
+
+
+def test_panels_when_collapsed_stay_so(page: Tab) -> None:
+    page.click("#panel-scans .toggle")
+    assert not page.evaluate("document.querySelector('#panel-scans canvas').checkVisibility()")
+    page.evaluate("window.isOld = true; location.reload()")
+    page.wait_for("!window.isOld && window.catoptra", "reload", _LIMIT_S)
+    closed = "document.querySelector('#panel-scans .toggle').ariaExpanded"
+    assert page.evaluate(closed) == "false"
+    page.click("#panel-scans .toggle")
+    assert page.evaluate(closed) == "true"
+    page.wait_for("instruments.frames.length >= 1", "picture", 2 * _LIMIT_S)
