@@ -167,3 +167,14 @@ def test_shutter_when_nothing_moves_is_none() -> None:
     plan = plan_always(MotionBlur(0.04), RollingShutter(0.03), camera_state=still)
     assert apply_scene_effects(still, plan).shutter is None
     assert apply_scene_effects(DRIVING_STATE, plan_always()).shutter is None
+
+
+def test_changes_name_the_effects_that_are_decided_otherwise() -> None:
+    modes = (COARSE, EffectMode.AUTO), (Exposure(0.02, 0.01), EffectMode.ALWAYS)
+    off, on = (
+        plan_effects(make_settings(*modes, threshold=levels), DAYLIGHT, CAMERA)
+        for levels in (300.0, 0.0)
+    )
+    assert on.describe_changes(on) == ""
+    assert on.describe_changes(off) == f"Quantisation on ({on.decisions[0].reason})"
+    assert off.describe_changes(on) == f"Quantisation off ({off.decisions[0].reason})"

@@ -67,6 +67,17 @@ class EffectPlan:
         """Bound of an effect; 0 if no robot file names the effect."""
         return next((one.bound for one in self.decisions if one.effect == effect_name), 0.0)
 
+    def describe_changes(self, before: EffectPlan) -> str:
+        """Effects that an earlier plan decides otherwise, in words; empty for none."""
+        if self.enabled_effects == before.enabled_effects:
+            return ""
+        was_enabled = {one.effect: one.enabled for one in before.decisions}
+        return ", ".join(
+            f"{one.effect} {'on' if one.enabled else 'off'} ({one.reason})"
+            for one in self.decisions
+            if one.enabled != was_enabled.get(one.effect)
+        )
+
     def __str__(self) -> str:
         return format_decisions(self.decisions, {})
 

@@ -244,9 +244,11 @@ class ViewCache:
                 choice=planned.choice,
             )
         plan = self._decide_effects(camera, camera_state)
-        # Bounds move with every pose; only a change of the enabled effects is worth a log line.
-        if planned.effects is NO_EFFECTS or plan.enabled_effects != planned.effects.enabled_effects:
+        # Once whole: bounds move with every pose, and viewers and `explain` show the present ones.
+        if planned.effects is NO_EFFECTS:
             log.info("effects:\n%s", plan)
+        elif changes := plan.describe_changes(planned.effects):
+            log.info("effects: %s", changes)
         planned.effects = plan
         wanted = apply_scene_effects(camera_state, plan)
         limited = limit_time_samples(wanted, camera.camera, cast(RenderPlan, planned.plan))
