@@ -10,6 +10,7 @@ import { parseReadings } from "./readings.js";
 const STATE_INTERVAL_MS = 100;
 const LANDMARKS_INTERVAL_MS = 250;
 const RETRY_MS = 500;
+const LONGEST_WAIT_MS = 1000;
 const NUM_KEPT = 1000;
 
 /** Numbers of the feed, for the page and for its tests. The lists hold the newest 1000. */
@@ -168,37 +169,25 @@ class FramePull {
   }
 
   /** Draw a frame in the next animation frame; false if the tab was hidden before. */
-  #draw({ header, file, bitmap, received_ms }, robot, camera) {
+  async #draw({ header, file, bitmap, received_ms }, robot, camera) {
     const context = this.#context;
-    return new Promise((resolve) => {
-      // Animation frames end with the tab's visibility; an old frame must not follow it.
-      const drop = () => {
-        cancelAnimationFrame(request);
-        document.removeEventListener("visibilitychange", drop);
-        bitmap.close();
-        resolve(false);
-      };
-      const request = requestAnimationFrame(async () => {
-        document.removeEventListener("visibilitychange", drop);
-        if (robot !== context.selected.robot || camera !== context.selected.camera) {
-          bitmap.close();
-          resolve(true);
-          return;
-        }
-        this.#shown = { robot, camera, time_s: header.time_s };
-        const start_ms = performance.now();
-        this.#emit({ header, file, bitmap, received_ms });
-        const duration_ms = performance.now() - start_ms;
-        // The next one when this one is in all views: a slow renderer slows the pull.
-        await context.unwarper.whenIdle();
-        const end_ms = performance.now();
-        const age_ms = 1000 * header.age_s + end_ms - received_ms;
-        context.statistics.add(header, age_ms, end_ms, duration_ms);
-        resolve(true);
-      });
-      document.addEventListener("visibilitychange", drop);
-      if (document.hidden) drop();
-    });
+    const isShown = await nextAnimationFrame();
+    const isSelected = robot === context.selected.robot && camera === context.selected.camera;
+    // An old frame must not follow a time in which the tab was hidden.
+    if (!isShown || !isSelected) {
+      bitmap.close();
+      return isShown;
+    }
+    this.#shown = { robot, camera, time_s: header.time_s };
+    const start_ms = performance.now();
+    this.#emit({ header, file, bitmap, received_ms });
+    const duration_ms = performance.now() - start_ms;
+    // The next one when this one is in all views: a slow renderer slows the pull.
+    await context.unwarper.whenIdle();
+    const end_ms = performance.now();
+    const age_ms = 1000 * header.age_s + end_ms - received_ms;
+    context.statistics.add(header, age_ms, end_ms, duration_ms);
+    return true;
   }
 
   #emit(frame) {
@@ -208,4 +197,22 @@ class FramePull {
     context.emit("frame", frame);
     previous?.bitmap.close();
   }
+}
+
+/** Whether an animation frame came before the tab was hidden. */
+function nextAnimationFrame() {
+  if (document.hidden) return Promise.resolve(false);
+  return new Promise((resolve) => {
+    const end = (isShown) => {
+      cancelAnimationFrame(request);
+      clearTimeout(timer);
+      document.removeEventListener("visibilitychange", onChange);
+      resolve(isShown);
+    };
+    const onChange = () => end(false);
+    document.addEventListener("visibilitychange", onChange);
+    const request = requestAnimationFrame(() => end(true));
+    // A window behind others may have no animation frames, though its page counts as visible.
+    const timer = setTimeout(() => end(true), LONGEST_WAIT_MS);
+  });
 }
