@@ -20,13 +20,14 @@ export const isOpen = (section) => !section.classList.contains("closed");
 export const isShown = (section) =>
   document.visibilityState === "visible" && isOpen(section) && intersecting.has(section);
 
+// A pixel inside: what only touches the border of the window is not seen, but would be drawn.
 const observer = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) {
     if (isIntersecting) intersecting.add(target);
     else intersecting.delete(target);
     notify(target);
   }
-});
+}, { rootMargin: "-1px" });
 
 function notify(section) {
   for (const handler of shownHandlers.get(section) ?? []) handler(isShown(section));
