@@ -183,7 +183,7 @@ class FramePull {
     this.#emit({ header, file, bitmap, received_ms });
     const duration_ms = performance.now() - start_ms;
     // The next one when this one is in all views: a slow renderer slows the pull.
-    await context.unwarper.whenIdle();
+    await context.unwarper.whenDrawn();
     const end_ms = performance.now();
     const age_ms = 1000 * header.age_s + end_ms - received_ms;
     context.statistics.add(header, age_ms, end_ms, duration_ms);

@@ -23,7 +23,6 @@ export class Unwarper {
   #lastId = 0;
   #replies = new Map();
   #drawings = new Map();
-  #idle = [];
 
   /** @param {function(): void} onChange called when views must be drawn again */
   constructor(onChange) {
@@ -78,14 +77,18 @@ export class Unwarper {
    */
   draw(canvas, view, onDrawn) {
     const drawing = this.#drawings.get(canvas);
-    if (drawing) drawing.next = { view, onDrawn };
-    else this.#startDrawing(canvas, view, onDrawn);
+    if (drawing) {
+      drawing.next = { view, onDrawn };
+    } else {
+      const started = { next: null };
+      this.#drawings.set(canvas, started);
+      started.end = this.#render(canvas, view, onDrawn).finally(() => this.#finish(canvas));
+    }
   }
 
-  /** Resolved when no view is being rendered. */
-  whenIdle() {
-    if (this.#drawings.size === 0) return Promise.resolve();
-    return new Promise((resolve) => this.#idle.push(resolve));
+  /** Resolved when the views that are being rendered are drawn, whatever is requested then. */
+  async whenDrawn() {
+    await Promise.all([...this.#drawings.values()].map(({ end }) => end));
   }
 
   /**
@@ -111,17 +114,16 @@ export class Unwarper {
     this.#worker.postMessage({ kind: "lose" });
   }
 
-  async #startDrawing(canvas, view, onDrawn) {
-    const drawing = { next: null };
-    this.#drawings.set(canvas, drawing);
+  async #render(canvas, view, onDrawn) {
     this.#sendFrame();
     if (show(canvas, view, await this.#request({ kind: "draw", view }))) onDrawn();
+  }
+
+  /** Start the drawing that has waited for the one before, if any. */
+  #finish(canvas) {
+    const { next } = this.#drawings.get(canvas);
     this.#drawings.delete(canvas);
-    const { next } = drawing;
-    if (next !== null && this.isReady) this.#startDrawing(canvas, next.view, next.onDrawn);
-    if (this.#drawings.size === 0) {
-      for (const resolve of this.#idle.splice(0)) resolve();
-    }
+    if (next !== null && this.isReady) this.draw(canvas, next.view, next.onDrawn);
   }
 
   #sendFrame() {

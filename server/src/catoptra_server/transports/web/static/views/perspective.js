@@ -23,7 +23,11 @@ export function create(section, context) {
   context.on("frame", () => {
     if (isShown(section)) view.draw();
   });
-  for (const event of ["selection", "state", "table", "unwarper", "window"]) {
+  // Only the reason why nothing is shown: to unwarp the same picture again takes time.
+  context.on("state", () => {
+    if (context.frame === null) view.requestDraw();
+  });
+  for (const event of ["selection", "table", "unwarper", "window"]) {
     context.on(event, view.requestDraw);
   }
   for (const event of ["cursor", "landmarks"]) context.on(event, view.requestOverlay);
