@@ -124,12 +124,14 @@ async function requestLandmarks(context) {
   context.emit("landmarks", context.landmarks);
 }
 
-/** Pulls frames of the selected camera: the next one when the previous has been drawn. */
+/** Pulls frames of the selected camera: the next one is on its way while this one is drawn. */
 class FramePull {
   #context;
   #isPending = false;
   #retryAt_ms = 0;
   #shown = { robot: "", camera: "", time_s: -1 };
+  /** Ends when the newest frame is in all views: a slow renderer slows the pull. */
+  #drawing = Promise.resolve();
 
   constructor(context) {
     this.#context = context;
@@ -140,21 +142,22 @@ class FramePull {
     if (this.#isPending || !this.#isWanted()) return;
     this.#isPending = true;
     const { robot, camera } = this.#context.selected;
-    let isDrawn = false;
     try {
       this.#context.statistics.frames_asked += 1;
       const request = { robot, camera, encoding: "jpeg" };
       const frame = await this.#context.pictures.requestFrame(request);
       const file = fileFromFrame(frame);
       const bitmap = await createImageBitmap(file, DECODING);
-      isDrawn = await this.#draw({ ...frame, file, bitmap }, robot, camera);
+      await this.#drawing;
+      this.#shown = { robot, camera, time_s: frame.header.time_s };
+      this.#drawing = this.#draw({ ...frame, file, bitmap }, robot, camera);
     } catch (error) {
       this.#retryAt_ms = performance.now() + RETRY_MS;
       this.#context.report(error);
     } finally {
       this.#isPending = false;
     }
-    if (isDrawn) this.ask();
+    this.ask();
   }
 
   #isWanted() {
@@ -168,7 +171,7 @@ class FramePull {
     return !isSameCamera || (state !== null && state.reply.time_s !== shown.time_s);
   }
 
-  /** Draw a frame in the next animation frame; false if the tab was hidden before. */
+  /** Draw a frame in the next animation frame, unless the tab is hidden before. */
   async #draw({ header, file, bitmap, received_ms }, robot, camera) {
     const context = this.#context;
     const isShown = await nextAnimationFrame();
@@ -176,18 +179,16 @@ class FramePull {
     // An old frame must not follow a time in which the tab was hidden.
     if (!isShown || !isSelected) {
       bitmap.close();
-      return isShown;
+      this.#shown.time_s = -1;
+      return;
     }
-    this.#shown = { robot, camera, time_s: header.time_s };
     const start_ms = performance.now();
     this.#emit({ header, file, bitmap, received_ms });
     const duration_ms = performance.now() - start_ms;
-    // The next one when this one is in all views: a slow renderer slows the pull.
     await context.unwarper.whenDrawn();
     const end_ms = performance.now();
     const age_ms = 1000 * header.age_s + end_ms - received_ms;
     context.statistics.add(header, age_ms, end_ms, duration_ms);
-    return true;
   }
 
   #emit(frame) {

@@ -87,9 +87,10 @@ export class UnwarpRenderer {
   /**
    * Pixels of a view, read back from an offscreen target.
    *
-   * @returns {Uint8ClampedArray} RGBA, rows from the top
+   * @returns {Promise<Uint8ClampedArray>} RGBA, rows from the top
+   * @throws {Error} if the context is lost meanwhile
    */
-  read(view) {
+  async read(view) {
     const gl = this.#gl;
     const [width, height] = sizeOf(view);
     const target = gl.createRenderbuffer();
@@ -100,12 +101,38 @@ export class UnwarpRenderer {
     gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, target);
     // A framebuffer's first row is the first that is read: no flip.
     this.#render(view, [0, 1]);
+    // Into a buffer: the driver would stop everything until it had the pixels.
     const pixels = new Uint8ClampedArray(4 * width * height);
-    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
+    gl.bufferData(gl.PIXEL_PACK_BUFFER, pixels.byteLength, gl.STREAM_READ);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.deleteFramebuffer(framebuffer);
     gl.deleteRenderbuffer(target);
+    try {
+      await this.#finish();
+      gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 0, pixels);
+    } finally {
+      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+      gl.deleteBuffer(buffer);
+    }
     return pixels;
+  }
+
+  /** Wait until all commands are executed. */
+  async #finish() {
+    const gl = this.#gl;
+    const sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    try {
+      while (gl.clientWaitSync(sync, 0, 0) === gl.TIMEOUT_EXPIRED) {
+        await new Promise((resolve) => setTimeout(resolve, 1));
+      }
+    } finally {
+      gl.deleteSync(sync);
+    }
+    if (gl.isContextLost()) throw new Error("the graphics context is lost");
   }
 
   /** Whether the table is that of the frame: after a change one of them may be older. */

@@ -16,11 +16,11 @@ function announce() {
 }
 
 /** Result of a request; nulls while there is no context. */
-function perform({ kind, view }) {
+async function perform({ kind, view }) {
   if (!renderer?.isReady) return { bitmap: null, pixels: null };
   // Pixels of a software renderer are in memory: the page would wait for them in a bitmap.
   if (kind === "draw" && !isSoftware) return { bitmap: renderer.draw(view), pixels: null };
-  return { bitmap: null, pixels: renderer.read(view) };
+  return { bitmap: null, pixels: await renderer.read(view) };
 }
 
 async function handle(data) {
@@ -31,7 +31,7 @@ async function handle(data) {
   } else if (data.kind === "lose") {
     renderer?.loseContext();
   } else {
-    const result = perform(data);
+    const result = await perform(data);
     const transferred = [result.bitmap, result.pixels?.buffer].filter(Boolean);
     postMessage({ kind: "reply", id: data.id, ...result }, transferred);
   }
