@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from catoptra_server.frames.capture_scheduler import MAX_CHANNELS, CaptureScheduler
+import pytest
+
+from catoptra_server.frames.capture_scheduler import MAX_CHANNELS, TICK_S, CaptureScheduler
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
 
 OTHER = CameraChannel("R", "Rear")
@@ -104,3 +106,25 @@ def test_channels_without_a_request_are_removed_where_there_are_too_many() -> No
         scheduler.finish_frame(channel)
     assert IMAGE_PORT in scheduler.due_channels(1.0)
     assert scheduler.count_frames() < MAX_CHANNELS
+
+
+def test_interval_that_is_no_multiple_of_a_tick_holds_on_average() -> None:
+    scheduler, times = CaptureScheduler(), []
+    for tick in range(100):
+        scheduler.request_frame(IMAGE_PORT, 1e9)
+        if start_due_frames(scheduler, tick * TICK_S, interval_s=0.05):
+            times.append(tick * TICK_S)
+            scheduler.finish_frame(IMAGE_PORT)
+    assert len(times) == 40
+    assert times[:5] == pytest.approx([0.0, 0.06, 0.1, 0.16, 0.2])
+
+
+def test_interval_after_a_pause_begins_anew() -> None:
+    scheduler = CaptureScheduler()
+    for time_s in (0.0, 7.0):
+        scheduler.request_frame(IMAGE_PORT, 1e9)
+        assert start_due_frames(scheduler, time_s, interval_s=0.05) != []
+        scheduler.finish_frame(IMAGE_PORT)
+    scheduler.request_frame(IMAGE_PORT, 1e9)
+    assert scheduler.due_channels(7.04) == []
+    assert scheduler.due_channels(7.06) == [IMAGE_PORT]

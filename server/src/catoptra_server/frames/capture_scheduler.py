@@ -43,14 +43,17 @@ class ChannelState:
 
         Args:
             time_s: Simulation time of the exposure.
-            interval_s: Simulation time until the channel may capture the next frame.
+            interval_s: Simulation time until the channel may capture the next frame. One that is
+                no multiple of a tick holds on average.
 
         Returns:
             Sequence number of the frame.
         """
         self.is_requested = False
         self.is_rendering = True
-        self._next_s = time_s + interval_s
+        # Late by less than a tick: from the time that was due, or 0.05 s would become 0.06 s.
+        is_in_step = self._next_s <= time_s < self._next_s + TICK_S - _SAME_TIME_S
+        self._next_s = (self._next_s if is_in_step else time_s) + interval_s
         self.sequence += 1
         return self.sequence
 
