@@ -59,7 +59,8 @@ def test_pages_when_two_are_open_show_each_others_robots(
     ):
         foreign.spawn("Foreign", -1.2, -1.2)
         for tab in (first, second):
-            tab.wait_for("document.body.innerText.includes('Foreign')", "foreign robot", 5.0)
+            names = "catoptra.context.state?.reply.robots.map(({ name }) => name)"
+            tab.wait_for(f"{names}?.includes('Foreign')", "foreign robot", 5.0)
         select_robot(first, "Foreign")
         first.wait_for("instruments.frames.at(-1)?.robot === 'Foreign'", "its picture", 5.0)
         assert second.evaluate("catoptra.context.selected.robot") == "Standing"

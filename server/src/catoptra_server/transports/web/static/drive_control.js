@@ -11,8 +11,8 @@ import { classOf, robotOf } from "./scan_geometry.js";
 const INTERVAL_MS = 50;
 /** Wheel speed of turning on the spot, as a fraction of the limit: turning is the faster motion. */
 const TURN_FRACTION = 0.5;
-/** Half a second without a reply: the robot no longer follows, so the page lets go. */
-const MAX_UNANSWERED = 10;
+/** Without any reply for so long the robot no longer follows, so the page lets go. */
+const MAX_SILENCE_MS = 500;
 
 /**
  * The robot that this page drives: its own, else the selected one if it is shared.
@@ -63,6 +63,8 @@ export class DriveControl {
   #timer = null;
   #driven = null;
   #unanswered = 0;
+  /** Since when the server owes a reply. */
+  #silentSince_ms = 0;
 
   /** @param {() => void} onChange called when speeds or reason change */
   constructor(context, onChange) {
@@ -117,7 +119,9 @@ export class DriveControl {
   #drive() {
     const target = targetOf(this.#context);
     if (target.name !== this.#driven.name) return this.stop(target.reason || "another robot");
-    if (this.#unanswered > MAX_UNANSWERED) return this.stop("the server does not answer");
+    const silence_ms = performance.now() - this.#silentSince_ms;
+    if (this.#unanswered && silence_ms > MAX_SILENCE_MS)
+      return this.stop("the server does not answer");
     const limit_rad_s = this.limit * maxSpeed(this.#context, target.robot);
     const speeds = wheelSpeeds(sumOf([...this.#demands.values()]), limit_rad_s);
     this.#send(target, speeds);
@@ -140,6 +144,7 @@ export class DriveControl {
 
   async #send({ wire_name }, [left, right]) {
     const request = { kind: "drive", left, right, normalized: false, robot: wire_name };
+    if (!this.#unanswered) this.#silentSince_ms = performance.now();
     this.#unanswered += 1;
     try {
       await this.#context.commands.request(request);
@@ -147,6 +152,7 @@ export class DriveControl {
       if (this.isMoving) this.stop(error.message);
     } finally {
       this.#unanswered -= 1;
+      this.#silentSince_ms = performance.now();
     }
   }
 }

@@ -143,7 +143,7 @@ class OmniView {
     };
     button("\u2212", "Zoom out", () => this.#zoomAboutMiddle(1 / ZOOM_STEP));
     button("+", "Zoom in", () => this.#zoomAboutMiddle(ZOOM_STEP));
-    button("Fit", "Show the whole picture", () => this.#fit());
+    button("Fit", "Fit the whole picture", () => this.#fit());
   }
 
   /** CSS pixels per pixel of the frame, and the position of the frame's corner. */
