@@ -501,6 +501,7 @@ def test_panels_when_collapsed_stay_so(page: Tab) -> None:
     page.wait_for("!window.isOld && window.catoptra", "reload", _LIMIT_S)
     closed = "document.querySelector('#panel-scans .toggle').ariaExpanded"
     assert page.evaluate(closed) == "false"
+    # The page moves while it loads.
+    page.wait_for("instruments.frames.length >= 1", "picture", 2 * _LIMIT_S)
     page.click("#panel-scans .toggle")
     assert page.evaluate(closed) == "true"
-    page.wait_for("instruments.frames.length >= 1", "picture", 2 * _LIMIT_S)
