@@ -216,6 +216,7 @@ class Tab:
             mobile=is_phone,
         )
         self.call("Emulation.setTouchEmulationEnabled", enabled=is_phone)
+        self.call("Emulation.setScrollbarsHidden", hidden=True)
         features = [{"name": "prefers-color-scheme", "value": colour_scheme}]
         self.call("Emulation.setEmulatedMedia", features=features)
 
