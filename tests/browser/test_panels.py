@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -237,12 +237,13 @@ def test_map_draws_layers_and_notes(page: Tab, full_live: OwnedServer) -> None:
 def _move_map(tab: Tab, canvas: str) -> None:
     """Pan and zoom by mouse and keys."""
     x, y = tab.centre_of(canvas)
-    for move in (
+    moves: tuple[Callable[[], object], ...] = (
         lambda: tab.drag([(x, y), (x + 20, y + 10), (x + 40, y + 20)]),
         lambda: tab.mouse("mouseWheel", x, y, delta_y=-200.0),
         lambda: tab.press("ArrowLeft"),
         lambda: tab.press("-"),
-    ):
+    )
+    for move in moves:
         before = _image(tab, canvas)
         _focus(tab, canvas)
         move()
