@@ -61,7 +61,7 @@ def test_reason_when_the_file_decides_states_it_and_the_bound_stays() -> None:
     (decision,) = plan_effects(
         make_settings((COARSE, EffectMode.NEVER)), DAYLIGHT, CAMERA
     ).decisions
-    assert decision.reason.startswith("never by the robot file; ")
+    assert decision.reason.startswith("never by setting; ")
     assert decision.bound > decision.threshold == 0.5
 
 

@@ -38,7 +38,7 @@ _RADIANCE_FIELDS = frozenset({"max_radiance"})
 
 
 class EffectMode(Enum):
-    """Whether an effect is enabled: by its criterion (AUTO), or fixed by the robot file."""
+    """Whether an effect is enabled: by its criterion (AUTO), or fixed by a setting."""
 
     AUTO = "auto"
     ALWAYS = "always"

@@ -160,7 +160,7 @@ def _decide(setting: EffectSetting, bound: EffectBound, threshold: float) -> Eff
         EffectMode.NEVER: False,
         EffectMode.AUTO: bound.value > threshold,
     }[setting.mode]
-    prefix = "" if setting.mode is EffectMode.AUTO else f"{setting.mode.value} by the robot file; "
+    prefix = "" if setting.mode is EffectMode.AUTO else f"{setting.mode.value} by setting; "
     return EffectDecision(
         effect=setting.effect.name,
         enabled=enabled,
