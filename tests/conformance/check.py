@@ -1,0 +1,51 @@
+"""A check of a live server by physics, and what it may assume about the server.
+
+Conversations (conversation_file.py) test the grammar of replies; checks test that the replies
+describe one world: odometry, scan, pose and picture against each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from conformance.conversation_file import Address
+
+
+class CheckFailed(Exception):  # noqa: N818  # an outcome of a check, not an error of the suite
+    """The server contradicts itself or the protocol: what was expected, what was observed."""
+
+
+class CheckSkipped(Exception):  # noqa: N818  # an outcome of a check, not an error of the suite
+    """The check does not apply to this server: the reason, for the table of results."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServerUnderTest:
+    """A live server, ours or another's, and how to get a robot in it."""
+
+    addresses: dict[str, Address]
+    """Address of the ports `control`, `image` and `stream`; those that were not given are absent.
+    """
+    robot_class: str
+    """Class of INIT."""
+    spawn_pose: str
+    """Blocks of INIT with the pose to spawn at."""
+    dialect: str
+    """`ut2004` or `udk`."""
+    legacy_images: bool
+    """Whether the image port sends a frame before any request."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One row of the table of results."""
+
+    name: str
+    port: str
+    """Port that the check is about; it applies to servers with an address of this port."""
+    description: str
+    run: Callable[[ServerUnderTest], None]
+    """Returns if the server passes; raises CheckFailed, CheckSkipped, OSError (a connection that
+    broke) or CatoptraError (a reply that cannot be parsed), of which all but CheckSkipped fail.
+    """
