@@ -13,20 +13,28 @@ from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_server.planning.face_regions import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, AtlasCell, pack_atlas
 from catoptra_server.render.raster.shader_programs import load_source, set_uniform
+from catoptra_server.render.raster.split_positions import SPLIT_FORMAT, split_positions
 
 ATLAS = pack_atlas(regions_of_size(math.pi - 1e-3, 512), guard_texels=GUARD_TEXELS, max_texels=4096)
 TURN = rotation_from_rpy(0.02, -0.03, 0.3)
 
 
-def clip_positions(context: moderngl.Context, cell: AtlasCell, vertices: np.ndarray) -> np.ndarray:
-    """Clip positions (n, 4) of (n, 3) vertices around the viewpoint, as computed by the shader."""
+def clip_positions(
+    context: moderngl.Context,
+    cell: AtlasCell,
+    vertices: np.ndarray,
+    viewpoint: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> np.ndarray:
+    """Clip positions (n, 4) of (n, 3) vertices around a viewpoint, as computed by the shader."""
     program = context.program(vertex_shader=load_source("face.vert"), varyings=["gl_Position"])
-    set_uniform(program, "viewpoint", (0.0, 0.0, 0.0))
+    split_viewpoint = split_positions(np.array(viewpoint))
+    set_uniform(program, "viewpoint", split_viewpoint[:3])
+    set_uniform(program, "viewpoint_rest", split_viewpoint[3:])
     set_uniform(program, "clip_from_scene", (cell.clip_from_mirror @ TURN.T).T)
     set_uniform(program, "depth_from_forward", (1.0, -0.02))
-    places = context.buffer(vertices.astype(np.float32).tobytes())
+    places = context.buffer(split_positions(vertices + viewpoint).tobytes())
     out = context.buffer(reserve=16 * len(vertices))
-    array = context.vertex_array(program, [(places, "3f", "position")])
+    array = context.vertex_array(program, [(places, SPLIT_FORMAT, "position", "position_rest")])
     # A context without a window draws nothing, not even into a buffer, without a target.
     context.simple_framebuffer((1, 1)).use()
     array.transform(out, moderngl.POINTS, vertices=len(vertices))
@@ -40,14 +48,26 @@ def around(scale_m: float, count: int = 4000) -> np.ndarray:
 
 
 @pytest.mark.parametrize("cell", ATLAS.cells, ids=lambda cell: cell.region.face.name)
-@pytest.mark.parametrize("scale_m", [2e-3, 1.0, 1e4])
+@pytest.mark.parametrize(
+    ("scale_m", "viewpoint"),
+    [
+        (2e-3, (0.0, 0.0, 0.0)),
+        (1.0, (0.0, 0.0, 0.0)),
+        (1e4, (0.0, 0.0, 0.0)),
+        # A hundred kilometres from the scene's centre, two centimetres from a thing.
+        (2e-2, (8.1e4, -5.7e4, 12.3)),
+    ],
+)
 def test_vertex_near_and_far_lands_on_its_texel(
-    context: moderngl.Context, cell: AtlasCell, scale_m: float
+    context: moderngl.Context,
+    cell: AtlasCell,
+    scale_m: float,
+    viewpoint: tuple[float, float, float],
 ) -> None:
     vertices = around(scale_m)
     mirror = vertices @ TURN
     own = face_from_direction(mirror) == cell.region.face
-    clip = clip_positions(context, cell, vertices)[own]
+    clip = clip_positions(context, cell, vertices, viewpoint)[own]
     size, corner = np.array((cell.width, cell.height)), np.array((cell.x, cell.y))
     texels = corner + 0.5 * (clip[:, :2] / clip[:, 3:] + 1.0) * size
     expected = ATLAS.texels_from_direction(mirror[own])

@@ -1,6 +1,7 @@
 // Provides the clip position of a scene vertex in one atlas cell, with its shading attributes.
 // Twin: catoptra_server.render.projection.atlas.AtlasCell.clip_from_mirror.
 uniform vec3 viewpoint;              // in the scene's frame: world axes, metres
+uniform vec3 viewpoint_rest;         // what float32 lacks of it
 uniform mat3 clip_from_scene;        // rows give x, y and w of the clip position
 uniform vec2 depth_from_forward;     // z = first * w + second
 
@@ -11,6 +12,7 @@ uniform vec2 depth_from_forward;     // z = first * w + second
 #endif
 
 in vec3 position;                    // in the scene's frame
+in vec3 position_rest;               // what float32 lacks of it
 in vec3 radiance;
 COLOUR out vec3 facet_radiance;
 #ifdef TEXTURED
@@ -27,7 +29,7 @@ COLOUR out vec3 facet_albedo;
 
 void main()
 {
-    vec3 from_viewpoint = position - viewpoint;
+    vec3 from_viewpoint = (position - viewpoint) + (position_rest - viewpoint_rest);
     vec3 clip = clip_from_scene * from_viewpoint;
     gl_Position = vec4(clip.xy, depth_from_forward.x * clip.z + depth_from_forward.y, clip.z);
     facet_radiance = radiance;

@@ -77,8 +77,8 @@ def test_buffer_grows_once_and_is_kept(device: GlDevice) -> None:
     for count in (2, 1, 0, 2):
         view.render(dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS[:count]))
         held.append(renderer.object_buffer_bytes)
-    # Three corners a triangle, of six floats of four bytes.
-    assert held == [2 * len(ROBOT_MESH) * 3 * 6 * 4] * 4
+    # Three corners a triangle, of nine floats of four bytes.
+    assert held == [2 * len(ROBOT_MESH) * 3 * 9 * 4] * 4
     view.close()
 
 

@@ -12,8 +12,9 @@ from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, make_attribute
+from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, upload_values
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
+from catoptra_server.render.raster.split_positions import split_positions
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.shading import facet_irradiance, interpolate_albedo, point_irradiance
@@ -41,7 +42,7 @@ def test_batches_when_light_varies_by_position_have_the_programs_that_need_norma
     )
     scene = build_scene(world)
     chunks = make_clusters(scene.corners, (scene.texture_index + 1).astype(np.intp))
-    position = make_attribute(device.context, scene.corners[chunks.order])
+    position = upload_values(device.context, split_positions(scene.corners[chunks.order]))
     built = []
     for varying in ((), (("NUM_POINT_LIGHTS", 1),)):
         programs = ShaderPrograms(device.context)
@@ -56,7 +57,7 @@ def test_batches_when_light_varies_by_position_have_the_programs_that_need_norma
         ("face", "face TEXTURED=1"),
         ("face NUM_POINT_LIGHTS=1", "face TEXTURED=1 NUM_POINT_LIGHTS=1"),
     ]
-    position[0].release()
+    position.release()
 
 
 CORNERS = np.array([[-3.0, -3, 0], [5, -2, 0], [-1, 5, 0]])  # of one triangle on the floor

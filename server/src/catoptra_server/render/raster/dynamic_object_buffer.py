@@ -15,6 +15,7 @@ from catoptra_server.render.projection.depth_range import min_distance_bound
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
 from catoptra_server.render.raster.scene_batches import FacetLighting
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_uniform
+from catoptra_server.render.raster.split_positions import SPLIT_FORMAT, split_positions
 from catoptra_server.scene import shading
 from catoptra_server.scene.dynamic_object import DynamicObject, world_facets
 from catoptra_server.scene.triangle_clusters import Indices, visible_runs
@@ -85,7 +86,7 @@ class DynamicObjectBuffer:
         )
 
     def _vertex_data(self, dynamic_object: DynamicObject) -> Floats:
-        """(3 n, 6) or (3 n, 12) attributes of an object's corners."""
+        """(3 n, 9) or (3 n, 15) attributes of an object's corners, split positions first."""
         world_facets_of = world_facets(dynamic_object)
         attributes = [shading.facet_radiance(world_facets_of, self._lighting.constant_lights)]
         if self._lighting.definitions:
@@ -103,9 +104,8 @@ class DynamicObjectBuffer:
         per_corner = np.broadcast_to(
             per_triangle[:, None], (*positions.shape[:2], per_triangle.shape[1])
         )
-        return np.concatenate((positions, per_corner), axis=-1).reshape(
-            -1, 3 + per_triangle.shape[1]
-        )
+        vertices: Floats = np.concatenate((split_positions(positions), per_corner), axis=-1)
+        return vertices.reshape(-1, 6 + per_triangle.shape[1])
 
     def _write_vertices(self, values: Floats) -> None:
         """Write the vertices; the buffer grows when necessary and never shrinks."""
@@ -120,9 +120,9 @@ class DynamicObjectBuffer:
 
     def _vertex_array(self, buffer: moderngl.Buffer) -> moderngl.VertexArray:
         """Vertex array with the attributes of the lighting."""
-        names, layout = ["position", "radiance"], "3f 3f"
+        names, layout = ["position", "position_rest", "radiance"], f"{SPLIT_FORMAT} 3f"
         if self._lighting.definitions:
-            names, layout = [*names, "normal", "lit_albedo"], "3f 3f 3f 3f"
+            names, layout = [*names, "normal", "lit_albedo"], f"{layout} 3f 3f"
         program = self._programs.get(ProgramSpec("face", "face", self._lighting.definitions))
         return self._context.vertex_array(program, [(buffer, layout, *names)])
 

@@ -8,6 +8,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.raster.shader_programs import set_uniform
+from catoptra_server.render.raster.split_positions import split_positions
 from catoptra_server.scene.world_description import PointLight
 
 
@@ -46,7 +47,9 @@ class FrameUniforms:
 
     def apply_to(self, program: moderngl.Program) -> None:
         """Write the uniforms to a program."""
-        set_uniform(program, "viewpoint", self.viewpoint)
+        viewpoint = split_positions(self.viewpoint)
+        set_uniform(program, "viewpoint", viewpoint[:3])
+        set_uniform(program, "viewpoint_rest", viewpoint[3:])
         set_uniform(program, "depth_from_forward", self.depth_from_forward)
         # GLSL has no arrays of length zero: programs of a world without point lights lack these
         # uniforms.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -17,6 +18,7 @@ from catoptra_server.render.raster.shader_programs import (
     ShaderPrograms,
     set_uniform,
 )
+from catoptra_server.render.raster.split_positions import SPLIT_FORMAT
 from catoptra_server.scene import shading
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.texture_files import Texture
@@ -29,6 +31,7 @@ _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
 _SRGB8 = 0x8C41
 
 VertexAttribute = tuple[moderngl.Buffer, str]
+"""Buffer and its format."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +68,7 @@ class SceneBatches:
         scene: SceneMesh,
         clusters: TriangleClusters,
         *,
-        position: VertexAttribute,
+        position: moderngl.Buffer,
         lighting: FacetLighting,
     ) -> None:
         """Upload the attributes.
@@ -75,14 +78,14 @@ class SceneBatches:
             programs: Shader programs of the context.
             scene: Triangles of the static scene.
             clusters: Order of the triangles in the buffers.
-            position: Buffer of the corners' positions, freed by the caller.
+            position: Split positions of the corners, freed by the caller.
             lighting: Lighting model.
         """
         self._context = context
         self._clusters = clusters
         self._lighting = lighting
         self._owned = self._upload(scene)
-        self._attributes = {"position": position, **self._owned}
+        self._position = position
         self._batches = [
             self._make_batch(programs, scene, int(g)) for g in np.unique(clusters.groups)
         ]
@@ -102,13 +105,16 @@ class SceneBatches:
             attributes["lit_albedo"] = _corner_albedo(scene) * ~scene.unlit[:, None, None]
         # In cluster order, so that a cluster is a range of vertices.
         return {
-            name: make_attribute(self._context, values[self._clusters.order])
+            name: (
+                upload_values(self._context, values[self._clusters.order]),
+                f"{values.shape[-1]}f",
+            )
             for name, values in attributes.items()
         }
 
     def _make_batch(self, programs: ShaderPrograms, scene: SceneMesh, index: int) -> _Batch:
         """Batch at an index: 0 for triangles without a texture, then one for each texture."""
-        names = ["position", "radiance"]
+        names = ["radiance"]
         definitions = _COLOURED_CORNERS if scene.corner_albedo is not None else ()
         if index > 0:
             names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
@@ -116,7 +122,8 @@ class SceneBatches:
             names = [*names, "normal", "lit_albedo"]
             definitions = (*definitions, *self._lighting.definitions)
         program = programs.get(ProgramSpec("face", "face", definitions))
-        attributes = [(*self._attributes[name], name) for name in names]
+        positions = (self._position, SPLIT_FORMAT, "position", "position_rest")
+        attributes = [positions, *((*self._owned[name], name) for name in names)]
         # Clusters are sorted by group, so a slice names the batch's.
         members = np.flatnonzero(self._clusters.groups == index)
         return _Batch(
@@ -152,14 +159,13 @@ class SceneBatches:
             buffer.release()
 
 
-def make_attribute(context: moderngl.Context, values: Floats) -> VertexAttribute:
-    """Buffer of (n, 3, k) values at corners, and its format."""
-    # Positions are relative to the scene's centre by now, so float32 loses less than a micrometre
-    # at 10 m.
+def upload_values(
+    context: moderngl.Context, values: Floats | npt.NDArray[np.float32]
+) -> moderngl.Buffer:
+    """Buffer of (n, 3, k) values at corners."""
     data = values.astype(np.float32).tobytes()
     # A world without surfaces is valid, an empty buffer is not.
-    buffer = context.buffer(data) if data else context.buffer(reserve=4)
-    return buffer, f"{values.shape[-1]}f"
+    return context.buffer(data) if data else context.buffer(reserve=4)
 
 
 def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Texture:

@@ -1,7 +1,7 @@
 """A static scene on the device: uploaded once, drawn for any face.
 
 Triangles are grouped by texture and cut into clusters. Positions are relative to the scene's
-centre, so that float32 keeps its precision in a world far from the origin. Shadows use a second set
+centre, for the passes that use one float32 number of each. Shadows use a second set
 of attributes and shadow maps; neither exists before the first camera state with shadows.
 """
 
@@ -18,9 +18,10 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.depth_range import DepthRangeFinder
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, make_attribute
+from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, upload_values
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.shadowed_scene import ShadowedScene
+from catoptra_server.render.raster.split_positions import COARSE_FORMAT, split_positions
 from catoptra_server.scene import shading
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.triangle_clusters import make_clusters
@@ -88,7 +89,7 @@ class SceneBuffers:
         self.clusters = make_clusters(corners, (scene.texture_index + 1).astype(np.intp))
         self.cluster_sizes = np.diff(self.clusters.offsets)
         self.depth_range_finder = DepthRangeFinder(self.clusters, corners)
-        self._position = make_attribute(context, corners[self.clusters.order])
+        self._position = upload_values(context, split_positions(corners[self.clusters.order]))
         self._batches = SceneBatches(
             context, programs, scene, self.clusters, position=self._position, lighting=lighting
         )
@@ -99,8 +100,7 @@ class SceneBuffers:
 
         The caller frees the array, not the buffer behind it.
         """
-        buffer, layout = self._position
-        return self._context.vertex_array(program, [(buffer, layout, "position")])
+        return self._context.vertex_array(program, [(self._position, COARSE_FORMAT, "position")])
 
     def with_lighting(self, camera_state: CameraState) -> LitScene:
         """Scene under the lighting of a camera state: with shadows where some light casts them."""
@@ -151,7 +151,7 @@ class SceneBuffers:
         if self._shadowed is not None:
             self._shadowed.close()
         self._batches.close()
-        self._position[0].release()
+        self._position.release()
 
 
 def _make_facet_lighting(lights: tuple[Light, ...]) -> FacetLighting:

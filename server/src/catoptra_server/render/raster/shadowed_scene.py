@@ -11,7 +11,7 @@ import moderngl
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, VertexAttribute
+from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
 from catoptra_server.scene import shading
@@ -32,7 +32,7 @@ class ShadowedScene:
         lights: tuple[Light, ...],
         *,
         clusters: TriangleClusters,
-        position: VertexAttribute,
+        position: moderngl.Buffer,
         origin: Floats,
     ) -> None:
         """Upload attributes and draw the static shadow maps; arguments as of SceneBuffers."""
