@@ -83,7 +83,7 @@ def test_device_is_closed_with_the_caster_and_where_no_scene_can_be_committed(
     del caster
     gc.collect()
     assert len(closed) == 1
-    monkeypatch.setattr(KernelDevice, "commit_watertight_mesh", fail)
+    monkeypatch.setattr(KernelDevice, "commit_mesh", fail)
     with pytest.raises(KernelUnavailableError):
         KernelRayCaster(scene)
     assert len(closed) == 2

@@ -97,12 +97,6 @@ class KernelDevice:
         """Free a view."""
         self._library.catoptra_release_view(view)
 
-    def commit_watertight_mesh(self, arrays: MeshArrays) -> int:
-        """Commit triangles for `cast`: no ray slips between two that share an edge."""
-        error = ctypes.create_string_buffer(_ERROR_BYTES)
-        commit = self._library.catoptra_commit_watertight_mesh
-        return _require(commit(self._require_open(), ctypes.byref(arrays), error), error)
-
     def cast(
         self,
         mesh: int,
@@ -114,7 +108,7 @@ class KernelDevice:
         """Write first hits of single rays; any threads may cast at once.
 
         Args:
-            mesh: A watertight mesh of this device.
+            mesh: A mesh of this device.
             origins: (n, 3) points, contiguous as all arrays here.
             directions: (n, 3) unit vectors.
             ranges: (n,) receives the distances, metres; inf without a hit.
@@ -182,7 +176,6 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_close": (None, (c_void_p,)),
         "catoptra_packet_width": (c_int32, (c_void_p,)),
         "catoptra_commit_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
-        "catoptra_commit_watertight_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_cast": (None, (c_void_p, c_int64, *(c_void_p,) * 4)),
         "catoptra_release_mesh": (None, (c_void_p,)),
         "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),

@@ -23,8 +23,7 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 class KernelRayCaster:
     """The triangles of a scene, committed for distance queries.
 
-    Not those of the renderer: watertight rays need another hierarchy, with other distances in the
-    last bits; and a renderer that fails is closed and made anew while sensors measure.
+    Not those of the renderer: one that fails is closed and made anew while sensors measure.
     """
 
     def __init__(self, scene: SceneMesh) -> None:
@@ -40,7 +39,7 @@ class KernelRayCaster:
         )
         try:
             self._arrays = corner_arrays(scene.corners, self._centre)
-            self._mesh = self._device.commit_watertight_mesh(self._arrays.struct)
+            self._mesh = self._device.commit_mesh(self._arrays.struct)
         except BaseException:
             self._device.close()
             raise

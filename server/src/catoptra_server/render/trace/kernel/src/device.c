@@ -94,7 +94,7 @@ static int attach_triangles(const Device *device, RTCScene scene, const MeshArra
     return 1;
 }
 
-static Mesh *commit_mesh(Device *device, const MeshArrays *arrays, int flags, char *error) {
+Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error) {
     Mesh *mesh = calloc(1, sizeof *mesh);
     if (!mesh) {
         snprintf(error, ERROR_SIZE, "out of memory");
@@ -105,7 +105,10 @@ static Mesh *commit_mesh(Device *device, const MeshArrays *arrays, int flags, ch
     if (!arrays->num_triangles)
         return mesh;
     mesh->scene = device->embree.new_scene(device->rtc);
-    device->embree.set_scene_flags(mesh->scene, flags);
+    /* No ray slips between two triangles that share an edge. Without it a fan of 240 triangles two
+     * centimetres away, a kilometre off the centre of its world, has a hole of seven pixels; frames
+     * take as long (0.99 to 1.02 of the time, 850 to a million triangles). */
+    device->embree.set_scene_flags(mesh->scene, RTC_SCENE_FLAG_ROBUST);
     int attached = attach_triangles(device, mesh->scene, arrays);
     device->embree.commit_scene(mesh->scene);
     const char *reason = device_error(device);
@@ -116,14 +119,6 @@ static Mesh *commit_mesh(Device *device, const MeshArrays *arrays, int flags, ch
         return NULL;
     }
     return mesh;
-}
-
-Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error) {
-    return commit_mesh(device, arrays, RTC_SCENE_FLAG_NONE, error);
-}
-
-Mesh *catoptra_commit_watertight_mesh(Device *device, const MeshArrays *arrays, char *error) {
-    return commit_mesh(device, arrays, RTC_SCENE_FLAG_ROBUST, error);
 }
 
 void catoptra_release_mesh(Mesh *mesh) {

@@ -135,10 +135,8 @@ CATOPTRA_EXPORT Device *catoptra_open(const char *embree_path, const char *instr
 CATOPTRA_EXPORT void catoptra_close(Device *device);
 CATOPTRA_EXPORT int32_t catoptra_packet_width(const Device *device);
 
+/* Triangles for rays of which none slips between two that share an edge. */
 CATOPTRA_EXPORT Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error);
-/* The same for rays of which none may slip between two triangles that share an edge. */
-CATOPTRA_EXPORT Mesh *catoptra_commit_watertight_mesh(Device *device, const MeshArrays *arrays,
-                                                      char *error);
 CATOPTRA_EXPORT void catoptra_release_mesh(Mesh *mesh);
 
 CATOPTRA_EXPORT View *catoptra_prepare(Device *device, const RayTable *rays, char *error);
