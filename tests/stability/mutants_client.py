@@ -13,6 +13,7 @@ import numpy as np
 
 from catoptra_client.landmarks.histogram import Histogram
 from catoptra_client.localization import Belief, Control
+from catoptra_client.localization.belief import covariance_square_root
 from catoptra_client.localization.measurement_model import BearingOnly, PredictedMeasurement
 from catoptra_client.localization.odometry import OdometryPose
 from catoptra_protocol.optics.numerics import TWO_PI
@@ -116,32 +117,38 @@ def kalman_gain(belief: Belief, H: Floats, L: Floats) -> Floats:
     return np.linalg.solve(L.T, np.linalg.solve(L, H @ belief.covariance)).T
 
 
-def correct_by_subtraction(belief: Belief, off: Floats, H: Floats, R: Floats, L: Floats) -> Any:
+def correct_by_subtraction(
+    belief: Belief, off: Floats, H: Floats, R_root: Floats, L: Floats
+) -> Any:
     K = kalman_gain(belief, H, L)
     return apply_gain(belief, K, off, belief.covariance - K @ L @ L.T @ K.T)
 
 
-def correct_by_short_form(belief: Belief, off: Floats, H: Floats, R: Floats, L: Floats) -> Any:
+def correct_by_short_form(belief: Belief, off: Floats, H: Floats, R_root: Floats, L: Floats) -> Any:
     K = kalman_gain(belief, H, L)
     return apply_gain(belief, K, off, (np.eye(3) - K @ H) @ belief.covariance)
 
 
-def correct_by_information(belief: Belief, off: Floats, H: Floats, R: Floats, L: Floats) -> Any:
+def correct_by_information(
+    belief: Belief, off: Floats, H: Floats, R_root: Floats, L: Floats
+) -> Any:
     prior = np.linalg.inv(belief.covariance)
-    covariance = np.linalg.inv(prior + H.T @ np.linalg.inv(R) @ H)
-    return apply_gain(belief, covariance @ H.T @ np.linalg.inv(R), off, covariance)
+    information = np.linalg.inv(R_root @ R_root.T)
+    covariance = np.linalg.inv(prior + H.T @ information @ H)
+    return apply_gain(belief, covariance @ H.T @ information, off, covariance)
 
 
-def root_by_cholesky(covariance: Floats) -> Floats:
-    return np.linalg.cholesky(covariance)
+def root_by_cholesky(covariance: Floats) -> tuple[Floats, bool]:
+    return np.linalg.cholesky(covariance), True
 
 
-def semidefinite_up_to_1e_9(covariance: Floats) -> bool:
-    return bool(np.linalg.eigvalsh(covariance)[0] >= -1e-9)
+def root_up_to_1e_9(covariance: Floats) -> tuple[Floats, bool]:
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0)), bool(values[0] >= -1e-9)
 
 
-def always_semidefinite(covariance: Floats) -> bool:
-    return True
+def root_of_anything(covariance: Floats) -> tuple[Floats, bool]:
+    return covariance_square_root(covariance)[0], True
 
 
 def always_finite(*arrays: Any) -> bool:
@@ -267,16 +274,13 @@ MUTATIONS: list[Mutation] = [
     Mutation("P - K S K^T", "ekf", _FILTER + "ekf._correct", correct_by_subtraction),
     Mutation("(I - K H) P", "ekf", _FILTER + "ekf._correct", correct_by_short_form),
     Mutation("information form by inv", "ekf", _FILTER + "ekf._correct", correct_by_information),
-    Mutation("root by Cholesky", "ekf", _FILTER + "ekf.covariance_square_root", root_by_cholesky),
     Mutation(
-        "definite up to 1e-9",
-        "ekf",
-        _FILTER + "belief.is_positive_semidefinite",
-        semidefinite_up_to_1e_9,
+        "root by Cholesky", "ekf", _FILTER + "belief.covariance_square_root", root_by_cholesky
     ),
     Mutation(
-        "noise not checked", "ekf", _FILTER + "ekf.is_positive_semidefinite", always_semidefinite
+        "definite up to 1e-9", "ekf", _FILTER + "belief.covariance_square_root", root_up_to_1e_9
     ),
+    Mutation("noise not checked", "ekf", _FILTER + "ekf.covariance_square_root", root_of_anything),
     Mutation("overflow not looked for", "ekf", _FILTER + "ekf._all_finite", always_finite),
     Mutation("NaN not looked for", "ekf", _FILTER + "ekf.is_finite", always_finite),
     Mutation("S + 1e-12 I", "ekf", _FILTER + "ekf._cholesky", cholesky_of_anything),

@@ -50,8 +50,15 @@ def find_beacon_candidates(
         if lower.colour != landmark.lower_colour:
             continue
         front_m, has_range = _front_range(view, landmark, lower)
-        if has_range and _is_band(view, landmark, lower, front_m):
-            matches = [b for b in uppers if _is_upper_band(view, landmark, lower, b, front_m)]
+        if not has_range:
+            continue
+        size = _predict_band_size(view, landmark, front_m)
+        if _is_band(lower, size):
+            matches = [
+                upper
+                for upper in uppers
+                if _is_band(upper, size) and _is_above(view, landmark, lower, upper, front_m)
+            ]
             candidates += [
                 _make_candidate(view, landmark, lower, upper, front_m) for upper in matches
             ]
@@ -65,15 +72,22 @@ def _front_range(view: CylinderView, landmark: Landmark, lower: Blob) -> tuple[f
     )
 
 
-def _is_band(view: CylinderView, landmark: Landmark, blob: Blob, front_m: float) -> bool:
-    """Whether a blob has the size of one band at this range."""
+def _predict_band_size(
+    view: CylinderView, landmark: Landmark, front_m: float
+) -> tuple[float, float]:
+    """Rows and columns of one band at this range."""
     # One colour fills half of the band between band_bottom_m and band_top_m.
     half_band_m = 0.5 * (landmark.band_top_m - landmark.band_bottom_m)
     rows = half_band_m / front_m / view.cylinder.slope_per_row
     radius_m = 0.5 * landmark.width_m
     # Tangents to the cylinder, whose axis is one radius behind the front.
     width_rad = 2.0 * math.asin(radius_m / (front_m + radius_m))
-    columns = width_rad / view.cylinder.azimuth_per_column_rad
+    return rows, width_rad / view.cylinder.azimuth_per_column_rad
+
+
+def _is_band(blob: Blob, size: tuple[float, float]) -> bool:
+    """Whether a blob has the predicted rows and columns of a band."""
+    rows, columns = size
     return _is_size_consistent(blob.height, rows) and _is_size_consistent(blob.width, columns)
 
 
@@ -85,11 +99,11 @@ def _is_size_consistent(measured: float, expected: float) -> bool:
     return low <= measured <= high
 
 
-def _is_upper_band(
+def _is_above(
     view: CylinderView, landmark: Landmark, lower: Blob, upper: Blob, front_m: float
 ) -> bool:
     """Whether `upper` stands on `lower` as the upper band does at this range."""
-    if upper.row >= lower.row or not _is_band(view, landmark, upper, front_m):
+    if upper.row >= lower.row:
         return False
     column_offset = abs(_azimuth_offset(view, lower, upper)) / view.cylinder.azimuth_per_column_rad
     # 0.75: the centre of the upper half of the band.

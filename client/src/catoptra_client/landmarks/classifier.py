@@ -20,7 +20,13 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_client.landmarks.histogram import Counts, Histogram, UInt8Array, bin_index
+from catoptra_client.landmarks.histogram import (
+    MAX_BINS,
+    Counts,
+    Histogram,
+    UInt8Array,
+    colour_index,
+)
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import BAND_COLOURS
 
@@ -43,7 +49,7 @@ class ColourClassifier:
     theta: float
     """Threshold of Eq. 3, >= 0; may be inf."""
     lookup_table: UInt8Array
-    """Code of each colour bin, (bins^3,) uint8; `NO_COLOUR` for none."""
+    """Code of each of 32^3 colours, (32768,) uint8; `NO_COLOUR` for none."""
 
     @property
     def bins(self) -> int:
@@ -75,8 +81,10 @@ def classifier_from_histograms(
     table = np.where(
         accepted.any(axis=0), 1 + _max_likelihood_index(positives, accepted), NO_COLOUR
     )
-    # uint8 keeps the table of 32^3 bins at 32 KB, the size of a first-level cache.
-    compiled = table.astype(np.uint8).ravel()
+    # uint8 keeps the table of 32^3 bins at 32 KB, the size of a first-level cache. A wider bin
+    # fills several of its entries.
+    width = np.ones((MAX_BINS // negative.bins,) * 3, dtype=np.uint8)
+    compiled = np.kron(table.astype(np.uint8), width).ravel()
     compiled.setflags(write=False)
     return ColourClassifier(dict(positives), negative, theta, compiled)
 
@@ -104,9 +112,10 @@ def likelihood_ratio_test(
 def label_image(classifier: ColourClassifier, image: UInt8Array) -> UInt8Array:
     """Colour codes (...) of (..., 3) RGB uint8 pixels, by one look-up each.
 
-    0.7 ms for 720 x 180 pixels. Measured in tests/measurements/detection_time.py.
+    0.1 ms for 720 x 180 pixels. Measured in tests/measurements/detection_time.py.
     """
-    labels: UInt8Array = classifier.lookup_table[bin_index(image, classifier.bins)]
+    # take: twice as fast as an index in brackets, for which the numbers are converted first.
+    labels: UInt8Array = classifier.lookup_table.take(colour_index(image))
     return labels
 
 

@@ -52,7 +52,7 @@ def detection_from_measurement(
     polar = np.array([measurement.range_m, measurement.azimuth_rad])
     range_m, bearing, jacobian = robot_from_viewpoint_polar(viewpoint, polar)
     variances = np.square([measurement.range_sigma_m, measurement.azimuth_sigma_rad])
-    covariance = jacobian @ np.diag(variances) @ jacobian.T
+    covariance = (jacobian * variances) @ jacobian.T
     return Detection(name, kind, range_m, bearing, _freeze(covariance), num_pixels, True)
 
 

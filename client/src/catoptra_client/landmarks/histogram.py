@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -13,9 +14,11 @@ UInt8Array = npt.NDArray[np.uint8]
 Counts = npt.NDArray[np.int64]
 
 # 8 grey levels per bin: five times a camera's noise (1.4 levels at mid-grey), and a lookup table
-# that fits the first-level cache. The paper does not state its number of bins.
+# that fits the first-level cache. The paper does not state its number of bins. More than 32 have no
+# place in `colour_index`.
 DEFAULT_BINS = 32
-_ALLOWED_BINS = (2, 4, 8, 16, 32, 64)
+MAX_BINS = 32
+_ALLOWED_BINS = (2, 4, 8, 16, MAX_BINS)
 # The sum of any two totals fits int64, so that the check of a merged total sees no wrap-around.
 MAX_TOTAL = 2**62
 # Weight of a smoothed pixel: 1 + 2 + 1 along each of three axes.
@@ -62,8 +65,9 @@ def empty_histogram(bins: int = DEFAULT_BINS) -> Histogram:
 def histogram_from_pixels(pixels: UInt8Array, bins: int = DEFAULT_BINS) -> Histogram:
     """Histogram of (..., 3) RGB uint8 pixels."""
     _check_bins(bins)
-    index = bin_index(pixels, bins).ravel()
-    return Histogram(np.bincount(index, minlength=bins**3).reshape(bins, bins, bins))
+    fine = np.bincount(colour_index(pixels).ravel(), minlength=MAX_BINS**3)
+    width = MAX_BINS // bins  # fine bins that share one of the requested ones
+    return Histogram(fine.reshape(bins, width, bins, width, bins, width).sum(axis=(1, 3, 5)))
 
 
 def merge_histograms(first: Histogram, second: Histogram) -> Histogram:
@@ -91,14 +95,18 @@ def smooth_histogram(histogram: Histogram) -> Histogram:
     return Histogram(counts)
 
 
-def bin_index(pixels: UInt8Array, bins: int) -> npt.NDArray[np.intp]:
-    """Indices (...) into a flattened histogram of (..., 3) RGB uint8 pixels."""
+def colour_index(pixels: UInt8Array) -> npt.NDArray[np.uint16]:
+    """Indices (...) into a flattened cube of 32^3 colours of (..., 3) RGB uint8 pixels.
+
+    The five high bits of red, green and blue side by side: OpenCV's 555 format. 0.02 ms for 720 x
+    180 pixels, 0.25 with shifts in NumPy. Measured in tests/measurements/detection_time.py.
+    """
     if pixels.dtype != np.uint8 or pixels.shape[-1:] != (3,):
         raise DomainError(f"RGB pixels are uint8 (..., 3), not {pixels.dtype} {pixels.shape}")
-    shift = 9 - bins.bit_length()  # low bits of a byte, which share a bin
-    red, green, blue = (pixels[..., channel].astype(np.intp) >> shift for channel in range(3))
-    index: npt.NDArray[np.intp] = (red * bins + green) * bins + blue
-    return index
+    if not pixels.size:  # OpenCV rejects empty images
+        return np.zeros(pixels.shape[:-1], dtype=np.uint16)
+    packed = cv2.cvtColor(pixels.reshape(1, -1, 3), cv2.COLOR_RGB2BGR555)
+    return np.asarray(packed).view(np.uint16).reshape(pixels.shape[:-1])
 
 
 def _check_total(total: float) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,6 +32,8 @@ class Belief:
     """Mean pose (3,): m, m, rad."""
     covariance: Floats
     """Covariance (3, 3) of the pose."""
+    square_root: Floats = field(init=False, repr=False)
+    """Square root B (3, 3) of the covariance: B B^T = covariance."""
 
     def __post_init__(self) -> None:
         mean = np.array(self.mean, dtype=np.float64)
@@ -42,34 +44,32 @@ class Belief:
             raise DomainError(f"a belief must be finite: {mean}, {covariance.tolist()}")
         # Wrapped here once, so that no consumer of a belief has to consider whole turns.
         mean[2] = wrap_angle(float(mean[2]))
-        if not is_positive_semidefinite(covariance):
+        # Kept: the test and the filter's next step need the same decomposition.
+        root, valid = covariance_square_root(covariance)
+        if not valid:
             raise DomainError(
                 f"a covariance is symmetric and has no negative variance: {covariance.tolist()}"
             )
         _set_frozen_array(self, "mean", mean)
         _set_frozen_array(self, "covariance", _symmetrize(covariance))
+        _set_frozen_array(self, "square_root", root)
 
 
-def is_positive_semidefinite(covariance: Floats) -> bool:
-    """Whether a finite (n, n) matrix is symmetric without negative eigenvalues, up to rounding.
+def covariance_square_root(covariance: Floats) -> tuple[Floats, bool]:
+    """Square root B (n, n) of a covariance of any rank, B B^T, and whether the matrix is one.
 
-    Tests the correlations, so that variances in metres do not hide those in radians.
+    A finite (n, n) matrix is a covariance if it is symmetric without negative eigenvalues, up to
+    rounding. By the eigenvectors of the correlations: variances in metres do not hide those in
+    radians there, and a Cholesky factor needs full rank, which P = 0 lacks.
     """
-    _, correlation, possible = sigmas_and_correlations(covariance)
-    return possible and bool(np.linalg.eigvalsh(correlation)[0] >= -_ROUNDING_TOLERANCE)
-
-
-def covariance_square_root(covariance: Floats) -> Floats:
-    """Square root B (n, n) of a positive semidefinite matrix of any rank: B B^T = covariance.
-
-    By the eigenvectors of the correlations; a Cholesky factor needs full rank, which P = 0 lacks.
-    """
-    sigma, correlation, _ = sigmas_and_correlations(covariance)
+    sigma, correlation, possible = sigmas_and_correlations(covariance)
+    if not possible:
+        return np.zeros_like(correlation), False
     values, vectors = np.linalg.eigh(correlation)
     with np.errstate(under="ignore"):  # products below 1e-308 are zero
         # Eigenvalues that rounding made negative are zeros of a matrix of lower rank.
         root: Floats = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+    return root, bool(values[0] >= -_ROUNDING_TOLERANCE)
 
 
 def sigmas_and_correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
@@ -79,18 +79,20 @@ def sigmas_and_correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
     covariance, a correlation exceeds 1, or the matrix is not symmetric; the correlations are then
     zero. A sigma below 1.5e-154, whose square is not a normal float, counts as zero.
     """
-    variances = np.diagonal(covariance)
+    variances = covariance.diagonal()
     sigma = np.sqrt(np.maximum(variances, 0.0))
-    sigma[sigma < _MIN_SIGMA] = 0.0
-    certain = sigma == 0.0
+    certain = sigma < _MIN_SIGMA
     # Dividing twice instead of by the outer product, which underflows for small sigmas.
     scale = np.where(certain, _MIN_SIGMA, sigma)
     with np.errstate(over="ignore", under="ignore"):
         correlation = covariance / scale / scale[:, None]
-    if not (variances.min() >= 0.0 and _is_correlation_matrix(correlation)):
-        return sigma, np.zeros_like(correlation), False
-    correlation[certain | certain[:, None]] = 0.0
-    return sigma, correlation, True
+    possible = bool(variances.min() >= 0.0) and _is_correlation_matrix(correlation)
+    if not possible:
+        correlation = np.zeros_like(correlation)
+    elif certain.any():
+        sigma[certain] = 0.0
+        correlation[certain | certain[:, None]] = 0.0
+    return sigma, correlation, possible
 
 
 def _is_correlation_matrix(matrix: Floats) -> bool:

@@ -14,11 +14,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from catoptra_client.localization.belief import (
-    Belief,
-    covariance_square_root,
-    is_positive_semidefinite,
-)
+from catoptra_client.localization.belief import Belief, covariance_square_root
 from catoptra_client.localization.landmark_map import LandmarkPosition
 from catoptra_client.localization.measurement_model import (
     Measurement,
@@ -41,6 +37,8 @@ from catoptra_protocol.optics.numerics import Floats
 # Radius of a beacon: a robot believed closer than that stands inside the landmark, where the
 # linearization of the bearing is meaningless.
 MIN_LANDMARK_RANGE_M = 0.05
+# A squared pivot below 16 eps of its variance is the rounding residue of zero.
+_MIN_RELATIVE_PIVOT = 16.0 * float(np.finfo(np.float64).eps)
 
 
 class UpdateStatus(StrEnum):
@@ -104,7 +102,7 @@ def predict(belief: Belief, control: Control, *, noise: MotionNoise) -> Belief:
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         G = jacobian_wrt_pose(belief.mean, control)
         V = jacobian_wrt_control(belief.mean, control)
-        B = np.hstack((G @ covariance_square_root(belief.covariance), V @ np.sqrt(M)))
+        B = np.hstack((G @ belief.square_root, V @ np.sqrt(M)))
         mean, covariance = propagate_pose(belief.mean, control), B @ B.T
     if not _all_finite(mean, covariance):
         raise DomainError(f"{control} leads beyond float64 from {belief.mean}")
@@ -128,17 +126,26 @@ def update(
     if not defined or expected.range_m < MIN_LANDMARK_RANGE_M:
         return _reject(belief, UpdateStatus.AT_LANDMARK)
     innovation, H, R = compute_innovation(measurement, expected)
-    if not is_positive_semidefinite(R):
+    R_root, valid = covariance_square_root(R)
+    if not valid:
         return _reject(belief, UpdateStatus.INVALID_NOISE_COVARIANCE)
     # Underflow to zero is harmless; overflow is checked before a result enters the belief.
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-        return _gate_and_correct(belief, innovation, H, R, gate)
+        return _gate_and_correct(belief, innovation, H, R, R_root, gate)
 
 
 def _gate_and_correct(
-    belief: Belief, innovation: Floats, H: Floats, R: Floats, gate: ValidationGate
+    belief: Belief,
+    innovation: Floats,
+    H: Floats,
+    R: Floats,
+    R_root: Floats,
+    gate: ValidationGate,
 ) -> MeasurementUpdate:
-    """Compare a usable measurement with the gate, then correct the belief."""
+    """Compare a usable measurement with the gate, then correct the belief.
+
+    R_root: square root of R.
+    """
     S = H @ belief.covariance @ H.T + R
     if not _all_finite(S):
         return _reject(belief, UpdateStatus.OVERFLOW)
@@ -151,7 +158,7 @@ def _gate_and_correct(
         return _reject(belief, UpdateStatus.OVERFLOW)
     if nis > gate.threshold(innovation.size):
         return MeasurementUpdate(belief, UpdateStatus.OUTSIDE_GATE, innovation, S, nis)
-    corrected, finite = _correct(belief, innovation, H, R, L)
+    corrected, finite = _correct(belief, innovation, H, R_root, L)
     if not finite:
         return _reject(belief, UpdateStatus.OVERFLOW)
     return MeasurementUpdate(corrected, UpdateStatus.ACCEPTED, innovation, S, nis)
@@ -164,23 +171,21 @@ def _cholesky(S: Floats) -> tuple[Floats, bool]:
         L = np.asarray(np.linalg.cholesky(S), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.zeros_like(S), False
-    # A squared pivot below 16 eps of its variance is the rounding residue of zero.
-    floor = 16.0 * np.finfo(np.float64).eps * np.diagonal(S)
-    return L, bool((np.square(np.diagonal(L)) > floor).all())
+    return L, bool((np.square(L.diagonal()) > _MIN_RELATIVE_PIVOT * S.diagonal()).all())
 
 
 def _correct(
-    belief: Belief, innovation: Floats, H: Floats, R: Floats, L: Floats
+    belief: Belief, innovation: Floats, H: Floats, R_root: Floats, L: Floats
 ) -> tuple[Belief, bool]:
     """Belief corrected by the gain, and whether it is finite; else the previous belief.
 
-    L: Cholesky factor of the innovation covariance. B B^T is Joseph's form (I - K H) P (I - K H)^T
-    + K R K^T.
+    R_root: square root of R. L: Cholesky factor of the innovation covariance. B B^T is Joseph's
+    form (I - K H) P (I - K H)^T + K R K^T.
     """
     K = np.linalg.solve(L.T, np.linalg.solve(L, H @ belief.covariance)).T
-    root = covariance_square_root(belief.covariance)
+    root = belief.square_root
     # Square-root blocks side by side: their product is Joseph's form, and cannot lose symmetry.
-    B = np.hstack((root - K @ (H @ root), K @ covariance_square_root(R)))
+    B = np.hstack((root - K @ (H @ root), K @ R_root))
     mean, covariance = belief.mean + K @ innovation, B @ B.T
     if not _all_finite(mean, covariance):
         return belief, False

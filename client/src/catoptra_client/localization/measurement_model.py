@@ -7,6 +7,7 @@ yaw. A landmark near the horizon has no usable range and gives a bearing alone.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,7 +77,7 @@ def predict_measurement(
     dx, dy = landmark.x_m - float(pose[0]), landmark.y_m - float(pose[1])
     rho = math.hypot(dx, dy)
     # The reciprocal of a subnormal range overflows; that of the smallest normal one is finite.
-    if not np.finfo(np.float64).tiny < rho < math.inf:
+    if not sys.float_info.min < rho < math.inf:
         return PredictedMeasurement(0.0, 0.0, np.zeros((2, 3))), False
     # Direction cosines, then a second division by rho: rho^2 would under- or overflow first.
     cx, cy = dx / rho, dy / rho
