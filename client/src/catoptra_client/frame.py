@@ -1,7 +1,9 @@
-"""Frames and frame sources, independent of the transport, and the decoding of image files."""
+"""Frames and frame sources, independent of the transport, and the coding of image files."""
 
 from __future__ import annotations
 
+import base64
+import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import TracebackType
@@ -11,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -29,11 +31,12 @@ Pixels = npt.NDArray[np.uint8]
 
 
 # eq=False: comparing arrays gives an array, so frames compare by identity.
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Frame:
     """One image with its metadata, from either transport.
 
-    TCP delivers image, sequence and type alone; the other fields are then None or empty.
+    TCP delivers image, sequence and type alone; the other fields are then None or empty. `print`
+    shows a summary, a notebook the picture.
     """
 
     rgb: Pixels
@@ -82,6 +85,37 @@ class Frame:
     """Difference from the reference that a variant names, in numbers."""
     difference_rgb: Pixels | None = None
     """The same as (h, w, 3) absolute differences, uint8."""
+
+    def __repr__(self) -> str:
+        """Summary in a line: of the fields that the transport delivers, those of interest."""
+        height, width = self.rgb.shape[:2]
+        parts = [f"{width} x {height} px" if self.rgb.size else "no pixels"]
+        if self.camera_name is not None:
+            parts.append(f"camera {self.camera_name!r}")
+        if self.robot_name is not None:
+            parts.append(f"robot {self.robot_name!r}")
+        if self.time_s is not None:
+            parts.append(f"at {self.time_s:.2f} s")
+        if self.error_bound_px is not None:
+            parts.append(f"bound {self.error_bound_px:.2g} px")
+        if self.plan is not None:
+            # The server's name of a plan, then its reason.
+            parts.append(self.plan.partition(":")[0])
+        if self.stage_ms is not None:
+            parts.append(f"rendered in {sum(self.stage_ms.values()):.1f} ms")
+        return f"<Frame {self.sequence}: {', '.join(parts)}>"
+
+    def _repr_png_(self) -> bytes | None:
+        """PNG file for a notebook; None without pixels."""
+        return image_bytes_from_rgb(self.rgb, ".png") if self.rgb.size else None
+
+    def _repr_html_(self) -> str:
+        """Picture above its summary, for a notebook."""
+        caption, png = html.escape(repr(self)), self._repr_png_()
+        if png is None:
+            return f"<p>{caption}</p>"
+        data = base64.b64encode(png).decode("ascii")
+        return f'<img src="data:image/png;base64,{data}" alt="{caption}"><p>{caption}</p>'
 
 
 class FrameSource(Protocol):
@@ -132,6 +166,20 @@ def rgb_from_image_bytes(data: bytes) -> Pixels:
     if rgb is None:
         raise RemoteProtocolError(f"{kind} frame of {len(data)} bytes that cannot be decoded")
     return np.asarray(rgb, np.uint8)
+
+
+def image_bytes_from_rgb(rgb: Pixels, suffix: str) -> bytes:
+    """Encode (h, w, 3) RGB pixels as an image file of the format with this suffix.
+
+    Raises:
+        CatoptraError: there are no pixels.
+    """
+    if not rgb.size:
+        raise CatoptraError("the frame has no pixels: spawn a robot with a camera first")
+    ok, data = cv2.imencode(suffix, cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
+    assert ok, "cv2 encodes every 8-bit image"
+    encoded: bytes = data.tobytes()
+    return encoded
 
 
 def _check_png_size(data: bytes) -> None:

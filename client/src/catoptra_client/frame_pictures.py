@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from catoptra_client.frame import Frame, Pixels
+from catoptra_client.frame import Frame, Pixels, image_bytes_from_rgb
 from catoptra_client.unwarp import CylinderGeometry, make_unwarp_map, unwarp
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -63,16 +62,7 @@ def write_image(path: Path, rgb: Pixels) -> None:
     if path.suffix.lower() not in _IMAGE_SUFFIXES:
         names = ", ".join(_IMAGE_SUFFIXES)
         raise CatoptraError(f"{path}: the name of an image file ends with one of {names}")
-    path.write_bytes(_encode_image(rgb, path.suffix.lower()))
-
-
-def _encode_image(rgb: Pixels, suffix: str) -> bytes:
-    if not rgb.size:
-        raise CatoptraError("the frame has no pixels: spawn a robot with a camera first")
-    ok, data = cv2.imencode(suffix, cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
-    assert ok, "cv2 encodes every 8-bit image"
-    encoded: bytes = data.tobytes()
-    return encoded
+    path.write_bytes(image_bytes_from_rgb(rgb, path.suffix.lower()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,10 +77,10 @@ class FrameView:
     def _repr_png_(self) -> bytes:
         """PNG file of the picture above the panorama, the notebook's own name for it."""
         if self.panorama is None:
-            return _encode_image(self.picture, ".png")
+            return image_bytes_from_rgb(self.picture, ".png")
         width = max(self.picture.shape[1], self.panorama.shape[1])
         rows = (_centre_in_width(self.picture, width), _centre_in_width(self.panorama, width))
-        return _encode_image(np.concatenate(rows), ".png")
+        return image_bytes_from_rgb(np.concatenate(rows), ".png")
 
 
 def _centre_in_width(rgb: Pixels, width: int) -> Pixels:

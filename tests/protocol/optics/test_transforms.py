@@ -9,7 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy, rpy_from_rotation
+from catoptra_protocol.optics.transforms import (
+    Pose,
+    quaternion_from_rotation,
+    rotation_from_rpy,
+    rpy_from_rotation,
+)
 
 QUARTER = 0.5 * math.pi
 ANGLES = st.floats(-math.pi, math.pi)
@@ -93,3 +98,77 @@ def test_pose_when_made_of_an_array_leaves_the_array_writable() -> None:
     position = np.zeros(3)
     Pose.from_rpy(position)
     position[0] = 1.0
+
+
+def multiply_quaternions(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Hamilton's product of two quaternions in the order x, y, z, w."""
+    return np.array(
+        [*(p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3], q[:3])), p[3] * q[3] - p[:3] @ q[:3]]
+    )
+
+
+def quaternion_of_turn(axis: tuple[float, ...], angle: float) -> np.ndarray:
+    unit = np.array(axis) / np.linalg.norm(axis)
+    return np.array([*(math.sin(0.5 * angle) * unit), math.cos(0.5 * angle)])
+
+
+def rotation_of_turn(axis: tuple[float, ...], angle: float) -> np.ndarray:
+    """Rotation (3, 3) by the formula of Rodrigues."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(ANGLES, ANGLES, ANGLES)
+def test_quaternion_of_three_angles_is_the_product_of_their_half_turns(
+    roll: float, pitch: float, yaw: float
+) -> None:
+    expected = multiply_quaternions(
+        quaternion_of_turn((0, 0, 1), yaw),
+        multiply_quaternions(
+            quaternion_of_turn((0, 1, 0), pitch), quaternion_of_turn((1, 0, 0), roll)
+        ),
+    )
+    quaternion = Pose.from_rpy((1.0, 2.0, 3.0), (roll, pitch, yaw)).quaternion
+    assert quaternion[3] >= 0.0
+    # Two quaternions, of opposite signs, are one rotation: near a half turn w is rounding.
+    sign = math.copysign(1.0, quaternion @ expected)
+    np.testing.assert_allclose(quaternion, sign * expected, atol=EXACT)
+
+
+AXES = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (-1, 2, 0), (0, -3, 1), (1, -1e-9, 1e-9)]
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("from_half_turn", [0.0, 1e-15, 1e-9, 1e-3, -1e-9, -1e-3, 1.0])
+def test_quaternion_of_a_turn_near_180_degrees_keeps_all_digits(
+    axis: tuple[float, ...], from_half_turn: float
+) -> None:
+    quaternion = quaternion_from_rotation(rotation_of_turn(axis, math.pi + from_half_turn))
+    expected = quaternion_of_turn(axis, math.pi + from_half_turn)
+    sign = math.copysign(1.0, quaternion @ expected)
+    np.testing.assert_allclose(quaternion, sign * expected, atol=EXACT)
+
+
+@pytest.mark.parametrize(
+    ("diagonal", "expected"),
+    [
+        ((1, 1, 1), (0, 0, 0, 1)),
+        ((1, -1, -1), (1, 0, 0, 0)),
+        ((-1, 1, -1), (0, 1, 0, 0)),
+        ((-1, -1, 1), (0, 0, 1, 0)),
+    ],
+)
+def test_quaternion_of_the_identity_and_of_exact_half_turns(
+    diagonal: tuple[int, ...], expected: tuple[int, ...]
+) -> None:
+    assert tuple(quaternion_from_rotation(np.diag(np.array(diagonal, float)))) == expected
+
+
+def test_quaternion_of_a_half_turn_starts_with_a_positive_component() -> None:
+    # About (-1, 2, 0) / sqrt(5), exactly symmetric: w is 0.
+    half_turn = np.array([[-0.6, -0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, -1.0]])
+    x, y, z, w = quaternion_from_rotation(half_turn)
+    assert (x, y) == (pytest.approx(math.sqrt(0.2)), pytest.approx(-math.sqrt(0.8)))
+    assert (z, w) == (0.0, 0.0)

@@ -11,6 +11,7 @@ from catoptra_server.planning.cost_model import (
     CostModel,
     PlanTiming,
     cost_group,
+    describe_rates,
     fit_cost_model,
     fit_nonnegative_rates,
 )
@@ -51,6 +52,13 @@ def test_model_fitted_to_a_few_plans_predicts_others() -> None:
         assert model.predict_frame_ms(plan) == pytest.approx(
             TRUE_MODEL.predict_frame_ms(plan), rel=1e-6
         )
+
+
+def test_rates_in_a_log_are_words_and_rounded_numbers() -> None:
+    rates = {"raster": {"faces": (1.5591839844747946, 3.794824941659078), "other": (0.05, 0.0)}}
+    assert describe_rates(rates) == (
+        "raster faces 1.56 ms + 3.79 ms/million; raster other 0.05 ms + 0 ms/million"
+    )
 
 
 def test_model_of_noisy_times_has_no_negative_rates() -> None:

@@ -50,6 +50,29 @@ def rpy_from_rotation(rotation: Floats) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
+def quaternion_from_rotation(rotation: Floats) -> Floats:
+    """Unit quaternion (4,) of a (3, 3) rotation, in the order x, y, z, w of ROS and SciPy.
+
+    Of the two quaternions of a rotation the one with w >= 0; of a half turn, where w is 0, the one
+    whose first component that is not 0 is positive. Source: Shepperd 1978.
+    """
+    ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)) = rotation
+    # 4 q q^T: every entry is linear in the rotation, so each row is the quaternion, scaled.
+    products = np.array(
+        [
+            [1 + xx - yy - zz, xy + yx, zx + xz, zy - yz],
+            [xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx],
+            [zx + xz, yz + zy, 1 - xx - yy + zz, yx - xy],
+            [zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz],
+        ]
+    )
+    # The row of the largest component, at least a half: the others cancel near half turns.
+    largest = int(np.argmax(np.diagonal(products)))
+    quaternion: Floats = products[largest] / np.linalg.norm(products[largest])
+    leading = next(part for part in quaternion[[3, 0, 1, 2]] if part != 0.0)
+    return quaternion if leading > 0.0 else -quaternion
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
     """Rigid transform parent_from_child."""
@@ -91,6 +114,11 @@ class Pose:
     def rotate_directions(self, directions_in_child: Floats) -> Floats:
         """Directions (..., 3) in the parent frame; the translation does not apply."""
         return directions_in_child @ self.rotation.T
+
+    @property
+    def quaternion(self) -> Floats:
+        """Unit quaternion (4,) of the rotation, in the order x, y, z, w; w >= 0."""
+        return quaternion_from_rotation(self.rotation)
 
     def to_rpy(self) -> tuple[float, float, float]:
         """Roll, pitch and yaw in radians."""

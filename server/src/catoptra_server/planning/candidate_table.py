@@ -13,7 +13,13 @@ from catoptra_server.fault_log import log_fault
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_candidate_plans
 from catoptra_server.planning.cost_cache import CostCache
-from catoptra_server.planning.cost_model import CostModel, PlanTiming, Rates, fit_cost_model
+from catoptra_server.planning.cost_model import (
+    CostModel,
+    PlanTiming,
+    Rates,
+    describe_rates,
+    fit_cost_model,
+)
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.plan_choice import PlanOption
 from catoptra_server.planning.renderer_pool import RendererPool
@@ -101,7 +107,7 @@ class RendererCalibration:
                 return stored
         timings = self._measure(renderer, kind, camera.camera, surface, camera_states)
         rates = fit_cost_model(camera.camera, timings).rates
-        log.info("costs of %s measured: %s", kind.value, rates)
+        log.info("costs of %s measured: %s", kind.value, describe_rates(rates))
         if self._cache:
             self._cache.write(key, rates)
         return rates

@@ -65,6 +65,15 @@ class CostModel:
         }
 
 
+def describe_rates(rates: Mapping[str, Rates]) -> str:
+    """Rates for a log: of each stage the constant, and the rates per million of its quantities."""
+    stages = [(f"{group} {stage}", r) for group in rates for stage, r in rates[group].items()]
+    return "; ".join(
+        f"{name} {constant:.3g} ms + {', '.join(f'{rate:.3g}' for rate in others)} ms/million"
+        for name, (constant, *others) in stages
+    )
+
+
 def cost_group(plan: RenderPlan) -> str:
     """Group of plans that share rates: plans that run the same stages by the same code."""
     return plan.renderer.value
