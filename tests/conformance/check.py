@@ -6,6 +6,7 @@ describe one world: odometry, scan, pose and picture against each other.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -49,3 +50,25 @@ class Check:
     """Returns if the server passes; raises CheckFailed, CheckSkipped, OSError (a connection that
     broke) or CatoptraError (a reply that cannot be parsed), of which all but CheckSkipped fail.
     """
+
+
+def check_from_function(name: str, port: str, run: Callable[[ServerUnderTest], None]) -> Check:
+    """Check whose description is the first line of the function's docstring."""
+    return Check(name, port, (run.__doc__ or "").partition("\n")[0], run)
+
+
+def retry_once(run: Callable[[ServerUnderTest], None]) -> Callable[[ServerUnderTest], None]:
+    """A check against the wall clock, repeated once if it fails.
+
+    A busy machine delays a command or a report by tenths of seconds, rarely twice in a row; a wrong
+    server fails both times.
+    """
+
+    @functools.wraps(run)
+    def run_at_most_twice(server: ServerUnderTest) -> None:
+        try:
+            run(server)
+        except CheckFailed:
+            run(server)
+
+    return run_at_most_twice

@@ -1,0 +1,204 @@
+"""Poses, scans, encoder ticks and the drive base of a robot, from the lines of either dialect."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.usarsim.grammar import Message, split_groups
+from conformance.check import CheckFailed, CheckSkipped
+from conformance.control_session import ControlSession
+
+Floats = npt.NDArray[np.float64]
+Cycle = dict[str, list[Message]]
+"""Newest reports by sensor type in lower case."""
+
+POSE_SENSORS = ("groundtruth", "ins", "odometry")
+_NUMBER = re.compile(r"-?\d+(\.\d+)?")
+# Above any angle of a robot that has turned once: an unwrapped one (UDK) and its noise.
+_MAX_ANGLE_RAD = 4.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class PlanarMotion:
+    """Motion of a robot in the frame of its pose before: x forward, y right, yaw clockwise."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+    @property
+    def distance_m(self) -> float:
+        """Distance between both places."""
+        return math.hypot(self.x_m, self.y_m)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanarPose:
+    """Place and heading of a robot, in any level frame."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+    def motion_to(self, later: PlanarPose) -> PlanarMotion:
+        """Motion from this pose to a later one; a turn of less than half a revolution."""
+        dx, dy = later.x_m - self.x_m, later.y_m - self.y_m
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return PlanarMotion(
+            cos * dx + sin * dy, cos * dy - sin * dx, wrap(later.yaw_rad - self.yaw_rad)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A scan; the first range is on the right of the robot."""
+
+    name: str
+    resolution_rad: float
+    fov_rad: float
+    ranges_m: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class DriveBase:
+    """What a skid-steered robot states about its wheels."""
+
+    max_speed_rad_s: float
+    wheel_radius_m: float
+    wheel_separation_m: float
+
+
+def wrap(angle_rad: float) -> float:
+    """Angle in [-pi, pi]."""
+    return math.remainder(angle_rad, math.tau)
+
+
+def read_numbers(message: Message, name: str, count: int) -> tuple[float, ...]:
+    """Numbers of a field.
+
+    Raises:
+        CheckFailed: The field is missing, or is not this many plain decimals.
+    """
+    parts = (message.get(name) or "").split(",")
+    if len(parts) != count or not all(map(_NUMBER.fullmatch, parts)):
+        text = f"{count} plain decimals" if count > 1 else "one plain decimal"
+        raise CheckFailed(f"{message}: {name} is {','.join(parts)!r}, expected {text}")
+    return tuple(map(float, parts))
+
+
+def read_number(message: Message, name: str) -> float:
+    """Number of a field; raises as `read_numbers`."""
+    return read_numbers(message, name, 1)[0]
+
+
+def find_poses(cycle: Cycle) -> dict[str, PlanarPose]:
+    """Poses of a cycle by sensor type.
+
+    Raises:
+        CheckFailed: An angle cannot be in radians.
+    """
+    poses = {type_: _read_pose(cycle[type_][0]) for type_ in POSE_SENSORS if type_ in cycle}
+    for type_, pose in poses.items():
+        if abs(pose.yaw_rad) > _MAX_ANGLE_RAD:
+            raise CheckFailed(f"{cycle[type_][0]}: a heading of {pose.yaw_rad:g} is not in radians")
+    return poses
+
+
+def _read_pose(message: Message) -> PlanarPose:
+    if message.get("Pose") is not None:
+        return PlanarPose(*read_numbers(message, "Pose", 3))
+    x, y, _ = read_numbers(message, "Location", 3)
+    return PlanarPose(x, y, read_numbers(message, "Orientation", 3)[2])
+
+
+def find_scan(cycle: Cycle) -> Scan:
+    """First scan of a cycle.
+
+    Raises:
+        CheckSkipped: No range scanner reports.
+    """
+    if "rangescanner" not in cycle:
+        raise CheckSkipped("no range scanner reports")
+    message = cycle["rangescanner"][0]
+    ranges = numbers_from_commas(message.get("Range") or "")
+    return Scan(
+        message.get("Name") or "",
+        read_number(message, "Resolution"),
+        read_number(message, "FOV"),
+        np.array(ranges),
+    )
+
+
+def numbers_from_commas(text: str) -> list[float]:
+    """Numbers of a list of any length.
+
+    Raises:
+        CheckFailed: A part is no plain decimal.
+    """
+    parts = text.split(",")
+    for part in parts:
+        if not _NUMBER.fullmatch(part):
+            raise CheckFailed(f"{part[:40]!r} in a list of {len(parts)}: expected a plain decimal")
+    return list(map(float, parts))
+
+
+def find_ticks(cycle: Cycle) -> dict[str, float]:
+    """Ticks of the encoders of a cycle by name in lower case."""
+    return _find_items(cycle, "encoder", "Tick")
+
+
+def find_sonar_ranges(cycle: Cycle) -> dict[str, float]:
+    """Ranges of the sonars of a cycle by name in lower case."""
+    return _find_items(cycle, "sonar", "Range")
+
+
+def find_item_names(message: Message) -> list[str]:
+    """Names of the sensors that a line lists."""
+    groups = split_groups(message, "Name")
+    return [group.pairs[0][1].partition(" ")[0] for group in groups]
+
+
+def _find_items(cycle: Cycle, type_: str, key: str) -> dict[str, float]:
+    """Number of each sensor of a type: `{Name F1 Range 4.5}` (UT2004), `{Name F1} {Range 4.5}`.
+
+    Raises:
+        CheckFailed: A sensor has no such plain decimal.
+    """
+    items: dict[str, float] = {}
+    for message in cycle.get(type_, ()):
+        for item in split_groups(message, "Name"):
+            _, name, *words = " ".join(f"{key} {value}" for key, value in item.pairs).split(" ")
+            pairs = dict(zip(words[::2], words[1::2], strict=False))
+            if not _NUMBER.fullmatch(pairs.get(key, "")):
+                raise CheckFailed(f"{message}: {name} has no {key} with a plain decimal")
+            items[name.lower()] = float(pairs[key])
+    return items
+
+
+def read_drive_base(session: ControlSession) -> DriveBase:
+    """Drive base of the robot, from CONF and GEO.
+
+    Raises:
+        CheckSkipped: The robot does not steer by the speeds of its sides.
+        CheckFailed: A number is missing or not positive.
+    """
+    replies = session.query("GETCONF {Type Robot}", "GETGEO {Type Robot}")
+    conf = next((one for one in replies if one.word == "CONF" and one.get("SteeringType")), None)
+    geo = next((one for one in replies if one.word == "GEO" and one.get("Dimensions")), None)
+    if conf is None or geo is None:
+        raise CheckFailed("no CONF with a SteeringType and GEO with Dimensions for {Type Robot}")
+    if conf.get("SteeringType") not in ("SkidSteered", "Differential"):
+        raise CheckSkipped(f"a robot with the steering {conf.get('SteeringType')}")
+    base = DriveBase(
+        read_number(conf, "MaxSpeed"),
+        read_number(geo, "WheelRadius"),
+        read_number(geo, "WheelSeparation"),
+    )
+    if min(base.max_speed_rad_s, base.wheel_radius_m, base.wheel_separation_m) <= 0.0:
+        raise CheckFailed(f"{conf}, {geo}: expected positive wheel speed, radius and separation")
+    return base
