@@ -75,13 +75,16 @@ bench: $(READY) ## Measure frames, rays and serving against their bars on this m
 	PYTHONPATH=tests $(BIN)/python -m cost.trace_speed
 	-PYTHONPATH=tests $(BIN)/python -m cost.serving
 
-cost: $(READY) ## Measure what accuracy costs in time; writes server/COST.md, README's table, out/cost: [QUICK=yes] [MACHINE=text]
-	$(BIN)/catoptra-studies cost --output out/cost --report server/COST.md --readme README.md \
-	  $(if $(QUICK),--quick) --machine "$(MACHINE)"
+# The report and tables that the repository has change with UPDATE=yes alone: they are those of one
+# machine, which they name.
+cost: $(READY) ## Measure what accuracy costs in time; writes out/cost: [QUICK=yes] [UPDATE=yes: COST.md, README] [MACHINE=text]
+	$(BIN)/catoptra-studies cost --output out/cost $(if $(QUICK),--quick) --machine "$(MACHINE)" \
+	  $(if $(filter yes,$(UPDATE)),--report server/COST.md --readme README.md)
 	$(if $(QUICK),,$(BIN)/python tests/cost/accuracy_target.py)
 
-effects: $(READY) ## Draw each image effect, find the levels at which classification fails; writes out/effects: [QUICK=yes]
-	$(BIN)/catoptra-studies effects --output out/effects $(if $(QUICK),--quick)
+effects: $(READY) ## Draw each image effect, find the levels at which classification fails; writes out/effects: [QUICK=yes] [UPDATE=yes: docs]
+	$(BIN)/catoptra-studies effects --output out/effects $(if $(QUICK),--quick) \
+	  $(if $(filter yes,$(UPDATE)),--page docs/EFFECTS.md)
 
 conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port [IMAGE= STREAM= DIALECT=udk LEGACY=yes]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [DIALECT=udk] [LEGACY=yes]"; exit 2; }

@@ -62,12 +62,14 @@ def _write_report(parsed: argparse.Namespace) -> None:
     results = read_cost_results(parsed.output / "cost.json")
     write_result_plots(results, parsed.output)
     _report_path(parsed).write_text(format_cost_report(results), encoding="utf-8")
+    summary = format_summary_table(results)
+    print_line(summary)
     if parsed.readme:
-        replace_block(parsed.readme, "cost", format_summary_table(results))
+        replace_block(parsed.readme, "cost", summary)
 
 
 def _report_path(parsed: argparse.Namespace) -> Path:
-    # Not the repository's COST.md by default: only make cost overwrites it.
+    # Not the repository's COST.md by default: only `make cost UPDATE=yes` overwrites it.
     path: Path = parsed.report or parsed.output / "COST.md"
     return path
 

@@ -19,7 +19,8 @@ from catoptra_studies.degradation.degradation_study import (
 from catoptra_studies.degradation.example_frame import rms_difference
 from catoptra_studies.degradation.failure_levels import FailureLevels, find_failure_levels
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
-from catoptra_studies.reports.markdown import markdown_table
+from catoptra_studies.paper_values import PAPER_EKF_ERROR_M
+from catoptra_studies.reports.markdown import markdown_table, wrap_paragraph
 
 FORMAT_VERSION = 2
 
@@ -145,6 +146,42 @@ def failure_table(results: Sequence[SweepResult]) -> str:
         labels = (label or "–" for label in failures)
         rows.append([result.sweep.name, result.sweep.unit, span, *labels])
     return markdown_table(_FAILURE_HEADER, rows)
+
+
+def format_sweep_summary(results: Sequence[SweepResult], *, num_runs: int, seed: int) -> str:
+    """Sentence on the conditions, and a row with all levels of each sweep, for docs/EFFECTS.md."""
+    clean = results[0].clean.metrics[TRAINED_ON_CLEAN]
+    seeds = f"seeds {seed} to {seed + num_runs - 1}" if num_runs > 1 else f"seed {seed}"
+    conditions = wrap_paragraph(
+        f"Drives per level: {num_runs} of {clean.num_frames // num_runs} frames, {seeds}; beacons "
+        "found → the filter's largest error, median of the drives, bold beyond the paper's "
+        f"{PAPER_EKF_ERROR_M:g} m. Clean images: {_format_summary_cell(clean)}; odometry alone: "
+        f"{clean.odometry_max_m:.2f} m."
+    )
+    # Not aligned: the widest cell has 150 characters.
+    rows = (
+        ("sweep", "levels: found → filter's largest error", "last level, retrained"),
+        ("---",) * 3,
+        *(_summary_row(result) for result in results),
+    )
+    return "\n".join((conditions, "", *(f"| {' | '.join(row)} |" for row in rows)))
+
+
+def _summary_row(result: SweepResult) -> tuple[str, str, str]:
+    levels = (
+        f"{level.label}: {_format_summary_cell(level.metrics[TRAINED_ON_CLEAN])}"
+        for level in result.levels
+    )
+    retrained = result.levels[-1].metrics[TRAINED_ON_DEGRADED]
+    name = f"{result.sweep.name.lower()}: {result.sweep.unit}"
+    return name, "; ".join(levels), _format_summary_cell(retrained)
+
+
+def _format_summary_cell(metrics: DegradationMetrics) -> str:
+    error = f"{metrics.ekf_max_m:.2f} m"
+    if metrics.ekf_max_m > PAPER_EKF_ERROR_M:
+        error = f"**{error}**"
+    return f"{100.0 * metrics.detection_rate:.0f} % → {error}"
 
 
 def _format_sweep(result: SweepResult) -> str:

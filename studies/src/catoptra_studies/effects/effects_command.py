@@ -13,6 +13,7 @@ from pathlib import Path
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.degradation.degradation_report import (
     failure_table,
+    format_sweep_summary,
     write_degradation_results,
 )
 from catoptra_studies.degradation.degradation_study import (
@@ -29,6 +30,7 @@ from catoptra_studies.progress_display import (
     print_error,
     print_line,
 )
+from catoptra_studies.reports.marked_block import replace_block
 
 EXIT_FAILURE = 2
 # Two thirds of the experiment's: a sweep trains for each of fifty levels anew.
@@ -38,7 +40,10 @@ _SWEEP_SLUGS = [sweep.slug for sweep in SWEEPS]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study; return 0, or 2 after one line about the reason."""
-    parsed = _make_parser().parse_args(arguments)
+    parser = _make_parser()
+    parsed = parser.parse_args(arguments)
+    if parsed.page and (parsed.sweep or parsed.only == "pages"):
+        parser.error("--page gets the table of all sweeps: leave out --sweep and --only pages")
     results: tuple[SweepResult, ...] = ()
     try:
         parsed.output.mkdir(parents=True, exist_ok=True)
@@ -47,6 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 _write_pages(parsed.output, progress)
             if parsed.only != "pages":
                 results = _run_sweeps(parsed, progress)
+        if parsed.page:
+            _update_page(parsed, results)
     except (CatoptraError, OSError) as error:
         print_error(f"catoptra-studies effects: {error}")
         return EXIT_FAILURE
@@ -78,6 +85,12 @@ def _run_sweeps(parsed: argparse.Namespace, progress: ProgressDisplay) -> tuple[
     return results
 
 
+def _update_page(parsed: argparse.Namespace, results: tuple[SweepResult, ...]) -> None:
+    num_runs = _experiment_config(parsed).num_runs
+    summary = format_sweep_summary(results, num_runs=num_runs, seed=parsed.seed)
+    replace_block(parsed.page, "sweeps", summary)
+
+
 def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
     """The simulated drive; robot files and servers' logs go into a folder of their own."""
     folder: Path = parsed.output / "degradation"
@@ -105,6 +118,7 @@ def _make_parser() -> argparse.ArgumentParser:
         help="folder with robots/, worlds/ and landmarks/ (default configs)")  # fmt: skip
     add("--output", type=Path, default=Path("out/effects"), metavar="DIR",
         help="folder for pages, report and plots (default out/effects)")  # fmt: skip
+    add("--page", type=Path, metavar="FILE", help="file whose sweeps block gets the table")
     add("--only", choices=["pages", "sweeps"], help="run one part alone")
     add("--sweep", action="append", choices=_SWEEP_SLUGS,
         help="only this sweep; may be given several times")  # fmt: skip
