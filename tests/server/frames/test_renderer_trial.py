@@ -10,6 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.renderer_trial import MAX_SHARE, NUM_ROUNDS, NUM_WARM_UP_ROUNDS
@@ -24,6 +25,8 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
 from helpers.worlds import make_omni_camera
 
 TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
@@ -34,6 +37,7 @@ RULE = RendererRule(
     {TRACE: RenderEngine.KERNEL, RASTER: RenderEngine.SOFTWARE_OPENGL},
 )
 NUM_STEPS = 2 * (NUM_ROUNDS + NUM_WARM_UP_ROUNDS)
+EMPTY_WORLD = build_scene(World("empty", ())), World("empty", ())
 # So slow that any other renderer is worth a trial.
 TRACE_S = 0.5
 
@@ -53,7 +57,7 @@ class Machine:
         choice = RendererChoice(
             self._create(TRACE), TRACE, "rule", {RASTER: create}, partial(self._create, TRACE), rule
         )
-        summarizer: Any = None  # without effects nothing is summarized
+        summarizer = SceneSummarizer(*EMPTY_WORLD)
         return ViewCache(RenderPlanner(RendererPool(choice)), summarizer, clock=lambda: self.now_s)
 
     def _create(self, kind: RendererKind) -> Any:

@@ -15,6 +15,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.capture_context import EMPTY_CONTEXT
@@ -54,10 +55,13 @@ CAMERA_STATE = CameraState(Pose.identity())
 
 
 class CountingRenderer:
-    """Prepares views that render black, and logs all calls."""
+    """Prepares views that render black, and logs all calls; bounds a scene without effects, too."""
 
     def __init__(self) -> None:
         self.log: list[str] = []
+
+    def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
+        return 1e-6
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> Any:
         self.log.append(f"prepare {camera.width_px}")
@@ -222,6 +226,9 @@ def test_decisions_when_only_a_bound_moves_are_reported_but_not_logged(
 
 class SlowRenderer:
     """Views take `ms_per_sample` on a fake clock for each sample of a pixel."""
+
+    def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
+        return 1e-6
 
     def __init__(self, ms_per_sample: float) -> None:
         self.ms_per_sample = ms_per_sample

@@ -12,6 +12,7 @@ from functools import cached_property
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.bounds import round_outward
+from catoptra_server.bounds.coordinate_rounding import CoordinateErrors, CoordinateRounding
 from catoptra_server.bounds.distance_bound_cache import (
     DistanceBoundCache,
     mirror_axis,
@@ -40,11 +41,24 @@ class SceneSummarizer:
         self._bounds = SceneBounds(scene)
         self._object_bounds = DynamicObjectBounds()
         self._shadows = ShadowBounds(scene, world)
+        self._rounding = CoordinateRounding(scene)
 
     @cached_property
     def max_radiance(self) -> float:
         """Largest radiance of the scene."""
         return max_radiance(self._scene, self._world)
+
+    def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
+        """Angle by which a renderer's coordinates displace nothing farther, rounded up.
+
+        Args:
+            camera_state: State with all objects in view.
+            errors: Errors of the renderer's coordinates.
+        """
+        angle_rad = self._rounding.max_angle_rad(
+            camera_state.world_from_mirror.translation, camera_state.objects, errors
+        )
+        return round_outward.round_away_from_zero((angle_rad,))[0]
 
     def summarize_radiance(self) -> SceneSummary:
         """Summary of the radiance alone, the same for every camera state."""

@@ -94,6 +94,15 @@ class CameraPlans:
         choice = self._planner.update_times(camera, planned.choice)
         return ViewState(choice, planned.budget_monitor.median_ms)
 
+    def bound_frame(self, planned: PlannedCamera, scene_angle_rad: float) -> None:
+        """Bound the next frame of a camera, and publish the bound where it changed.
+
+        Args:
+            scene_angle_rad: Largest displacement by the scene's coordinates.
+        """
+        if planned.bound_frame(scene_angle_rad) and planned.choice is not None:
+            self._error_bounds.put(planned.spec, planned.choice.bound)
+
     def record_frame(
         self, planned: PlannedCamera, ms: float, stage_ms: Mapping[str, float]
     ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
+from typing import cast
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -10,6 +11,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectPlan
 from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
+from catoptra_server.planning.error_bound import add_scene
 from catoptra_server.planning.perspective_plan import PerspectivePlan
 from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.render.render_plan import RenderPlan
@@ -26,7 +28,7 @@ class PlannedCamera:
     plan: Plan
     budget_monitor: BudgetMonitor
     choice: PlanChoice | None = None
-    """None for a perspective camera."""
+    """Choice with the bound of the last frame; None for a perspective camera."""
     effects: EffectPlan = NO_EFFECTS
     """Effects of the last frame."""
     budget_status: BudgetStatus = BudgetStatus.WITHIN_BUDGET
@@ -36,6 +38,9 @@ class PlannedCamera:
     """Everything that a view depends on; cameras with equal keys share a view."""
     plan_text: str = field(init=False)
     bounds: dict[str, float] | None = field(init=False, default=None)
+    _plan_choice: PlanChoice | None = field(init=False, default=None)
+    """Choice with the bound of the plan alone."""
+    _scene_angle_rad: float | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self._derive()
@@ -46,6 +51,7 @@ class PlannedCamera:
         # The reason quotes targets and predicted times.
         self.view_key = camera, replace(self.plan, reason="")
         self.plan_text = str(self.plan)
+        self._plan_choice, self._scene_angle_rad = self.choice, None
         if self.choice is not None and self.choice.bound is not None:
             self.bounds = self.choice.bound.as_dict()
 
@@ -53,3 +59,21 @@ class PlannedCamera:
         """Replace the plan by a new choice."""
         self.plan, self.choice = choice.plan, choice
         self._derive()
+
+    def bound_frame(self, scene_angle_rad: float) -> bool:
+        """Add to the plan's bound what a frame's scene contributes; whether that changed it.
+
+        Args:
+            scene_angle_rad: Largest displacement by the scene's coordinates.
+        """
+        choice = self._plan_choice
+        if choice is None or choice.bound is None or scene_angle_rad == self._scene_angle_rad:
+            return False
+        self._scene_angle_rad = scene_angle_rad
+        spec = cast(OmniCameraSpec, self.spec)
+        bound = add_scene(choice.bound, spec.camera, scene_angle_rad)
+        tolerance_px = spec.render_settings.accuracy_target.max_error_px
+        is_exceeded = 0.0 < tolerance_px < bound.outline_error_px
+        self.choice = replace(choice, bound=bound, target_met=choice.target_met and not is_exceeded)
+        self.bounds = bound.as_dict()
+        return True

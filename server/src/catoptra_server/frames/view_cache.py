@@ -40,6 +40,7 @@ from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.exposure_budget import explain_limit, limit_time_samples
 from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.planning.rounding_error import coordinate_errors
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import OmniView, RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
@@ -237,6 +238,7 @@ class ViewCache:
     ) -> RenderedView:
         """Render a view with the effects that the camera state calls for."""
         if not camera.effect_settings.settings:
+            self._bound_frame(planned, camera_state)
             return RenderedView(
                 view.render(camera_state),
                 planned.plan_text,
@@ -252,9 +254,18 @@ class ViewCache:
         planned.effects = plan
         wanted = apply_scene_effects(camera_state, plan)
         limited = limit_time_samples(wanted, camera.camera, cast(RenderPlan, planned.plan))
+        self._bound_frame(planned, limited)
         image = view.render(limited, plan.image_effects)
         decisions = explain_limit(plan.decisions, wanted, limited)
         return RenderedView(image, planned.plan_text, planned.bounds, decisions, planned.choice)
+
+    def _bound_frame(self, planned: PlannedCamera, camera_state: CameraState) -> None:
+        """Add to the bound what the scene's coordinates contribute in a camera state."""
+        if planned.bounds is None:
+            return
+        errors = coordinate_errors(cast(RenderPlan, planned.plan))
+        angle_rad = self._summarizer.max_rounding_angle_rad(camera_state, errors)
+        self._plans.bound_frame(planned, angle_rad)
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""

@@ -2,8 +2,8 @@
 
 Each sample of a frame shows the scene in some direction. `geometric` bounds the distance between
 that sample and the pixel to which the camera model projects that direction, over the visible image,
-in pixels and as an angle at the effective viewpoint. Camera and plan alone determine the bound,
-before anything is rendered.
+in pixels and as an angle at the effective viewpoint. Camera and plan alone determine the bound of a
+plan, before anything is rendered; each frame adds what its scene contributes.
 
 The bound is a sum of named components:
 
@@ -13,15 +13,15 @@ The bound is a sum of named components:
 | rim       | a mesh that ends within the rim       | `facet_error.rim_gap`: closed form        |
 | faces     | texels between viewpoint and mirror   | `face_lookup_error`: half a texel's image |
 | corners   | mesh corners on the rasterizer's grid | `rounding_error.corner_error`             |
-| rounding  | float32 directions and coordinates    | `rounding_error`                          |
+| rounding  | float32 directions and atlas          | `rounding_error`                          |
+| scene     | float32 coordinates of the scene      | `rounding_error.scene_error`: each frame  |
 
 All but the rim add up: beyond the end of the mesh nothing is shown that could be displaced as well,
 so the rim is a lower limit of the total rather than a summand.
 
 Not included: the spacing of the samples, which is `sampling` and adds to any measurement in a frame
 (`marker_error_px` is both, for the centroid of a disc); objects smaller than four of a face's
-texels; the float32 corners of the scene, a part in 1.7e7 of the distance from the scene's centre;
-the tessellation of the scene itself; grey levels.
+texels; the tessellation of the scene itself; grey levels.
 
 To add a component: a function that returns a GeometricError, and its line in
 `_additive_components`.
@@ -29,6 +29,7 @@ To add a component: a function that returns a GeometricError, and its line in
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -39,7 +40,7 @@ from catoptra_server.planning.face_lookup_error import (
 )
 from catoptra_server.planning.facet_error import facet_error, facet_error_by_radius, rim_gap
 from catoptra_server.planning.geometric_error import GeometricError, apply_floor, sum_errors
-from catoptra_server.planning.rounding_error import corner_error, rounding_error
+from catoptra_server.planning.rounding_error import corner_error, rounding_error, scene_error
 from catoptra_server.planning.sampling_error import SamplingError, sampling_error
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.scene.mirror_mesh import Tessellation
@@ -161,6 +162,23 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
         facet_error_by_radius(camera, plan.surface)
         if isinstance(plan.surface, Tessellation)
         else (),
+    )
+
+
+def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorBound:
+    """Bound of a frame, from that of its plan.
+
+    Args:
+        camera: The plan's camera.
+        angle_rad: Largest displacement by the scene's coordinates
+            (`bounds/coordinate_rounding`).
+    """
+    error = scene_error(camera, angle_rad)
+    reason = "float32 coordinates of corners and viewpoint"
+    return replace(
+        bound,
+        geometric=sum_errors((bound.geometric, error)),
+        components=(*bound.components, ErrorComponent("scene", error.max_px, reason)),
     )
 
 

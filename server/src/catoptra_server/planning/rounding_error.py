@@ -1,9 +1,12 @@
-"""Displacement by single precision: the floor under the error of every plan.
+"""Displacement by single precision: the floor under the error of every plan and every frame.
 
 Trace and the shader of mirror meshes hold directions as float32, each component rounded to a part
 in 2^24 =: 1 / u. The condition of the camera model is the image scale: a direction off by an angle
 is displaced by that angle times at most `max_px_per_rad`. So all that remains is the number of u by
 which a direction is off. Raster also holds coordinates in the atlas, as fractions of its width.
+
+Coordinates of the scene are float32, too. What that displaces depends on the viewpoint and on what
+is near: `bounds/coordinate_rounding` finds the angle for each frame.
 """
 
 from __future__ import annotations
@@ -12,13 +15,13 @@ import math
 
 from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.bounds.coordinate_rounding import UNIT_ROUNDOFF, CoordinateErrors
 from catoptra_server.planning.geometric_error import GeometricError, sum_errors
 from catoptra_server.planning.texel_footprint import texel_footprint
 from catoptra_server.render.face_region import FaceRegion
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.robot.render_settings import PerPixel
 
-_UNIT_ROUNDOFF = 2.0**-24
 # Rounding errors of a handful of operations rarely all have one sign. Measured in rays: an rms of
 # 0.51 u where the largest was 2.44 u.
 _RMS_FRACTION_OF_MAX = 0.2
@@ -37,6 +40,30 @@ _ATLAS_ULPS = 3.0
 # The rasterizer snaps corners to 256ths of a rendered pixel: half a step along both sides.
 _CORNER_PX = math.sqrt(2.0) / 512.0
 
+# Corners and viewpoint are rounded once each, relative to the scene's centre; Embree's arithmetic
+# on both adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
+# displaced by 1.0 times their size over distance in the kernel, 2.5 times in the reference,
+# rounding of corners included (tests/server/render/test_scene_rounding.py).
+_TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
+# Positions have 48 bits until the viewpoint is subtracted. What is left are products of that
+# difference, and the rasterizer's clipping of triangles that are larger than the view: 14 times
+# their size over distance in llvmpipe.
+_RASTER_COORDINATES = CoordinateErrors(position_ulps=0.0, size_ulps=32.0)
+
+
+def coordinate_errors(plan: RenderPlan) -> CoordinateErrors:
+    """Errors of the coordinates of a plan's renderer."""
+    return _RASTER_COORDINATES if plan.renderer.uses_faces else _TRACE_COORDINATES
+
+
+def scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
+    """Displacement by the scene's coordinates.
+
+    Args:
+        angle_rad: As of `bounds/coordinate_rounding`.
+    """
+    return _angle_error(camera, angle_rad)
+
 
 def rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     """Displacement by float32 directions and atlas coordinates."""
@@ -50,8 +77,12 @@ def rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
 
 
 def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
+    return _angle_error(camera, ulps * UNIT_ROUNDOFF)
+
+
+def _angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
+    """Displacement of directions that are off by an angle at most."""
     scale = compute_image_scale(camera)
-    angle_rad = ulps * _UNIT_ROUNDOFF
     return GeometricError(
         max_px=angle_rad * scale.max_px_per_rad,
         rms_px=_RMS_FRACTION_OF_MAX * angle_rad * scale.rms_px_per_rad,
@@ -63,7 +94,7 @@ def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
 def _atlas_coordinate_error(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> GeometricError:
     """Displacement in the widest atlas that could be packed: all regions side by side."""
     # The packing is the renderer's and not known here; a wider atlas only makes the bound larger.
-    displacement_texels = _ATLAS_ULPS * _UNIT_ROUNDOFF * sum(max(r.size_texels) for r in regions)
+    displacement_texels = _ATLAS_ULPS * UNIT_ROUNDOFF * sum(max(r.size_texels) for r in regions)
     footprint = texel_footprint(camera, regions)
     return GeometricError(
         max_px=displacement_texels * footprint.max_px,

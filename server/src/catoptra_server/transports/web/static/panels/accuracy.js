@@ -19,6 +19,7 @@ const PARTS = {
   faces_px: "texels of faces",
   corners_px: "rasterizer's grid",
   rounding_px: "rounding",
+  scene_px: "coordinates",
   edge_px: "sampling of edges",
 };
 const BOUND_PX = new LogScale(1e-5, 20);

@@ -1,0 +1,68 @@
+"""The angle grows with the distance from the scene's centre, and with large triangles nearby."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.coordinate_rounding import (
+    UNIT_ROUNDOFF,
+    CoordinateErrors,
+    CoordinateRounding,
+)
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Item, Material, Rectangle, World
+from helpers.dynamic_objects import place_cube
+
+ERRORS = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
+GREY = Material((0.5, 0.5, 0.5))
+
+
+def floor_rounding(side_m: float, *, centre_m: float = 0.0) -> CoordinateRounding:
+    """A square floor, centred on the x axis, 1 m below a viewpoint at the origin."""
+    pose = Pose(np.eye(3), np.array((centre_m, 0.0, 1.0)))
+    return CoordinateRounding(
+        build_scene(World("f", (Item("f", Rectangle((side_m, side_m)), pose, GREY),)))
+    )
+
+
+def test_angle_over_a_floor_is_its_diagonal_over_its_distance() -> None:
+    for side_m in (20.0, 2e4):
+        angle_rad = floor_rounding(side_m).max_angle_rad(np.zeros(3), (), ERRORS)
+        expected_ulps = 4.0 * (math.hypot(side_m, side_m) + 1.0) + 2.0 * 1.0
+        # A cell of a quarter of a metre adds less than half.
+        assert 1.0 <= angle_rad / (expected_ulps * UNIT_ROUNDOFF) <= 1.5
+
+
+def test_viewpoint_far_from_the_centre_adds_its_distance() -> None:
+    near = floor_rounding(20.0).max_angle_rad(np.zeros(3), (), ERRORS)
+    far = floor_rounding(20.0, centre_m=9e3)
+    angle_rad = far.max_angle_rad(np.array((9e3, 0.0, 0.0)), (), ERRORS)
+    assert angle_rad == pytest.approx(near, rel=1e-6), "only the centre of the scene counts"
+    cube = place_cube(9e3, 0.0, 0.0)
+    alone = floor_rounding(20.0).max_angle_rad(np.array((9e3, 0.0, -2.0)), (), ERRORS)
+    beside = floor_rounding(20.0).max_angle_rad(np.array((9e3, 0.0, -2.0)), (cube,), ERRORS)
+    assert alone < 10.0 * UNIT_ROUNDOFF * 4.0
+    assert beside > 2.0 * 9e3 / 2.0 * UNIT_ROUNDOFF
+
+
+def test_object_counts_by_its_triangles_where_it_is_near_and_by_its_sphere_where_it_is_far() -> (
+    None
+):
+    rounding = CoordinateRounding(build_scene(World("empty", ())))
+    cube = place_cube(0.0, 0.0, 0.0)
+    radius_m = cube.mesh.radius_m
+    angles = [
+        rounding.max_angle_rad(np.array((0.0, 0.0, -height)), (cube,), ERRORS)
+        for height in (10.0 * radius_m, 2.5 * radius_m, 1.1 * radius_m, 0.95 * radius_m)
+    ]
+    assert angles == sorted(angles)
+    assert angles[-1] < 1e-4
+
+
+def test_viewpoint_on_a_surface_has_an_angle_of_pi_at_most() -> None:
+    rounding = floor_rounding(2e6)
+    assert rounding.max_angle_rad(np.array((0.0, 0.0, 1.0)), (), ERRORS) == math.pi

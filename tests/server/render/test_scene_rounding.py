@@ -1,0 +1,191 @@
+"""The bound of a frame in worlds of up to 200 km, with things up to 2 cm near: never exceeded.
+
+Displacements are angles at the viewpoint, exact for each pixel: beside a disc from its outline,
+beside a rectangle from the planes of its edges.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import direction_from_pixel, pixel_sample_positions
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.planning.error_bound import add_scene, error_bound
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.rounding_error import coordinate_errors
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Item, Material, Rectangle, Ring, World
+from helpers.displacement_targets import scatter_discs
+from helpers.worlds import make_omni_camera
+
+CAMERA = make_omni_camera(width_px=400)
+WHITE = Material((1.0, 1.0, 1.0), unlit=True)
+BLACK = Material((0.0, 0.0, 0.0), unlit=True)
+DISC_PX = 14.0
+
+MakeRenderer = Callable[[World, RendererKind], Renderer]
+
+
+@pytest.fixture
+def make_renderer(device: GlDevice) -> Iterator[MakeRenderer]:
+    traced: list[TraceRenderer] = []
+
+    def make(world: World, kind: RendererKind) -> Renderer:
+        scene = build_scene(world)
+        if kind is RendererKind.RASTER:
+            return RasterRenderer(scene, world, device=device)
+        traced.append(TraceRenderer(scene, world, threads=1))
+        return traced[-1]
+
+    yield make
+    for renderer in traced:
+        renderer.close()
+
+
+def make_plan(kind: RendererKind) -> RenderPlan:
+    return plan_from_settings(RenderSettings(samples=1), CAMERA, kind=kind, reason="test")
+
+
+def lit_pixels(renderer: Renderer, kind: RendererKind, state: CameraState) -> tuple[Bools, Floats]:
+    """(n,) whether the pixels on the mirror are white, and their (n, 3) world directions."""
+    view = renderer.prepare(CAMERA, make_plan(kind))
+    image = view.render(state).rgb
+    view.close()
+    directions, on_mirror = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[:, :, 0])
+    lit = image.reshape(-1, 3)[on_mirror.ravel(), 0] > 127
+    return lit, directions[on_mirror] @ state.world_from_mirror.rotation.T
+
+
+def frame_bound_rad(world: World, kind: RendererKind, state: CameraState) -> float:
+    """Bound of a frame, as the server states it."""
+    plan = make_plan(kind)
+    summarizer = SceneSummarizer(build_scene(world), world)
+    angle_rad = summarizer.max_rounding_angle_rad(state, coordinate_errors(plan))
+    return math.radians(add_scene(error_bound(CAMERA, plan), CAMERA, angle_rad).geometric.max_deg)
+
+
+def make_state(seed: int) -> CameraState:
+    rng = np.random.default_rng(seed)
+    turn = rng.uniform(-3.0, 3.0, 3) * (0.02, 0.02, 1.0)
+    return CameraState(Pose.from_rpy(rng.uniform(-1.0, 1.0, 3), turn))
+
+
+def place_discs(
+    state: CameraState, distance_m: float, seed: int
+) -> tuple[list[Item], Floats, Floats]:
+    """Discs that face the viewpoint, their (n, 3) world directions and (n,) angular radii."""
+    rng = np.random.default_rng(seed)
+    targets = scatter_discs(CAMERA, size_px=DISC_PX, count=25, rng=rng)
+    axes = state.world_from_mirror.rotation @ targets.axes
+    items = [
+        Item(
+            f"disc {index}",
+            Ring(0.0, float(half) * distance_m, sectors=720),
+            Pose(
+                np.roll(axes[index], -1, axis=1),
+                state.world_from_mirror.translation + distance_m * axes[index, :, 0],
+            ),
+            WHITE,
+        )
+        for index, half in enumerate(targets.half_size)
+    ]
+    return items, axes[:, :, 0], np.arctan(targets.half_size)
+
+
+@pytest.mark.parametrize("kind", list(RendererKind), ids=lambda kind: kind.value)
+@pytest.mark.parametrize("distance_m", [0.02, 0.06, 0.3])
+@pytest.mark.parametrize("extent_m", [2e3, 2e4, 2e5])
+@pytest.mark.parametrize("place", [0.0, 0.9], ids=["centre", "border"])
+def test_thing_nearby_in_a_large_world_is_displaced_within_the_bound(
+    make_renderer: MakeRenderer,
+    kind: RendererKind,
+    distance_m: float,
+    extent_m: float,
+    place: float,
+) -> None:
+    state = make_state(seed=int(extent_m) + int(1000 * distance_m))
+    discs, axes, radius_rad = place_discs(state, distance_m, seed=1)
+    offset = np.array((0.5 * place * extent_m, 0.35 * place * extent_m, 0.5))
+    centre = state.world_from_mirror.translation + offset
+    floor = Item("floor", Rectangle((extent_m, extent_m)), Pose(np.eye(3), centre), BLACK)
+    world = World("large", (*discs, floor))
+    lit, directions = lit_pixels(make_renderer(world, kind), kind, state)
+    angles_rad = np.arccos(np.clip(directions @ axes.T, -1.0, 1.0))
+    beside_rad = angles_rad - radius_rad
+    wrong = lit != (beside_rad < 0.0).any(axis=1)
+    displaced_rad = np.abs(beside_rad[wrong]).min(axis=1)
+    # Two polygons of 720 sides lie within 1e-5 of a disc's radius.
+    reserve_rad = 1e-5 * float(radius_rad.max())
+    assert lit.any()
+    assert displaced_rad.max(initial=0.0) <= frame_bound_rad(world, kind, state) + reserve_rad
+
+
+def random_rotation(rng: np.random.Generator) -> Floats:
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    rotation[:, 2] *= np.sign(np.linalg.det(rotation))
+    return np.asarray(rotation)
+
+
+@pytest.mark.parametrize("kind", list(RendererKind), ids=lambda kind: kind.value)
+@pytest.mark.parametrize(
+    ("side_m", "distance_m"), [(2e2, 0.02), (2e3, 0.3), (2e4, 0.3), (2e5, 0.3), (2e4, 5.0)]
+)
+def test_edge_of_a_large_rectangle_nearby_is_displaced_within_the_bound(
+    make_renderer: MakeRenderer, kind: RendererKind, side_m: float, distance_m: float
+) -> None:
+    seen = 0
+    for seed in range(6):
+        rng, half_m = np.random.default_rng(seed), 0.5 * side_m
+        rotation, state = random_rotation(rng), make_state(seed)
+        # One edge passes by the foot of the perpendicular from the viewpoint.
+        centre = (
+            (half_m + distance_m * rng.uniform(-1.0, 1.0)) * rotation[:, 0]
+            + half_m * rng.uniform(-0.3, 0.3) * rotation[:, 1]
+            - distance_m * rotation[:, 2]
+        )
+        pose = Pose(rotation, state.world_from_mirror.translation + centre)
+        world = World("edge", (Item("edge", Rectangle((side_m, side_m)), pose, WHITE),))
+        lit, directions = lit_pixels(make_renderer(world, kind), kind, state)
+        along = (centre @ rotation[:, 2]) / (directions @ rotation[:, 2])
+        on_plane = along[:, None] * directions - centre
+        is_inside = (along > 0.0) & (np.abs(on_plane @ rotation[:, :2]) <= half_m).all(axis=1)
+        wrong = lit != is_inside
+        planes = edge_planes(centre, half_m * rotation[:, :2])
+        displaced_rad = np.arcsin(np.abs(directions[wrong] @ planes.T).min(axis=1))
+        assert displaced_rad.max(initial=0.0) <= frame_bound_rad(world, kind, state)
+        seen += int(is_inside.any() and not is_inside.all())
+    assert seen >= 4, "the edges are in view"
+
+
+def edge_planes(centre: Floats, half: Floats) -> Floats:
+    """(4, 3) unit normals of the planes through the origin and a rectangle's edges."""
+    signs = np.array(((1, 1), (1, -1), (-1, -1), (-1, 1)))
+    corners = centre + signs @ half.T
+    normals = np.cross(corners, np.roll(corners, -1, axis=0))
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def test_shipped_scale_costs_thousandths_of_a_pixel() -> None:
+    state = CameraState(Pose(np.eye(3), np.array((3.0, -2.0, -0.9))))
+    floor = Item("floor", Rectangle((10.0, 8.0)), Pose.identity(), BLACK)
+    world = World("field", (floor,))
+    for kind, most_px in ((RendererKind.TRACE, 0.002), (RendererKind.RASTER, 0.02)):
+        plan = make_plan(kind)
+        summarizer = SceneSummarizer(build_scene(world), world)
+        angle_rad = summarizer.max_rounding_angle_rad(state, coordinate_errors(plan))
+        bound = add_scene(error_bound(CAMERA, plan), CAMERA, angle_rad)
+        assert 0.0 < bound.as_dict()["scene_px"] < most_px
