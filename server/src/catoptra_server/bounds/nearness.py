@@ -66,7 +66,7 @@ class NearTriangles:
         groups = _summarize_groups(corners, self._group_size)
         # Neighbours in a file are most often neighbours in space, and to sort a million triangles
         # takes 0.4 s: only an order without any sense is mended.
-        if _is_scattered(*groups[:2]):
+        if _has_large_boxes(*groups[:2]):
             corners = corners[make_clusters(corners, np.zeros(len(corners), dtype=np.intp)).order]
             groups = _summarize_groups(corners, self._group_size)
         self._corners = corners
@@ -150,7 +150,7 @@ def _summarize_groups(corners: Floats, group_size: int) -> tuple[Floats, Floats,
     return low, high, np.maximum.reduceat(size, first)
 
 
-def _is_scattered(low: Floats, high: Floats) -> bool:
+def _has_large_boxes(low: Floats, high: Floats) -> bool:
     """Whether the boxes of groups are far larger than those of a divided surface would be."""
     if not len(low):
         return False
