@@ -90,7 +90,7 @@ def test_report_has_every_level_of_every_sweep() -> None:
 def test_summary_for_the_page_has_conditions_and_every_level_of_a_sweep_in_a_row() -> None:
     text = format_sweep_summary([RESULT], num_runs=2, seed=7)
     conditions, table = text.split("\n\n")
-    assert "Drives per level: 2 of 50 frames, seeds 7 to 8;" in conditions
+    assert "Drives per level: 2 of 100 frames, seeds 7 to 8;" in conditions
     assert "Clean images: 100 % → 0.10 m; odometry alone: 2.00 m." in " ".join(conditions.split())
     assert table.splitlines()[2:] == [
         "| too dark: light | 0.5: 80 % → 0.30 m; 0.1: 0 % → **2.00 m** | 60 % → 0.20 m |"
