@@ -13,7 +13,7 @@ from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.planning import candidate_table, render_planner
+from catoptra_server.planning import candidate_table, explicit_choice
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_cache import CostCache
@@ -202,8 +202,8 @@ def test_candidates_are_bounded_once_for_all_targets_of_a_camera(
     for module, name in (
         (candidate_table, "generate_candidate_plans"),
         (candidate_table, "error_bound"),
-        (render_planner, "plan_from_settings"),
-        (render_planner, "error_bound"),
+        (explicit_choice, "plan_from_settings"),
+        (explicit_choice, "error_bound"),
     ):
         monkeypatch.setattr(module, name, refuse)
     budgets = [planner.choose_plan(camera_spec(AccuracyTarget(budget_ms=ms)), CAMERA_STATES)

@@ -13,7 +13,6 @@ import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.lru_dict import LruDict
@@ -27,7 +26,7 @@ from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_calibration import measure_costs
 from catoptra_server.planning.cost_corrections import CostCorrections, added_ms
 from catoptra_server.planning.cost_model import CostModel
-from catoptra_server.planning.error_bound import ErrorBound, error_bound
+from catoptra_server.planning.explicit_choice import can_follow_settings, choose_by_settings
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.plan_choice import (
     PlanChoice,
@@ -109,8 +108,8 @@ class RenderPlanner:
     def _follow_settings(self, camera: OmniCameraSpec) -> PlanChoice:
         """Plan by explicit numbers, with its bound where the error has one."""
         kind, reason = self.choose_renderer(camera)
-        plan = replace(self.plan_by(camera, kind), reason=reason)
-        return PlanChoice(plan, _find_error_bound(camera.camera, plan))
+        others = [one for one in RendererKind if self.renderers.is_usable(one)]
+        return choose_by_settings(camera, kind, reason, usable=others)
 
     def choose_renderer(self, camera: OmniCameraSpec) -> tuple[RendererKind, str]:
         """Renderer of a camera without an accuracy target, and the reason."""
@@ -128,7 +127,9 @@ class RenderPlanner:
     def find_rival(self, camera: OmniCameraSpec, kind: RendererKind) -> RendererKind | None:
         """Usable renderer that could be clearly faster than a camera's own; None for none."""
         rival = self.preferences.find_rival(camera, kind)
-        return rival if rival is not None and self.renderers.is_usable(rival) else None
+        if rival is None or not self.renderers.is_usable(rival):
+            return None
+        return rival if can_follow_settings(camera, rival) else None
 
     def _correct(
         self, camera: OmniCameraSpec, options: Iterable[PlanOption]
@@ -222,11 +223,3 @@ _CostKey = tuple[OmniCamera, MirrorSurface]
 def _cost_key(camera: OmniCameraSpec) -> _CostKey:
     """Everything of a camera that rates depend on."""
     return camera.camera, camera.render_settings.surface
-
-
-def _find_error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound | None:
-    try:
-        return error_bound(camera, plan)
-    except DomainError as error:
-        log.info("this plan has no error bound: %s", error)
-        return None
