@@ -11,7 +11,9 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_sample_positions,
 )
-from catoptra_server.planning.error_bound import error_bound
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.planning.error_bound import ErrorBound, GeometricError, add_scene, error_bound
+from catoptra_server.planning.rounding_error import coordinate_errors
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import View
 from catoptra_server.scene.mirror_mesh import Tessellation
@@ -99,8 +101,20 @@ def _measure_level(
     frames = [view.render(state).rgb for state in subject.camera_states]
     error = compute_image_error(list(zip(frames, reference, strict=True)), mask)
     plan = subject.plan(level.renderer_kind, level.render_settings)
-    cost = _level_cost(subject.camera, level, plan, timing=timing, error=error)
+    # The geometric part alone: samples blur edges but displace nothing.
+    bound = _bound_frames(subject, plan).geometric
+    cost = _level_cost(subject.camera, level, plan, bound=bound, timing=timing, error=error)
     return MeasuredLevel(cost, frames[0])
+
+
+def _bound_frames(subject: StudySubject, plan: RenderPlan) -> ErrorBound:
+    """Bound that holds at all poses of a subject."""
+    summarizer = SceneSummarizer(subject.scene, subject.world)
+    errors = coordinate_errors(plan)
+    angle_rad = max(
+        summarizer.max_rounding_angle_rad(state, errors) for state in subject.camera_states
+    )
+    return add_scene(error_bound(subject.camera, plan), subject.camera, angle_rad)
 
 
 def _level_cost(
@@ -108,11 +122,10 @@ def _level_cost(
     level: AccuracyLevel,
     plan: RenderPlan,
     *,
+    bound: GeometricError,
     timing: RenderTiming,
     error: ImageError,
 ) -> LevelCost:
-    # The geometric part alone: samples blur edges but displace nothing.
-    bound = error_bound(camera, plan).geometric
     return LevelCost(
         name=level.name,
         renderer=level.renderer_kind.value,
