@@ -6,8 +6,10 @@ beside a rectangle from the planes of its edges.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,9 +29,12 @@ from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.oriented_box import OrientedBox, box_distances
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Item, Material, Rectangle, Ring, World
 from helpers.displacement_targets import scatter_discs
+from helpers.dynamic_objects import build_cube_mesh
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=400)
@@ -177,6 +182,47 @@ def edge_planes(centre: Floats, half: Floats) -> Floats:
     corners = centre + signs @ half.T
     normals = np.cross(corners, np.roll(corners, -1, axis=0))
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def edge_points(box: OrientedBox, *, count: int) -> Floats:
+    """(12 * count, 3) points on the edges of a box, world frame."""
+    points = []
+    for axis in range(3):
+        for signs in itertools.product((-1.0, 1.0), repeat=2):
+            edge = np.zeros((count, 3))
+            edge[:, axis] = np.linspace(-1.0, 1.0, count)
+            edge[:, (axis + 1) % 3], edge[:, (axis + 2) % 3] = signs
+            points.append(edge)
+    half = 0.5 * np.array(box.size_m)
+    return box.world_from_box.transform_points(half * np.concatenate(points))
+
+
+@pytest.mark.parametrize("kind", list(RendererKind), ids=lambda kind: kind.value)
+@pytest.mark.parametrize("offset_m", [0.0, 9e2, 9e3, 9e4])
+def test_object_beside_the_camera_far_from_the_centre_is_displaced_within_the_bound(
+    make_renderer: MakeRenderer, kind: RendererKind, offset_m: float
+) -> None:
+    state = make_state(seed=3)
+    viewpoint = state.world_from_mirror.translation
+    world_from_cube = Pose.from_rpy(viewpoint + np.array((0.31, 0.12, 0.25)), (0.3, 0.2, 0.9))
+    cube = DynamicObject(build_cube_mesh(0.2, (1.0, 1.0, 1.0)), world_from_cube)
+    state = replace(state, objects=(cube,))
+    side_m = 2.0 * offset_m + 2.0
+    corner = viewpoint + np.array((offset_m, 0.7 * offset_m, 0.8))
+    floor = Item("floor", Rectangle((side_m, side_m)), Pose(np.eye(3), corner), BLACK)
+    world = World("large", (floor,))
+    lit, directions = lit_pixels(make_renderer(world, kind), kind, state)
+    box = OrientedBox(world_from_cube, (0.2, 0.2, 0.2))
+    origins = np.broadcast_to(viewpoint, directions.shape)
+    wrong = lit != np.isfinite(box_distances((box,), origins, directions))
+    edges = edge_points(box, count=1500) - viewpoint
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    displaced_rad = np.arccos(
+        np.clip((directions[wrong] @ edges.T).max(axis=1, initial=-1.0), -1, 1)
+    )
+    assert lit.any()
+    # Points of an edge are 1.4e-4 m apart, 0.35 m away.
+    assert displaced_rad.max(initial=0.0) <= frame_bound_rad(world, kind, state) + 2e-4
 
 
 def test_shipped_scale_costs_thousandths_of_a_pixel() -> None:
