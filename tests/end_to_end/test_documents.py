@@ -40,8 +40,11 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Any:
     options = dict(zip(words[::2], words[1::2], strict=True))
     assert set(options) == {"--robot", "--world"}
     robot, world = (REPOSITORY / options[name] for name in ("--robot", "--world"))
-    with start_server(folder, robot=robot, world=world) as running:
-        yield running
+    with pytest.MonkeyPatch.context() as environment:
+        # Without costs of frames that an earlier server has measured.
+        environment.setenv("XDG_CACHE_HOME", str(folder))
+        with start_server(folder, "--verbose", robot=robot, world=world) as running:
+            yield running
 
 
 @pytest.fixture
@@ -120,3 +123,16 @@ def test_snapshots_of_the_client_page_are_written(server: RunningServer, folder:
     for name in ("view.png", "around.png"):
         assert rgb_from_image_bytes((folder / name).read_bytes()).std() > 10.0
     assert sorted(os.listdir(folder)) == ["around.png", "configs", "view.png"]
+
+
+def test_log_of_a_server_has_no_dict(server: RunningServer, folder: Path) -> None:
+    with server.connect_stream() as client:
+        client.spawn("USARBot.OmniP2AT", name="Logged", start_pose="Centre")
+        client.set_accuracy(max_error_px=0.5)
+        client.publish("ekf", {"pose": (1.0, 2.0, 3.0)})
+        client.get_frame()
+    log = server.log.read_text()
+    assert "Logged" in log
+    assert "costs of trace measured" in log
+    # Dicts of Python, not the braces of USARSim's messages and of JSON.
+    assert not re.search(r"\{\S*'?: ", log)
