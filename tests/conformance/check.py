@@ -50,11 +50,17 @@ class Check:
     """Returns if the server passes; raises CheckFailed, CheckSkipped, OSError (a connection that
     broke) or CatoptraError (a reply that cannot be parsed), of which all but CheckSkipped fail.
     """
+    needs_robot: bool = True
+    """Whether it fails without being run on a server where no robot spawns."""
+    is_required: bool = True
+    """Whether a server must pass it."""
 
 
-def check_from_function(name: str, port: str, run: Callable[[ServerUnderTest], None]) -> Check:
-    """Check whose description is the first line of the function's docstring."""
-    return Check(name, port, (run.__doc__ or "").partition("\n")[0], run)
+def check_from_function(
+    name: str, port: str, run: Callable[[ServerUnderTest], None], *, needs_robot: bool = True
+) -> Check:
+    """Required check whose description is the first line of the function's docstring."""
+    return Check(name, port, (run.__doc__ or "").partition("\n")[0], run, needs_robot)
 
 
 def retry_once(run: Callable[[ServerUnderTest], None]) -> Callable[[ServerUnderTest], None]:

@@ -140,7 +140,7 @@ def check_normalized(server: ServerUnderTest) -> None:
 
 
 def check_odometry_reset(server: ServerUnderTest) -> None:
-    """SET Odometry RESET makes the pose of the robot the origin of its odometry."""
+    """SET Odometry RESET makes the pose of the robot the origin, and has a RES (UT2004)."""
     with spawn_robot(server) as session:
         base = read_drive_base(session)
         cycle = drive_forward(session, base, _FORWARD_M).after
@@ -148,8 +148,11 @@ def check_odometry_reset(server: ServerUnderTest) -> None:
             raise CheckSkipped("no odometry reports")
         before = find_poses(cycle)["odometry"]
         name = cycle["odometry"][0].get("Name")
-        session.query(f"SET {{Type Odometry}} {{Name {name}}} {{Opcode RESET}}")
+        command = f"SET {{Type Odometry}} {{Name {name}}} {{Opcode RESET}}"
+        is_acknowledged = any(one.get("Status") == "OK" for one in session.query(command))
         after = find_poses(session.read_next_cycle())["odometry"]
+    if server.dialect == "ut2004" and not is_acknowledged:
+        raise CheckFailed(f"{command}: no RES with {{Status OK}}")
     if math.hypot(after.x_m, after.y_m) > 0.25 * math.hypot(before.x_m, before.y_m):
         raise CheckFailed(f"RESET of the odometry at x {before.x_m} m left it at {after.x_m} m")
 

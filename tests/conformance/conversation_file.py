@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# Generous: a working server replies in milliseconds, on a busy machine in seconds.
-TIMEOUT_S = 10.0
+# Generous: a working server replies in milliseconds, on a busy machine in a second or two.
+TIMEOUT_S = 5.0
 _DOCUMENT_KEYS = {"description", "port", "required", "dialect", "image_mode", "steps"}
 
 StepSpec = dict[str, Any]  # as JSON holds it

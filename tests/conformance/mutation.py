@@ -22,6 +22,10 @@ class ConnectionMutation:
     """Of each message to the server: a line of the control port, a chunk of the image port."""
     mutate_reply: MutateBytes = pass_through
     """Of each message to the client: a line with its end, or a frame with its header."""
+    split_replies_before: bytes = b""
+    """Each message to the client is sent in two segments, the second one begins with these bytes;
+    empty: in one.
+    """
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,8 +37,9 @@ def split_lines(data: bytes) -> tuple[list[bytes], bytes]:
 
 def split_commands(data: bytes) -> tuple[list[bytes], bytes]:
     """Lines that end with CR, LF or both, and the rest."""
-    commands = _COMMAND.findall(data)
-    return commands, data[sum(map(len, commands)) :]
+    # Up to the last end alone: on a long text without one the pattern takes quadratic time.
+    end = max(data.rfind(b"\r"), data.rfind(b"\n")) + 1
+    return _COMMAND.findall(data[:end]), data[end:]
 
 
 def split_frames(data: bytes) -> tuple[list[bytes], bytes]:
@@ -103,10 +104,16 @@ class _Direction:
     """One way of a connection: the bytes that do not make a whole message yet."""
 
     def __init__(
-        self, source: socket.socket, sink: socket.socket, split: SplitMessages, mutate: MutateBytes
+        self,
+        source: socket.socket,
+        sink: socket.socket,
+        split: SplitMessages,
+        mutate: MutateBytes,
+        separator: bytes = b"",
     ) -> None:
         self._source, self._sink = source, sink
         self._split, self._mutate = split, mutate
+        self._separator = separator
         self._rest = b""
 
     def forward(self) -> bool:
@@ -114,8 +121,15 @@ class _Direction:
         data = self._source.recv(_READ_BYTES)
         messages, self._rest = self._split(self._rest + data)
         for message in messages:
-            self._sink.sendall(self._mutate(message))
+            self._send(self._mutate(message))
         return bool(data)
+
+    def _send(self, message: bytes) -> None:
+        end = message.rfind(self._separator) if self._separator else len(message)
+        # Without Nagle's algorithm each call is a segment.
+        for segment in (message[:end], message[end:]):
+            if segment:
+                self._sink.sendall(segment)
 
 
 def _relay(
@@ -126,7 +140,13 @@ def _relay(
     split_requests, split_replies = SPLITTERS[port]
     directions = {
         client: _Direction(client, upstream, split_requests, mutation.mutate_request),
-        upstream: _Direction(upstream, client, split_replies, mutation.mutate_reply),
+        upstream: _Direction(
+            upstream,
+            client,
+            split_replies,
+            mutation.mutate_reply,
+            mutation.split_replies_before,
+        ),
     }
     try:
         while all(directions[end].forward() for end in select.select(directions, [], [])[0]):

@@ -1,115 +1,133 @@
-"""Conformance test of a live server, ours or another's: the conversations of USARSim's clients.
+"""Conformance test of a live server, ours or another's: conversations and checks by physics.
 
 Run: make conformance ADDRESS=host:port [IMAGE=host:port] [STREAM=host:port] [DIALECT=udk]
 [LEGACY=yes], or, in tests/, `python -m conformance.play host:port`. The conversations are the files
-of data/conversations; those for ports without an address, or for servers of another kind, are
-skipped. The server's clock must be realtime. Prints a table; exits with 0 if every required one
-passes.
+of data/conversations, the checks those of suite.py; rows for ports without an address, or for
+servers of another kind, are left out. The server's clock must be realtime. Prints a table; exits
+with 0 if every required row passes or is skipped with a reason, with 1 if one fails, with 2 without
+a server.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import socket
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections import Counter
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
 
 from rich.console import Console
 from rich.table import Table
 
-from catoptra_protocol.usarsim.control_connection import ControlClient
-from catoptra_protocol.usarsim.reports import StartPoses
-from conformance import stream_player, tcp_player
-from conformance.conversation_file import TIMEOUT_S, Address, Conversation, read_conversation
+from conformance.check import ServerUnderTest
+from conformance.class_survey import choose_classes, find_start_pose
+from conformance.control_session import REPORT_TIMEOUT_S
+from conformance.conversation_file import Address
+from conformance.suite import PLAYERS, Outcome, RowResult, applicable_checks, play_checks
 
-CONVERSATIONS = Path(__file__).parent / "data/conversations"
-
-Player = Callable[[Conversation, Address, dict[str, str]], str]
-PLAYERS: dict[str, Player] = {
-    "control": tcp_player.play_conversation,
-    "image": tcp_player.play_conversation,
-    "stream": stream_player.play_conversation,
-}
-_TCP_STEP_KEYS = {*tcp_player.STEP_HANDLERS, *tcp_player.STEP_OPTIONS}
-STEP_KEYS = {
-    "control": _TCP_STEP_KEYS,
-    "image": _TCP_STEP_KEYS,
-    "stream": {*stream_player.STEP_HANDLERS, *stream_player.STEP_OPTIONS},
+_STYLES = {
+    Outcome.PASSED: "green",
+    Outcome.FAILED: "red",
+    Outcome.SKIPPED: "yellow",
+    Outcome.NOT_REQUIRED: "yellow",
 }
 
 
-@dataclass(frozen=True, slots=True)
-class ConversationResult:
-    """Outcome of one conversation."""
-
-    conversation: Conversation
-    reason: str
-    """Failed step and reason; empty if passed."""
-
-    @property
-    def is_failure(self) -> bool:
-        """Whether the server fails a required conversation."""
-        return bool(self.reason) and self.conversation.is_required
-
-
-def read_conversations(folder: Path = CONVERSATIONS) -> list[Conversation]:
-    """All conversations of a folder, by name."""
-    return [read_conversation(path, STEP_KEYS) for path in sorted(folder.glob("*.json"))]
-
-
-def play_all(
-    conversations: Iterable[Conversation],
-    addresses: dict[str, Address],
-    robot_class: str,
-    spawn_pose: str,
-) -> list[ConversationResult]:
-    """Play conversations one after the other.
+def play_suite(
+    server: ServerUnderTest, camera_class: str, patterns: Sequence[str]
+) -> list[RowResult]:
+    """Results of the rows for a server.
 
     Args:
-        conversations: Conversations of ports in `addresses`.
-        addresses: Address of each port.
-        robot_class: Class to spawn.
-        spawn_pose: Blocks of INIT with the pose to spawn at.
+        server: Server, with the class of the rows of the control port.
+        camera_class: Class of the rows of image port and stream.
+        patterns: Names of rows, with `*` and `?`.
     """
-    variables = {"class": robot_class, "spawn_pose": spawn_pose}
-    return [
-        ConversationResult(one, PLAYERS[one.port](one, addresses[one.port], variables))
-        for one in conversations
+    checks = [
+        check
+        for check in applicable_checks(server)
+        if any(fnmatchcase(check.name, pattern) for pattern in patterns)
     ]
+    control = [check for check in checks if check.port == "control"]
+    pictures = [check for check in checks if check.port != "control"]
+    camera_server = dataclasses.replace(server, robot_class=camera_class)
+    return [*play_checks(control, server), *play_checks(pictures, camera_server)]
 
 
-def find_start_pose(address: Address) -> str:
-    """Blocks of INIT with the first start pose of the server, or else the origin."""
-    client = ControlClient()
-    with socket.create_connection(address, timeout=TIMEOUT_S) as connection:
-        connection.sendall(b"GETSTARTPOSES\r\n")
-        while data := connection.recv(4096):
-            for report in client.receive(data):
-                if isinstance(report, StartPoses) and report.poses:
-                    return f"{{Start {report.poses[0].name}}}"
-                if isinstance(report, StartPoses):
-                    return "{Location 0,0,0}"
-    return "{Location 0,0,0}"
-
-
-def results_table(results: Sequence[ConversationResult]) -> Table:
+def results_table(results: Sequence[RowResult]) -> Table:
     """Table of results by port."""
-    table = Table("port", "conversation", "description", "result")
+    table = Table("port", "row", "description", "result")
     for port in PLAYERS:
-        for result in (one for one in results if one.conversation.port == port):
-            played = result.conversation
-            name = played.name if played.is_required else f"{played.name} (not required)"
-            outcome = f"[red]{_escape_markup(result.reason)}" if result.reason else "[green]passed"
-            table.add_row(port, name, _escape_markup(played.description), outcome)
+        for result in (one for one in results if one.check.port == port):
+            text = result.outcome.value + (f": {result.reason}" if result.reason else "")
+            outcome = f"[{_STYLES[result.outcome]}]{_escape_markup(text)}"
+            table.add_row(
+                port, result.check.name, _escape_markup(result.check.description), outcome
+            )
         table.add_section()
     return table
 
 
+def summarize(results: Sequence[RowResult]) -> str:
+    """Number of rows by outcome."""
+    counts = Counter(result.outcome for result in results)
+    parts = ", ".join(f"{counts[outcome]} {outcome.value}" for outcome in Outcome)
+    return f"{len(results)} rows: {parts}"
+
+
+def find_missing_server(addresses: dict[str, Address]) -> str:
+    """Reason why a port cannot be reached; empty if all can."""
+    for port, address in addresses.items():
+        try:
+            socket.create_connection(address, timeout=REPORT_TIMEOUT_S).close()
+        except OSError as error:
+            host, number = address
+            return f"no server at {host}:{number} ({port} port): {error.strerror or error}"
+    return ""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Play all applicable conversations; exit status."""
-    parser = argparse.ArgumentParser(description="Play the conversations to a live server.")
+    """Play all applicable rows; exit status."""
+    options = _parse_arguments(arguments)
+    ports = {"control": options.control, "image": options.image, "stream": options.stream}
+    addresses = {port: address for port, address in ports.items() if address}
+    if reason := find_missing_server(addresses):
+        print(reason, file=sys.stderr)
+        return 2
+    server = ServerUnderTest(
+        addresses,
+        options.robot_class or "",
+        options.spawn_pose or "",
+        options.dialect,
+        options.legacy_images,
+    )
+    results = _survey_and_play(server, options.rows or ["*"])
+    Console().print(results_table(results))
+    print(summarize(results))
+    # No row at all is a failure, too: a wrong option would pass otherwise.
+    failed = any(result.outcome is Outcome.FAILED for result in results)
+    return 1 if failed or not results else 0
+
+
+def _survey_and_play(server: ServerUnderTest, patterns: Sequence[str]) -> list[RowResult]:
+    """Results with the class and pose of the options, or else those that the server has."""
+    try:
+        pose = server.spawn_pose or find_start_pose(server)
+        server = dataclasses.replace(server, spawn_pose=pose)
+        classes = (server.robot_class, server.robot_class)
+        control_class, camera_class = classes if server.robot_class else choose_classes(server)
+    except OSError:
+        # A server that ends now: each row states that.
+        control_class = camera_class = server.robot_class
+    print(f"robot class {control_class}, of pictures {camera_class}; {server.spawn_pose}")
+    server = dataclasses.replace(server, robot_class=control_class)
+    return play_suite(server, camera_class, patterns)
+
+
+def _parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Test the conformance of a live server.")
     parser.add_argument("control", type=_parse_address, help="host:port of the control server")
     parser.add_argument("--image", type=_parse_address, help="host:port of the image server")
     parser.add_argument("--stream", type=_parse_address, help="host:port of the ZeroMQ stream")
@@ -117,26 +135,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--legacy-images", action="store_true", help="server sends an unsolicited frame"
     )
-    parser.add_argument("--robot-class", default="USARBot.OmniP2AT")
+    parser.add_argument(
+        "--robot-class", help="default: of the known classes those with most sensors and cameras"
+    )
+    parser.add_argument(
+        "--rows", nargs="+", metavar="NAME", help="only these rows; patterns such as 'drive_*'"
+    )
     parser.add_argument(
         "--spawn-pose", help="blocks of INIT, {Location 1,2,0}; default: a start pose"
     )
-    options = parser.parse_args(arguments)
-    ports = {"control": options.control, "image": options.image, "stream": options.stream}
-    addresses = {port: address for port, address in ports.items() if address}
-    image_mode = "legacy" if options.legacy_images else "plain"
-    applicable = [
-        one
-        for one in read_conversations()
-        if one.applies_to(options.dialect, image_mode) and one.port in addresses
-    ]
-    spawn_pose = options.spawn_pose or find_start_pose(options.control)
-    results = play_all(applicable, addresses, options.robot_class, spawn_pose)
-    Console().print(results_table(results))
-    failed = sum(result.is_failure for result in results)
-    print(f"{len(results) - failed} of {len(results)} passed or not required")
-    # No conversation at all is a failure, too: a wrong option would pass otherwise.
-    return 1 if failed or not results else 0
+    return parser.parse_args(arguments)
 
 
 def _parse_address(text: str) -> Address:

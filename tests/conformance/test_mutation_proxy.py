@@ -50,6 +50,8 @@ def shout(line: bytes) -> bytes:
 def test_messages_when_split_are_whole_and_the_rest_stays() -> None:
     assert split_lines(b"a\r\nb\nc\r") == ([b"a\r\n", b"b\n"], b"c\r")
     assert split_commands(b"a\r\nb\n\rc\rd") == ([b"a\r\n", b"b\n\r", b"c\r"], b"d")
+    # A text without an end, in linear time: a quadratic pattern takes minutes.
+    assert split_commands(b"a\n" + bytes(400_000)) == ([b"a\n"], bytes(400_000))
     assert split_frames(FRAME + FRAME[:4]) == ([FRAME], FRAME[:4])
     assert split_frames(FRAME[:6]) == ([], FRAME[:6])
 

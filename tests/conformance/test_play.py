@@ -1,4 +1,4 @@
-"""The player against our own server process, and against servers that misbehave."""
+"""The command against our own server, correct variants of it, and servers that misbehave."""
 
 from __future__ import annotations
 
@@ -10,97 +10,59 @@ from pathlib import Path
 
 import pytest
 
-from conformance import stream_player, tcp_player
-from conformance.conversation_file import Conversation, read_conversation
-from conformance.play import (
-    CONVERSATIONS,
-    PLAYERS,
-    STEP_KEYS,
-    ConversationResult,
-    main,
-    read_conversations,
-    results_table,
-)
-from conformance.tcp_player import play_conversation
+from conformance.play import main
+from helpers.cell_world import write_cell_world, write_sensor_robot
 from helpers.server_process import start_server
-
-ALL_CONVERSATIONS = read_conversations()
-
-
-@pytest.mark.parametrize(
-    ("server_options", "player_options"),
-    [
-        (("--image-type", "GOOD"), ()),
-        (("--dialect", "udk", "--image-type", "RAW"), ("--dialect", "udk")),
-        (("--legacy-images",), ("--legacy-images",)),
-    ],
-    ids=["plain", "udk", "legacy"],
-)
-def test_our_server_when_all_conversations_are_played_passes(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    server_options: tuple[str, ...],
-    player_options: tuple[str, ...],
-) -> None:
-    with start_server(tmp_path, *server_options) as server:
-        control, image = (f"127.0.0.1:{p}" for p in (server.control_port, server.image_port))
-        # The stream is the same whatever the dialect: once is enough.
-        stream = () if player_options else ("--stream", f"127.0.0.1:{server.stream_port}")
-        status = main([control, "--image", image, *stream, *player_options])
-    assert status == 0, capsys.readouterr().out
-
-
-def test_conversations_when_read_use_every_kind_of_step() -> None:
-    keys = {key for one in ALL_CONVERSATIONS for step in one.steps for key in step}
-    assert keys >= {*tcp_player.STEP_HANDLERS, *stream_player.STEP_HANDLERS}
-    assert {one.port for one in ALL_CONVERSATIONS} == set(PLAYERS)
-
-
-def test_conversations_when_for_one_kind_of_server_are_skipped_for_others() -> None:
-    udk = {one.name for one in ALL_CONVERSATIONS if one.applies_to("udk", "legacy")}
-    usual = {one.name for one in ALL_CONVERSATIONS if one.applies_to("ut2004", "plain")}
-    assert {"udk_status", "image_legacy_first", "greeting", "stream_status"} <= udk
-    assert {"ut2004_status", "image_full_frame", "greeting", "stream_status"} <= usual
-    assert not {"ut2004_status", "image_full_frame"} & udk
-    assert not {"udk_status", "image_legacy_first"} & usual
-
-
-def test_conversation_when_it_has_an_unknown_key_is_rejected(tmp_path: Path) -> None:
-    path = tmp_path / "wrong.json"
-    path.write_text('{"description": "", "port": "control", "steps": [{"expcet": []}]}')
-    with pytest.raises(ValueError, match="expcet"):
-        read_conversation(path, STEP_KEYS)
 
 
 @contextmanager
-def closing_server() -> Iterator[tuple[str, int]]:
-    """Accept one connection, send one line and close the connection."""
+def serve_once(*pieces: bytes, connections: int = 1) -> Iterator[str]:
+    """Accept connections, send these bytes, close each; after the last one nobody listens."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
         def serve() -> None:
-            connection, _ = listener.accept()
-            with connection:
-                connection.sendall(b"NFO {Gametype A} {Level B} {TimeLimit 0}\r\n")
+            for _ in range(connections):
+                connection, _ = listener.accept()
+                with connection:
+                    connection.sendall(b"".join(pieces))
+            listener.close()
 
         thread = threading.Thread(target=serve)
         thread.start()
-        yield listener.getsockname()
+        yield f"127.0.0.1:{listener.getsockname()[1]}"
         thread.join()
 
 
-def test_play_when_the_server_closes_reports_the_step() -> None:
-    steps = ({"expect": ["NFO .*"]}, {"expect": ["STA .*"]})
-    with closing_server() as address:
-        reason = play_conversation(Conversation("c", "", "control", True, steps), address, {})
-    assert reason == "step 2 (expect): the server closed the connection"
+def test_command_when_the_rows_pass_prints_them_and_succeeds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, world = write_sensor_robot(tmp_path), write_cell_world(tmp_path)
+    with start_server(tmp_path, robot=robot, world=world) as server:
+        control, image, stream = (
+            f"127.0.0.1:{port}"
+            for port in (server.control_port, server.image_port, server.stream_port)
+        )
+        rows = ("--rows", "greeting", "drive_pivot", "image_full*", "stream_status")
+        status = main([control, "--image", image, "--stream", stream, *rows])
+    printed = capsys.readouterr().out
+    assert status == 0, printed
+    assert "robot class USARBot.OmniP2AT, of pictures USARBot.OmniP2AT; {Start Cell0}" in printed
+    assert "4 rows: 4 passed" in printed
 
 
-def test_result_when_the_conversation_is_not_required_is_no_failure() -> None:
-    optional = Conversation("c", "", "control", False, ())
-    assert not ConversationResult(optional, "step 1").is_failure
-    assert ConversationResult(Conversation("c", "", "control", True, ()), "step 1").is_failure
-    assert results_table([ConversationResult(optional, "step [1]")]).row_count == 1
+def test_command_without_a_server_prints_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        address = "127.0.0.1:{1}".format(*listener.getsockname())
+    assert main([address]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.splitlines() == [
+        f"no server at {address} (control port): Connection refused"
+    ]
 
 
-def test_conversations_when_listed_are_all_files_of_the_folder() -> None:
-    assert len(ALL_CONVERSATIONS) == len(list(CONVERSATIONS.iterdir()))
+def test_command_when_the_server_dies_fails_its_rows(capsys: pytest.CaptureFixture[str]) -> None:
+    with serve_once(b"NFO {Gametype A} {Level B} {TimeLimit 0}\r\n", connections=3) as address:
+        status = main([address, "--robot-class", "A", "--rows", "greeting", "status", "clock"])
+    assert status == 1
+    assert "3 rows: 0 passed, 3 failed" in capsys.readouterr().out

@@ -1,0 +1,233 @@
+"""The suite passes our own server and correct variants of it, whatever row fails or raises."""
+
+from __future__ import annotations
+
+import dataclasses
+import socket
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import RemoteProtocolError
+from conformance import stream_player, tcp_player
+from conformance.check import Check, CheckFailed, CheckSkipped, ServerUnderTest
+from conformance.conversation_file import Address, read_conversation
+from conformance.mutation import ConnectionMutation, Mutation
+from conformance.mutation_play import UNMUTATED
+from conformance.mutation_proxy import run_mutation_proxy
+from conformance.parallel_play import ParallelPlayer, run_parallel_player
+from conformance.server_setup import server_under_test
+from conformance.suite import (
+    CHECKS,
+    CONVERSATIONS,
+    PLAYERS,
+    STEP_KEYS,
+    Outcome,
+    RowResult,
+    applicable_checks,
+    check_from_conversation,
+    play_check,
+    play_checks,
+    read_conversations,
+)
+from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
+from helpers.configs import WORLDS
+from helpers.server_process import start_server
+
+ALL_CONVERSATIONS = read_conversations()
+CHECKS_BY_NAME = {check.name: check for check in CHECKS}
+SERVER = ServerUnderTest({"control": ("127.0.0.1", 0)}, "Class", "{Start S}", "ut2004", False)
+
+
+def describe_failures(results: list[RowResult]) -> list[str]:
+    """Failed rows and reasons."""
+    return [f"{one.check.name}: {one.reason}" for one in results if one.outcome is Outcome.FAILED]
+
+
+def skipped_rows(results: list[RowResult]) -> list[str]:
+    """Names of skipped rows."""
+    return [one.check.name for one in results if one.outcome is Outcome.SKIPPED]
+
+
+def play_port(server: ServerUnderTest, port: str) -> list[RowResult]:
+    """Results of the rows of a port."""
+    checks = [check for check in applicable_checks(server) if check.port == port]
+    return list(play_checks(checks, server))
+
+
+def play_control_rows(
+    player: ParallelPlayer, server: ServerUnderTest, mutation: Mutation = UNMUTATED
+) -> list[RowResult]:
+    """Results of the rows of the control port."""
+    names = [check.name for check in applicable_checks(server) if check.port == "control"]
+    return player.play(mutation, names)
+
+
+def test_our_server_when_all_rows_are_played_passes(tmp_path: Path) -> None:
+    robot, world = write_sensor_robot(tmp_path), write_cell_world(tmp_path)
+    with start_server(tmp_path, "--image-type", "GOOD", robot=robot, world=world) as running:
+        server = server_under_test(running, spawn_pose=CELL_POSES[0])
+        for port in ("image", "stream"):
+            assert describe_failures(play_port(server, port)) == []
+        with run_parallel_player(server, CELL_POSES) as player:
+            results = play_control_rows(player, server)
+            assert describe_failures(results) == []
+            # With all sensors no row may go unplayed.
+            assert {result.outcome for result in results} == {Outcome.PASSED}
+            # Correct variants: no client may depend on the segments or on the order of a cycle.
+            for connect in (make_split_line_ends, make_other_order):
+                variant = Mutation("variant", "control", connect)
+                assert describe_failures(play_control_rows(player, server, variant)) == []
+
+
+def test_our_server_when_it_speaks_udk_passes(tmp_path: Path) -> None:
+    # Sonars and encoders have a line each.
+    robot, world = write_sensor_robot(tmp_path), write_cell_world(tmp_path)
+    options = ("--dialect", "udk", "--image-type", "RAW")
+    with start_server(tmp_path, *options, robot=robot, world=world) as running:
+        server = server_under_test(running, spawn_pose=CELL_POSES[0], dialect="udk")
+        assert describe_failures(play_port(server, "image")) == []
+        with run_parallel_player(server, CELL_POSES) as player:
+            results = play_control_rows(player, server)
+    assert describe_failures(results) == []
+    assert skipped_rows(results) == ["battery"]
+
+
+def test_our_server_when_it_sends_legacy_images_passes(tmp_path: Path) -> None:
+    with start_server(tmp_path, "--legacy-images") as running:
+        server = server_under_test(running, spawn_pose="{Start Centre}", legacy_images=True)
+        assert describe_failures(play_port(server, "image")) == []
+
+
+@pytest.mark.parametrize(
+    ("robot", "robot_class"), [("omni_p2dx", "OmniP2DX"), ("p2at_omni", "OmniP2AT")]
+)
+def test_our_server_with_another_class_passes(tmp_path: Path, robot: str, robot_class: str) -> None:
+    path, world = write_sensor_robot(tmp_path, robot), write_cell_world(tmp_path)
+    with start_server(tmp_path, robot=path, world=world) as running:
+        server = server_under_test(running, robot_class=robot_class)
+        with run_parallel_player(server, CELL_POSES) as player:
+            results = play_control_rows(player, server)
+    assert describe_failures(results) == []
+    has_scanner = robot == "omni_p2dx"
+    assert ("scan_turn" in skipped_rows(results)) is not has_scanner
+
+
+def test_our_server_with_another_world_passes(tmp_path: Path) -> None:
+    # Two rooms and a corridor, whose robots do not see each other.
+    places = ("{Start WestEnd}", "{Location 3.1,-3.2,0}", "{Location -1.2,-2.3,0}")
+    robot = write_sensor_robot(tmp_path)
+    with start_server(tmp_path, robot=robot, world=WORLDS / "corridor.ini") as running:
+        server = server_under_test(running)
+        with run_parallel_player(server, places) as player:
+            assert describe_failures(play_control_rows(player, server)) == []
+
+
+def test_our_server_with_ports_in_another_order_passes(tmp_path: Path) -> None:
+    with start_server(tmp_path) as running, ExitStack() as stack:
+        direct = server_under_test(running, spawn_pose="{Start Centre}").addresses
+
+        def enter_proxy(port: str) -> Address:
+            proxy = run_mutation_proxy(port, direct[port], ConnectionMutation)
+            return stack.enter_context(proxy)
+
+        control, image = enter_proxy("control"), enter_proxy("image")
+        while image[1] > control[1]:
+            image = enter_proxy("image")
+        server = dataclasses.replace(SERVER, addresses={"image": image, "control": control})
+        server = dataclasses.replace(server, robot_class="OmniP2AT", spawn_pose="{Start Centre}")
+        assert describe_failures(play_port(server, "image")) == []
+        assert play_check(CHECKS_BY_NAME["drive_pivot"], server).outcome is Outcome.PASSED
+
+
+def make_split_line_ends() -> ConnectionMutation:
+    """CR and LF of each line in segments of their own."""
+    return ConnectionMutation(split_replies_before=b"\n")
+
+
+def make_other_order() -> ConnectionMutation:
+    """Each line of Odometry behind the line that followed it."""
+    held = [b""]
+
+    def swap_with_next(line: bytes) -> bytes:
+        if b"{Type Odometry}" in line and line.startswith(b"SEN"):
+            held[0] += line
+            return b""
+        line, held[0] = line + held[0], b""
+        return line
+
+    return ConnectionMutation(mutate_reply=swap_with_next)
+
+
+@pytest.mark.parametrize(
+    ("error", "outcome", "reason"),
+    [
+        (CheckFailed("theta shrinks"), Outcome.FAILED, "theta shrinks"),
+        (CheckSkipped("no scanner"), Outcome.SKIPPED, "no scanner"),
+        (RemoteProtocolError("STA: no Time"), Outcome.FAILED, "STA: no Time"),
+        (ConnectionResetError("reset"), Outcome.FAILED, "the connection broke: reset"),
+        (
+            ZeroDivisionError("by zero"),
+            Outcome.FAILED,
+            "a reply that the check cannot read: ZeroDivisionError: by zero",
+        ),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_check_when_it_raises_has_a_result(error: Exception, outcome: Outcome, reason: str) -> None:
+    check = make_check(error)
+    assert play_check(check, SERVER) == RowResult(check, outcome, reason)
+    if outcome is Outcome.FAILED:
+        optional = dataclasses.replace(check, is_required=False)
+        assert play_check(optional, SERVER).outcome is Outcome.NOT_REQUIRED
+
+
+def make_check(error: Exception) -> Check:
+    """A check that raises."""
+
+    def run(server: ServerUnderTest) -> None:
+        raise error
+
+    return Check("row", "control", "", run)
+
+
+def test_checks_when_no_robot_spawns_are_not_played() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        gone = listener.getsockname()
+    server = dataclasses.replace(SERVER, addresses={"control": gone})
+    checks = [make_check(ZeroDivisionError()), CHECKS_BY_NAME["start_poses"]]
+    reasons = [result.reason for result in play_checks(checks, server)]
+    assert reasons[0] == "not played: no robot spawns"
+    assert "refused" in reasons[1]
+
+
+def test_conversations_when_read_use_every_kind_of_step() -> None:
+    keys = {key for one in ALL_CONVERSATIONS for step in one.steps for key in step}
+    assert keys >= {*tcp_player.STEP_HANDLERS, *stream_player.STEP_HANDLERS}
+    assert {one.port for one in ALL_CONVERSATIONS} == set(PLAYERS)
+    assert len(ALL_CONVERSATIONS) == len(list(CONVERSATIONS.iterdir()))
+
+
+def test_rows_when_listed_have_names_of_their_own() -> None:
+    names = [check.name for check in (*CHECKS, *map(check_from_conversation, ALL_CONVERSATIONS))]
+    assert len(names) == len(set(names))
+
+
+def test_rows_when_for_one_kind_of_server_are_left_out_for_others() -> None:
+    addresses = dict.fromkeys(PLAYERS, ("127.0.0.1", 0))
+    usual = dataclasses.replace(SERVER, addresses=addresses)
+    udk = dataclasses.replace(usual, dialect="udk", legacy_images=True)
+    usual_names, udk_names = ({row.name for row in applicable_checks(x)} for x in (usual, udk))
+    assert {"udk_status", "image_legacy_first", "greeting", "stream_status"} <= udk_names
+    assert {"ut2004_status", "image_full_frame", "greeting", "stream_status"} <= usual_names
+    assert not {"ut2004_status", "image_full_frame"} & udk_names
+    assert not {"udk_status", "image_legacy_first"} & usual_names
+    assert {row.port for row in applicable_checks(SERVER)} == {"control"}
+
+
+def test_conversation_when_it_has_an_unknown_key_is_rejected(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.json"
+    path.write_text('{"description": "", "port": "control", "steps": [{"expcet": []}]}')
+    with pytest.raises(ValueError, match="expcet"):
+        read_conversation(path, STEP_KEYS)
