@@ -65,3 +65,12 @@ def test_square_root_squares_to_the_covariance_at_any_rank(rank: int) -> None:
     root, valid = covariance_square_root(covariance)
     assert valid
     np.testing.assert_allclose(root @ root.T, covariance, rtol=1e-12, atol=1e-18)
+
+
+def test_belief_keeps_a_read_only_square_root_of_its_covariance() -> None:
+    covariance = np.array([[0.09, 0.03, 0.0], [0.03, 0.05, -0.002], [0.0, -0.002, 0.001]])
+    belief = Belief(np.zeros(3), covariance)
+    root = belief.square_root
+    np.testing.assert_allclose(root @ root.T, covariance, rtol=1e-13, atol=1e-16)
+    with pytest.raises(ValueError, match="read-only"):
+        root[0, 0] = 1.0
