@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
+from pathlib import Path
 
 import pytest
 
-from helpers.configs import REPOSITORY
-from helpers.documents import find_command_faults, find_commands, find_option_faults
+from catoptra_server.config.robot_file import read_robot
+from helpers.configs import OMNI_ROBOT, REPOSITORY
+from helpers.documents import (
+    find_command_faults,
+    find_commands,
+    find_option_faults,
+    read_blocks,
+)
 
 # Not the change log, which names what is gone.
 DOCUMENTS = (
@@ -32,7 +40,7 @@ def test_documents_have_commands_of_every_program() -> None:
     text = "".join((REPOSITORY / document).read_text(encoding="utf-8") for document in DOCUMENTS)
     programs = {words[0].rpartition("/")[2] for words in find_commands(text)}
     assert programs == {
-        *("make", "docker", "catoptra-server", "catoptra-client", "catoptra-studies")
+        *("make", "docker", "python", "catoptra-server", "catoptra-client", "catoptra-studies")
     }
 
 
@@ -44,12 +52,26 @@ def test_documents_have_commands_of_every_program() -> None:
         "```sh\n.venv/bin/catoptra-server --robots a.ini  # serves\n```\n",
         "`catoptra-studies cost --page a.md` writes",
         "with `--no-such-option 3`",
+        "drawn by `.venv/bin/python examples/no.py`",
         "```sh\ndocker compose -f docker/no.yaml up\n```\n",
     ],
 )
 def test_command_that_does_not_exist_is_found(text: str) -> None:
     faults = [fault for words in find_commands(text) for fault in find_command_faults(words)]
     assert faults + find_option_faults(text)
+
+
+def test_ini_block_of_the_effects_page_is_a_part_of_a_robot_file(tmp_path: Path) -> None:
+    (block,) = read_blocks(REPOSITORY / "docs/EFFECTS.md", "ini")
+    path = tmp_path / "robot.ini"
+    path.write_text(f"[Configuration]\nBasedOn={OMNI_ROBOT}\n{block}", encoding="utf-8")
+    robot, file = read_robot(path)
+    plain, _ = read_robot(OMNI_ROBOT)
+    assert robot.omni_camera is not None
+    assert plain.omni_camera is not None
+    assert robot.omni_camera.effects != plain.omni_camera.effects
+    unknown = {entry.key for entry in file.unknown_entries()}
+    assert unknown.isdisjoint(re.findall(r"^(\w+)=", block, re.MULTILINE))
 
 
 @pytest.mark.parametrize(

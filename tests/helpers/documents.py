@@ -15,6 +15,7 @@ from helpers.configs import REPOSITORY
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _SPAN = re.compile(r"`([^`\n]+)`")
 _PROGRAM = re.compile(r"(?:\S*/)?(catoptra-(?:server|client|studies))$")
+_OTHER_PROGRAMS = ("make", "docker", ".venv/bin/python")
 _OPTION = re.compile(r"--[a-z][a-z-]*")
 _VARIABLE = re.compile(r"([A-Z]+)=")
 
@@ -33,7 +34,7 @@ def find_commands(text: str) -> Iterator[list[str]]:
     for code in (*lines, *_SPAN.findall(_BLOCK.sub("", text))):
         # Brackets and ellipses stand for what a reader chooses.
         words = shlex.split(re.sub(r"[\[\]|]|\.\.\.", " ", code.replace("'", "")), comments=True)
-        if words and (words[0] in ("make", "docker") or _PROGRAM.match(words[0])):
+        if words and (words[0] in _OTHER_PROGRAMS or _PROGRAM.match(words[0])):
             yield words
 
 
