@@ -14,7 +14,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo live test browser-test stability lint format bench cost effects conformance fuzz soak wheels compose clean
+.PHONY: help setup demo live test browser-test stability lint format bench cost effects conformance mutations fuzz soak wheels compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -86,10 +86,14 @@ effects: $(READY) ## Draw each image effect, find the levels at which classifica
 	$(BIN)/catoptra-studies effects --output out/effects $(if $(QUICK),--quick) \
 	  $(if $(filter yes,$(UPDATE)),--page docs/EFFECTS.md)
 
-conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port [IMAGE= STREAM= DIALECT=udk LEGACY=yes]
-	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
+conformance: $(READY) ## Test a live server by conversations and by physics: ADDRESS=host:port [IMAGE= STREAM= CLASS= DIALECT=udk LEGACY=yes]
+	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [CLASS=USARBot.P2AT] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
 	PYTHONPATH=tests $(BIN)/python -m conformance.play $(ADDRESS) $(if $(IMAGE),--image $(IMAGE)) \
-	  $(if $(STREAM),--stream $(STREAM)) $(if $(DIALECT),--dialect $(DIALECT)) $(if $(LEGACY),--legacy-images)
+	  $(if $(STREAM),--stream $(STREAM)) $(if $(CLASS),--robot-class $(CLASS)) \
+	  $(if $(DIALECT),--dialect $(DIALECT)) $(if $(LEGACY),--legacy-images)
+
+mutations: $(READY) ## Play the conformance suite through each of its deliberate faults; prints the rows that notice it
+	PYTHONPATH=tests $(BIN)/python -m conformance.mutations
 
 fuzz: $(READY) ## Feed the parsers a million malformed inputs, and send garbage to a live server
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_parsers --cases 1000000 --seed 1
