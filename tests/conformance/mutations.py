@@ -1,0 +1,99 @@
+"""The matrix of mutations: which rows of the suite notice each of them.
+
+Run: make mutations, or, in tests/, `python -m conformance.mutations`. Plays all rows of a port
+through each mutation of it against our own server, in a world of cells, and prints for each
+mutation the conversations and the checks that fail. Exits with 0 if every mutation is noticed and
+the server without a mutation passes.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from conformance.check import ServerUnderTest
+from conformance.control_mutations import CONTROL_MUTATIONS
+from conformance.mutation import Mutation
+from conformance.mutation_play import UNMUTATED, find_failures
+from conformance.parallel_play import run_parallel_player
+from conformance.server_setup import server_under_test
+from conformance.suite import applicable_checks, read_conversations
+from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
+from helpers.server_process import start_server
+
+
+@dataclass(frozen=True, slots=True)
+class MutationResult:
+    """Rows that notice a mutation."""
+
+    mutation: Mutation
+    conversations: tuple[str, ...]
+    checks: tuple[str, ...]
+
+    @property
+    def is_noticed(self) -> bool:
+        """Whether the exit status of the suite shows it."""
+        return bool(self.conversations or self.checks)
+
+
+def play_control_mutations(
+    server: ServerUnderTest, mutations: Sequence[Mutation]
+) -> list[MutationResult]:
+    """Rows of the control port that notice each mutation; the cells of the world work in turn."""
+    rows = [check.name for check in applicable_checks(server) if check.port == "control"]
+    with run_parallel_player(server, CELL_POSES) as player:
+        futures = {one.name: [player.start(one, row) for row in rows] for one in mutations}
+        return [
+            _result(one, find_failures(future.result() for future in futures[one.name]))
+            for one in mutations
+        ]
+
+
+def matrix_table(results: Iterable[MutationResult]) -> Table:
+    """Table of mutations and the rows that notice them."""
+    table = Table("port", "mutation", "conversations that fail", "checks that fail")
+    for one in results:
+        columns = (", ".join(one.conversations), ", ".join(one.checks))
+        table.add_row(one.mutation.port, one.mutation.name, *columns)
+    return table
+
+
+def summarize(results: Sequence[MutationResult]) -> str:
+    """Number of mutations noticed by conversations alone, and by the whole suite."""
+    return (
+        f"{len(results)} mutations: conversations notice "
+        f"{sum(bool(one.conversations) for one in results)}, with the checks "
+        f"{sum(one.is_noticed for one in results)} are noticed"
+    )
+
+
+def main() -> int:
+    """Play the matrix; exit status."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        robot, world = write_sensor_robot(folder), write_cell_world(folder)
+        with start_server(folder, robot=robot, world=world) as running:
+            server = server_under_test(running)
+            unmutated, *results = play_control_mutations(server, [UNMUTATED, *CONTROL_MUTATIONS])
+    Console().print(matrix_table([unmutated, *results]))
+    print(summarize(results))
+    return 0 if all(one.is_noticed for one in results) and not unmutated.is_noticed else 1
+
+
+def _result(mutation: Mutation, failures: dict[str, str]) -> MutationResult:
+    conversations = {one.name for one in read_conversations()}
+    return MutationResult(
+        mutation,
+        tuple(sorted(failures.keys() & conversations)),
+        tuple(sorted(failures.keys() - conversations)),
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
