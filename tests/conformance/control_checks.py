@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from conformance.check import Check, ServerUnderTest, check_from_function
 from conformance.control_clock_checks import CLOCK_CHECKS
+from conformance.control_command_checks import COMMAND_CHECKS
 from conformance.control_motion_checks import MOTION_CHECKS
 from conformance.control_range_checks import RANGE_CHECKS
 from conformance.control_session import spawn_robot
@@ -22,5 +23,6 @@ CONTROL_CHECKS: tuple[Check, ...] = (
     *TEXT_CHECKS,
     *CLOCK_CHECKS,
     *MOTION_CHECKS,
+    *COMMAND_CHECKS,
     *RANGE_CHECKS,
 )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 
+from conformance.control_further_mutations import FURTHER_CONTROL_MUTATIONS
 from conformance.line_mutations import (
     Connect,
     drop,
@@ -201,4 +202,8 @@ MEANING_MUTATIONS = (
     _mutation("RES always OK", of_replies(substitute("Status Failed", "Status OK")), "set_unknown"),
 )
 
-CONTROL_MUTATIONS: tuple[Mutation, ...] = (*TEXT_MUTATIONS, *MEANING_MUTATIONS)
+CONTROL_MUTATIONS: tuple[Mutation, ...] = (
+    *TEXT_MUTATIONS,
+    *MEANING_MUTATIONS,
+    *FURTHER_CONTROL_MUTATIONS,
+)
