@@ -14,10 +14,10 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo live test browser-test stability lint format bench cost effects conformance mutations fuzz soak wheels compose clean
+.PHONY: help setup demo experiment-seeds live test browser-test stability lint format bench cost effects conformance mutations fuzz soak wheels compose clean
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## Make the virtual environment .venv with everything pinned in constraints.txt
 
@@ -38,8 +38,11 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff
 	touch $@
 
-demo: $(READY) ## Repeat the paper's experiment with servers as processes; writes out/demo/report.html
-	$(BIN)/catoptra-studies demo --output out/demo
+demo: $(READY) ## Repeat the paper's experiment with servers as processes; writes out/demo/report.html: [SEED=0]
+	$(BIN)/catoptra-studies demo --output out/demo --seed $(or $(SEED),0)
+
+experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 minutes on two cores; writes out/experiment-seeds: [SEEDS=50]
+	$(BIN)/catoptra-studies seeds --output out/experiment-seeds --seeds $(or $(SEEDS),50)
 
 # One page a machine: PORT=0 takes free ports for a second one.
 live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080]

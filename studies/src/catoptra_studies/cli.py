@@ -1,4 +1,4 @@
-"""The command `catoptra-studies`: demo, live, cost, effects and figures.
+"""The command `catoptra-studies`: demo, seeds, live, cost, effects and figures.
 
 Each subcommand has a module with its own `main`, imported here once its name has been read. So
 `demo` starts where no server is installed, and `figures` where no client can connect. To add a
@@ -14,9 +14,10 @@ from collections.abc import Sequence
 EXIT_USAGE = 2
 
 _USAGE = """\
-usage: catoptra-studies {demo,live,cost,effects,figures} [options]
+usage: catoptra-studies {demo,seeds,live,cost,effects,figures} [options]
 
   demo      repeat the paper's experiment in both set-ups and write its report
+  seeds     evaluate the claims of demo with many seeds, without pictures
   live      show a robot that drives and localizes itself in a browser, in real time
   cost      measure what accuracy costs in time and gains in localization
   effects   show each image effect, and the levels at which classification fails
@@ -59,6 +60,10 @@ def _run(words: Sequence[str]) -> int:
             from catoptra_studies.experiment.demo_command import main as run_demo
 
             return run_demo(rest)
+        case ["seeds", *rest]:
+            from catoptra_studies.experiment.seeds_command import main as run_seeds
+
+            return run_seeds(rest)
         case ["live", *rest]:
             from catoptra_studies.live.live_command import main as run_live
 

@@ -19,3 +19,12 @@ PAPER_EKF_ERROR_M = 0.6
 
 # Position error that odometry alone exceeds at several steps of Figure 13.
 PAPER_ODOMETRY_ERROR_M = 1.0
+
+# Bound of the filter's position error over the whole simulated drive.
+PAPER_SIM_EKF_ERROR_M = 0.5
+
+# Mean position error of the filter on the diagonal of the simulated drive, steps 84 to 100.
+PAPER_DIAGONAL_ERROR_M = 0.349
+
+# Step of the real drive in which measurements start to pass the gate.
+PAPER_RELOCK_STEP = 23

@@ -19,13 +19,13 @@ from catoptra_studies.experiment.filter_replay import FilterRun
 STEPS = 101
 
 
-def make_filter_run(seed: int, *, largest_m: float) -> FilterRun:
+def make_filter_run(run: int, *, largest_m: float) -> FilterRun:
     """A run whose filter error rises to a maximum, with twice the error of odometry."""
     error = np.linspace(0.0, largest_m, STEPS)
     ones = np.ones(STEPS, dtype=np.int64)
     poses = np.zeros((STEPS, 3))
     return FilterRun(
-        "paper", seed, poses, poses, error, 2.0 * error, ones, ones, 0 * ones, 0.5 * error
+        "paper", run, poses, poses, error, 2.0 * error, ones, ones, 0 * ones, 0.5 * error
     )
 
 
@@ -49,17 +49,18 @@ def test_run_metrics_count_the_steps_above_a_metre():
 
 def test_rate_of_steps_without_landmarks_is_missing():
     blind = replace(make_filter_run(0, largest_m=1.0), num_measured=np.zeros(STEPS, dtype=np.int64))
-    assert compute_run_metrics(blind).accepted_steps_1_to_8 is None
+    assert compute_run_metrics(blind).accepted_steps_1_to_22 is None
+    assert compute_run_metrics(blind).accepts_first_measurements is None
 
 
 def test_median_run_has_the_median_largest_error():
     runs = [make_filter_run(seed, largest_m=m) for seed, m in enumerate([0.9, 0.1, 0.5])]
-    assert runs[median_run_index(runs)].seed == 2
+    assert runs[median_run_index(runs)].run == 2
 
 
 def test_summary_has_every_run_and_statistics():
     found = summarize_runs([make_filter_run(seed, largest_m=0.1 * (seed + 1)) for seed in range(3)])
-    assert found["seeds"] == [0, 1, 2]
+    assert [run["run"] for run in found["runs"]] == [0, 1, 2]
     assert found["statistics"]["ekf_max_m"]["median"] == pytest.approx(0.2)
 
 

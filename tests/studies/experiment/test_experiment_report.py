@@ -12,6 +12,8 @@ import pytest
 from catoptra_studies.experiment.ensemble import summarize_runs
 from catoptra_studies.experiment.experiment_report import write_html_report
 from catoptra_studies.experiment.paper_claims import Claim
+from catoptra_studies.experiment.paper_differences import Difference
+from catoptra_studies.experiment.run_share import RunShare
 from catoptra_studies.reports.html_page import ReportFigure
 from studies.experiment.test_ensemble import make_filter_run
 
@@ -35,7 +37,11 @@ def report(tmp_path):
         tmp_path,
         subtitle="now",
         num_runs=1,
-        claims=[Claim("confirmed claim", "1 m", True), Claim("other claim", "2 m", False)],
+        claims=[
+            Claim("a", "confirmed claim", "1 < 2", RunShare(2, 3)),
+            Claim("b", "other claim", "2 < 1", RunShare(1, 2)),
+        ],
+        differences=[Difference("they", "we", "because")],
         camera_figures=[figure],
         landmark_figures=[],
         drive_figures=[],
@@ -53,8 +59,10 @@ def test_report_is_self_contained(report):
 
 def test_report_has_each_claim_and_its_evaluation(report):
     text, _ = report
-    assert '<td>confirmed claim</td><td>1 m</td><td class="yes">yes</td>' in text
-    assert '<td>other claim</td><td>2 m</td><td class="no">no</td>' in text
+    assert "<td>confirmed claim</td><td>1 &lt; 2</td><td>2 of 3 runs (21% to 94%)</td>" in text
+    assert text.count('<td class="yes">yes</td>') == 1
+    assert text.count('<td class="no">no</td>') == 1
+    assert "<td>they</td><td>we</td><td>because</td>" in text
 
 
 def test_report_escapes_its_texts(report):
@@ -70,3 +78,9 @@ def test_report_shows_statistics_and_missing_values(report):
     assert "0-0.5 m: 25%" in text
     assert text.count("none") >= 2
     assert "$" not in text
+
+
+@pytest.mark.parametrize("term", ["sim", "real", "P0", "R", "gate", "odometry alone", "error"])
+def test_report_explains_its_terms_before_it_uses_them(report, term):
+    text, _ = report
+    assert text.index(f"<dt>{term}</dt>") < text.index("<h2>Claims of the paper</h2>")

@@ -16,20 +16,22 @@ from catoptra_client.localization import make_landmark_map
 from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
+from catoptra_studies.experiment.classifier_training import train_classifier
 from catoptra_studies.experiment.experiment_results import write_experiment_results
 from catoptra_studies.experiment.experiment_runner import (
     PUBLISHED_FILTER,
     ExperimentConfig,
     run_setup,
-    train_classifier,
 )
 from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, REAL, SETUPS, SIM
 from catoptra_studies.experiment.filter_replay import replay_filter
+from catoptra_studies.experiment.measurement_metrics import true_range_bearing
 from catoptra_studies.experiment.remote_server import connect_stream
 from catoptra_studies.experiment.server_process import run_server
 from helpers.server_process import DEADLINE_S
 
 CONFIGS = Path(__file__).parents[3] / "configs"
+LANDMARKS = {m.name: m for m in read_landmarks(CONFIGS / "landmarks/four_legged_2006.csv")}
 
 
 def ignore_progress(name: str) -> None:
@@ -84,6 +86,18 @@ def test_sim_and_real_measure_with_their_own_noise(results):
 def test_the_same_run_gives_the_same_log(config, trained, results):
     again = run_setup(config, REAL, trained[0], ignore_progress)
     assert again.drive_logs == results[1].drive_logs
+
+
+def test_another_seed_gives_other_odometry_and_other_errors_by_hand(config, trained, results):
+    (other,) = run_setup(replace(config, seed=1), REAL, trained[0], ignore_progress).drive_logs
+    (log,) = results[1].drive_logs
+    assert other.steps[-1].odometry != log.steps[-1].odometry
+    # Errors and no measurements, which differ with the slip of the robot alone.
+    errors = [
+        [m.bearing_rad - true_range_bearing(log.steps[1], LANDMARKS[m.name])[1] for m in measured]
+        for log, measured in ((log, log.steps[1].measurements) for log in (log, other))
+    ]
+    assert np.abs(np.subtract(*errors)).min() > 1e-6
 
 
 class Watch:
@@ -151,7 +165,7 @@ def test_report_and_summary_are_written(config, trained, results):
     )
     document = json.loads((config.output_folder / "summary.json").read_text())
     assert set(document["setups"]) == {"sim", "real"}
-    assert len(document["claims"]) == len(claims) == 8
+    assert len(document["claims"]) == len(claims) == 9
     assert "overview.png" in {path.name for path in config.output_folder.iterdir()}
     assert report.stat().st_size > 200_000  # four figures are inside
 

@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_client.localization import LandmarkPosition, OdometryPose
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, LandmarkMeasurement
+from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
 from catoptra_studies.experiment.experiment_setups import (
     CONSISTENT_FILTER,
     OVERCONFIDENT_FILTER,
@@ -24,6 +24,7 @@ from catoptra_studies.experiment.filter_replay import (
     find_relock_step,
     replay_filter,
 )
+from catoptra_studies.experiment.landmark_measurement import LandmarkMeasurement
 from catoptra_studies.experiment.route import clockwise_route
 
 MAP = {"a": LandmarkPosition("a", 1.35, -1.9), "b": LandmarkPosition("b", -1.35, 1.9)}

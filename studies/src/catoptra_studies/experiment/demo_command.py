@@ -16,13 +16,12 @@ from pathlib import Path
 from catoptra_client.landmarks import ColourClassifier
 from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.experiment.classifier_training import DetectorSnapshot, train_classifier
 from catoptra_studies.experiment.experiment_results import write_experiment_results
 from catoptra_studies.experiment.experiment_runner import (
-    DetectorSnapshot,
     ExperimentConfig,
     SetupResult,
     run_setup,
-    train_classifier,
 )
 from catoptra_studies.experiment.experiment_setups import SETUPS, SIM, ExperimentSetup
 from catoptra_studies.experiment.figure_source import (
@@ -123,8 +122,8 @@ def _drive_setup(
 
 
 def _print_claims(claims: Sequence[Claim]) -> None:
-    rows = [((claim.text, claim.measurement), claim.is_confirmed) for claim in claims]
-    print_table(("claim of the paper", "measured here", "confirmed"), rows)
+    rows = [((claim.text, str(claim.runs)), claim.is_confirmed) for claim in claims]
+    print_table(("claim of the paper", "true in (95 % interval)", "confirmed"), rows)
 
 
 @contextmanager

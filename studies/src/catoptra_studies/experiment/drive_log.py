@@ -5,8 +5,7 @@ The log has everything that a filter needs, so that filters can be compared on t
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +14,11 @@ import numpy.typing as npt
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks import (
     ColourClassifier,
-    Detection,
     Detector,
     Viewpoint,
     detect,
     make_detector,
 )
-from catoptra_client.landmarks.ranging import range_from_half_angle
 from catoptra_client.localization import OdometryPose
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
@@ -29,28 +26,22 @@ from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.usarsim.reports import VehicleGeometry
 from catoptra_studies.experiment.experiment_setups import (
-    MAX_RANGE_M,
     ExperimentSetup,
     MeasurementSource,
+)
+from catoptra_studies.experiment.landmark_measurement import (
+    LandmarkMeasurement,
+    MeasurementFunction,
+    manual_measurement,
+    manual_noise_sources,
+    measurements_in_range,
 )
 from catoptra_studies.experiment.route import Waypoint
 from catoptra_studies.experiment.waypoint_controller import Chassis, wheel_command_towards
 
 Positions = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class LandmarkMeasurement:
-    """Measurement of one landmark in one step."""
-
-    name: str
-    range_m: float
-
-    bearing_rad: float
-    """Clockwise from the robot's forward direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,23 +60,23 @@ class DriveLog:
     setup: str
     """Name of the set-up."""
 
-    seed: int
+    run: int
+    """Number of the run, from 0."""
 
     steps: tuple[DriveStep, ...]
     """Steps of the route; the first is the start, without measurements."""
 
 
-# Measure landmarks after a step, from the true pose.
-MeasurementFunction = Callable[[Waypoint], tuple[LandmarkMeasurement, ...]]
 # Receives the robot and each step of its drive, the start first, while the clock stands.
 StepCallback = Callable[[RobotClient, DriveStep], None]
 
 
 def log_drive(
     setup: ExperimentSetup,
-    seed: int,
+    run: int,
     address: ServerAddress,
     *,
+    seed: int,
     landmarks: tuple[Landmark, ...],
     classifier: ColourClassifier | None,
     on_step: StepCallback,
@@ -94,8 +85,9 @@ def log_drive(
 
     Args:
         setup: Route and source of measurements.
-        seed: Number of the run.
+        run: Number of the run.
         address: Server to connect to.
+        seed: Seed of the experiment, for the noise of manual measurements; the server has it, too.
         landmarks: Landmarks of the field.
         classifier: Classifier for set-ups that detect landmarks in frames.
         on_step: Called after the start and each step.
@@ -104,11 +96,12 @@ def log_drive(
         CatoptraError: The set-up detects landmarks and there is no classifier.
     """
     start = setup.route[0]
+    # All noise of a drive follows from the seed and this name, in the server and here.
+    robot_name = f"Run{run}"
     with RobotClient.connect(address.host, address.control_port) as robot:
         robot.spawn(
             ROBOT_CLASS,
-            # The server's noise follows from its own seed and this name.
-            name=f"Run{seed}",
+            name=robot_name,
             location_m=(start.x_m, start.y_m, 0.0),
             rotation_rad=(0.0, 0.0, start.yaw_rad),
         )
@@ -123,11 +116,9 @@ def log_drive(
                 )
                 measure = _detector_measurement(images, detector)
             else:
-                # Keyed by the run alone: run 7 has the same noise whether runs 0 to 6 were driven
-                # or not.
-                generator = np.random.Generator(np.random.Philox(key=seed))
-                measure = manual_measurement(setup, camera, height_m, landmarks, generator)
-            return DriveLog(setup.name, seed, drive_route(setup, robot, measure, on_step))
+                noise = manual_noise_sources(seed, robot_name, landmarks)
+                measure = manual_measurement(setup, camera, height_m, landmarks, noise)
+            return DriveLog(setup.name, run, drive_route(setup, robot, measure, on_step))
 
 
 def drive_route(
@@ -160,82 +151,6 @@ def _detector_measurement(images: ImageClient, detector: Detector) -> Measuremen
         return measurements_in_range(detect(detector, images.get_frame().rgb))
 
     return measure
-
-
-def measurements_in_range(detections: Sequence[Detection]) -> tuple[LandmarkMeasurement, ...]:
-    """Measurements for a filter: detections with a range, of near landmarks."""
-    return tuple(
-        LandmarkMeasurement(detection.name, detection.range_m, detection.bearing_rad)
-        for detection in detections
-        if detection.has_range and detection.range_m <= MAX_RANGE_M
-    )
-
-
-def manual_measurement(
-    setup: ExperimentSetup,
-    camera: OmniCamera,
-    height_m: float,
-    landmarks: tuple[Landmark, ...],
-    generator: np.random.Generator,
-) -> MeasurementFunction:
-    """Measurement of the true landmarks with noise, as by hand in recorded frames.
-
-    Args:
-        setup: Noise of the measurements.
-        camera: Camera in whose image the noise applies.
-        height_m: Height of the viewpoint above the floor.
-        landmarks: Landmarks of the field.
-        generator: Source of the noise.
-    """
-
-    def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
-        measurements = (
-            _measure_manually(setup, camera, height_m, truth, landmark, generator)
-            for landmark in landmarks
-        )
-        return tuple(m for m in measurements if m is not None)
-
-    return measure
-
-
-def _measure_manually(
-    setup: ExperimentSetup,
-    camera: OmniCamera,
-    height_m: float,
-    truth: Waypoint,
-    landmark: Landmark,
-    generator: np.random.Generator,
-) -> LandmarkMeasurement | None:
-    """Measure a landmark's foot with noise on image radius and bearing.
-
-    None where the landmark is too far, or where the noise leaves no range.
-    """
-    # Drawn for every landmark, in range or not, so that one does not shift the noise of others.
-    radial, angular = generator.standard_normal(2)
-    # The foot on the floor: its distance follows from the image radius alone.
-    dx, dy = landmark.x_m - truth.x_m, landmark.y_m - truth.y_m
-    range_m = math.hypot(dx, dy)
-    if range_m > MAX_RANGE_M:
-        return None
-    ratio = _floor_radius_ratio(camera, range_m, height_m)
-    ratio += float(radial) * setup.manual_sigma_px / camera.horizon_radius_px
-    bearing_rad = wrap_angle(math.atan2(dy, dx) - truth.yaw_rad)
-    bearing_rad = wrap_angle(bearing_rad + float(angular) * setup.manual_sigma_rad)
-    # Noise may push a near foot across the image's centre, where no radius is.
-    if ratio < 0.0:
-        return None
-    t = float(camera.mirror.t_from_radius_ratio(np.array(ratio)))
-    measured_m, is_below_horizon = range_from_half_angle(t, drop_m=height_m)
-    if not is_below_horizon:
-        return None
-    return LandmarkMeasurement(landmark.name, measured_m, bearing_rad)
-
-
-def _floor_radius_ratio(camera: OmniCamera, range_m: float, height_m: float) -> float:
-    """r_i / h of a point on the floor, by the camera model where the paper has Eq. 2."""
-    # tan(theta/2) = sin / (1 + cos), with sin = range / distance and cos = height / distance.
-    t = np.array(range_m / (math.hypot(range_m, height_m) + height_m))
-    return float(camera.mirror.radius_ratio_from_t(t))
 
 
 def read_true_pose(robot: RobotClient) -> Waypoint:

@@ -1,4 +1,4 @@
-"""Statistics over many seeds: metrics of each run, medians and quantiles over all."""
+"""Statistics over many runs: metrics of each run, medians and quantiles over all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FIRST_STEPS = slice(1, 6)
 class RunMetrics:
     """Metrics of one run; acceptance rates are None where no landmark was measured."""
 
-    seed: int
+    run: int
     odometry_max_m: float
     odometry_steps_above_1m: int
     ekf_max_m: float
@@ -32,9 +32,22 @@ class RunMetrics:
     ekf_mean_m: float
     """Mean position error over the steps, without the start."""
 
+    ekf_mean_steps_9_to_23_m: float
+    """Mean error along the first side, from the first landmarks to the corner."""
+
+    ekf_mean_steps_31_to_60_m: float
+    """Mean error after the re-lock, along the second side and the third."""
+
+    ekf_max_steps_61_to_84_m: float
+    """Largest error on the way back to the start, where the paper reports a second growth."""
+
     ekf_mean_on_diagonal_m: float
-    ekf_max_after_step_30_m: float
-    accepted_steps_1_to_8: float | None
+
+    accepts_first_measurements: bool | None
+    """Whether the gate accepts a landmark in the first step that measures one."""
+
+    accepted_steps_1_to_22: float | None
+    """Acceptance rate before the first corner."""
 
     accepted_steps_9_to_22: float | None
     """Acceptance rate along the first side, up to the corner."""
@@ -48,6 +61,9 @@ class RunMetrics:
     longest_rejection_streak: int
     windowed_nis_max: float
 
+    fewest_landmarks_in_a_step: int
+    """Smallest number of landmarks measured in any step after the start."""
+
     ekf_worse_in_first_5_steps: bool
     """Whether the filter's mean error exceeds that of odometry in steps 1 to 5."""
 
@@ -56,26 +72,35 @@ def compute_run_metrics(filter_run: FilterRun) -> RunMetrics:
     """Compute the metrics of one run."""
     estimate_m, odometry_m = filter_run.estimate_error_m, filter_run.odometry_error_m
     return RunMetrics(
-        seed=filter_run.seed,
+        run=filter_run.run,
         odometry_max_m=float(odometry_m.max()),
         odometry_steps_above_1m=int((odometry_m > PAPER_ODOMETRY_ERROR_M).sum()),
         ekf_max_m=float(estimate_m.max()),
         # The start is given and would only dilute the mean.
         ekf_mean_m=float(estimate_m[1:].mean()),
+        ekf_mean_steps_9_to_23_m=float(estimate_m[9:24].mean()),
+        ekf_mean_steps_31_to_60_m=float(estimate_m[31:61].mean()),
+        ekf_max_steps_61_to_84_m=float(estimate_m[61:85].max()),
         ekf_mean_on_diagonal_m=float(estimate_m[_DIAGONAL_STEPS].mean()),
-        # From row 31 on, after the re-lock that the paper reports near step 23.
-        ekf_max_after_step_30_m=float(estimate_m[31:].max()),
-        accepted_steps_1_to_8=acceptance_rate(filter_run, 1, 8),
+        accepts_first_measurements=_accepts_first_measurements(filter_run),
+        accepted_steps_1_to_22=acceptance_rate(filter_run, 1, 22),
         accepted_steps_9_to_22=acceptance_rate(filter_run, 9, 22),
         accepted_steps_23_to_40=acceptance_rate(filter_run, 23, 40),
         accepted_steps_41_to_100=acceptance_rate(filter_run, 41, 100),
         relock_step=find_relock_step(filter_run),
         longest_rejection_streak=int(filter_run.rejection_streak.max()),
         windowed_nis_max=float(filter_run.windowed_nis.max()),
+        fewest_landmarks_in_a_step=int(filter_run.num_measured[1:].min()),
         ekf_worse_in_first_5_steps=bool(
             estimate_m[_FIRST_STEPS].mean() > odometry_m[_FIRST_STEPS].mean()
         ),
     )
+
+
+def _accepts_first_measurements(filter_run: FilterRun) -> bool | None:
+    """None where no landmark was measured in the whole run."""
+    measuring_steps = np.flatnonzero(filter_run.num_measured)
+    return bool(filter_run.num_accepted[measuring_steps[0]]) if len(measuring_steps) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +134,9 @@ def summary_statistics(values: Sequence[float | int | bool | None]) -> SummarySt
 def summarize_runs(filter_runs: Sequence[FilterRun]) -> dict[str, object]:
     """Metrics of every run and their statistics, as for JSON."""
     runs = [asdict(compute_run_metrics(filter_run)) for filter_run in filter_runs]
-    keys = [key for key in runs[0] if key != "seed"]
+    keys = [key for key in runs[0] if key != "run"]
     statistics = {key: summary_statistics([run[key] for run in runs]) for key in keys}
     return {
-        "seeds": [run["seed"] for run in runs],
         "statistics": {key: asdict(value) if value else None for key, value in statistics.items()},
         "runs": runs,
     }

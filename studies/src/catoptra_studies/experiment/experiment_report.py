@@ -13,24 +13,31 @@ from string import Template
 from typing import Any
 
 from catoptra_studies.experiment.paper_claims import Claim
+from catoptra_studies.experiment.paper_differences import Difference
+from catoptra_studies.experiment.parameter_table import parameter_table
 from catoptra_studies.reports.html_page import Cell, ReportFigure, figure_elements, html_table
 
-# Key of a run's metrics and its label in the report, in the order of the rows.
+# Key of a run's metrics and its label in the report, in the order of the rows. Each column of the
+# table is one filter; odometry is the same in all.
 _METRIC_LABELS = {
-    "odometry_max_m": "largest odometry error, m",
-    "odometry_steps_above_1m": "steps with odometry error above 1 m",
-    "ekf_max_m": "largest EKF error, m",
-    "ekf_mean_m": "mean EKF error, m",
-    "ekf_mean_on_diagonal_m": "mean EKF error on the diagonal, m",
-    "ekf_max_after_step_30_m": "largest EKF error after step 30, m",
-    "accepted_steps_1_to_8": "fraction of measured landmarks accepted, steps 1 to 8",
-    "accepted_steps_9_to_22": "the same, steps 9 to 22: up to the first corner",
-    "accepted_steps_23_to_40": "the same, steps 23 to 40",
+    "odometry_max_m": "odometry alone: largest error, m",
+    "odometry_steps_above_1m": "odometry alone: steps with an error above 1 m",
+    "ekf_max_m": "this filter: largest error, m",
+    "ekf_mean_m": "mean error, m",
+    "ekf_mean_steps_9_to_23_m": "mean error in steps 9 to 23, before the first corner, m",
+    "ekf_mean_steps_31_to_60_m": "mean error in steps 31 to 60, m",
+    "ekf_max_steps_61_to_84_m": "largest error in steps 61 to 84, on the way back, m",
+    "ekf_mean_on_diagonal_m": "mean error on the diagonal, m",
+    "ekf_worse_in_first_5_steps": "1 where it is worse than odometry in steps 1 to 5",
+    "accepts_first_measurements": "1 where it accepts a landmark in the first measuring step",
+    "accepted_steps_1_to_22": "fraction of the landmarks accepted, steps 1 to 22",
+    "accepted_steps_9_to_22": "the same, steps 9 to 22",
+    "accepted_steps_23_to_40": "the same, steps 23 to 40, after the first corner",
     "accepted_steps_41_to_100": "the same, steps 41 to 100",
     "relock_step": "first accepting step after five that rejected all, where there was one",
-    "longest_rejection_streak": "longest run of rejecting steps",
-    "windowed_nis_max": "largest NIS of 20 measurements, a degree of freedom; 1 is consistent",
-    "ekf_worse_in_first_5_steps": "runs with EKF worse than odometry in steps 1 to 5",
+    "longest_rejection_streak": "longest run of steps that rejected all",
+    "fewest_landmarks_in_a_step": "fewest landmarks measured in a step",
+    "windowed_nis_max": "largest NIS of 20 measurements, a degree of freedom",
 }
 
 
@@ -40,6 +47,7 @@ def write_html_report(
     subtitle: str,
     num_runs: int,
     claims: Sequence[Claim],
+    differences: Sequence[Difference],
     camera_figures: Sequence[ReportFigure],
     landmark_figures: Sequence[ReportFigure],
     drive_figures: Sequence[ReportFigure],
@@ -53,6 +61,7 @@ def write_html_report(
         subtitle: Line below the title.
         num_runs: Drives of each set-up.
         claims: Claims of the paper with their evaluation.
+        differences: Findings of the paper that were not reproduced.
         camera_figures: Figures of the first section.
         landmark_figures: Figures of the second section.
         drive_figures: Figures of the third section.
@@ -68,6 +77,8 @@ def write_html_report(
         subtitle=html.escape(subtitle),
         num_runs=num_runs,
         claims=_claim_table(claims),
+        differences=_difference_table(differences),
+        parameters=parameter_table(),
         camera_figures=figure_elements(folder, camera_figures),
         landmark_figures=figure_elements(folder, landmark_figures),
         drive_figures=figure_elements(folder, drive_figures),
@@ -84,8 +95,15 @@ def _claim_table(claims: Sequence[Claim]) -> str:
     rows = []
     for claim in claims:
         answer = "yes" if claim.is_confirmed else "no"
-        rows.append([Cell(claim.text), Cell(claim.measurement), Cell(answer, answer)])
-    return html_table([Cell("Claim"), Cell("Measured"), Cell("Confirmed")], rows)
+        cells = (claim.text, claim.criterion, str(claim.runs))
+        rows.append([*map(Cell, cells), Cell(answer, answer)])
+    titles = ("Claim", "A run satisfies it where", "Satisfied in", "Confirmed")
+    return html_table([*map(Cell, titles)], rows)
+
+
+def _difference_table(differences: Sequence[Difference]) -> str:
+    rows = [[Cell(d.paper), Cell(d.here), Cell(d.reason)] for d in differences]
+    return html_table([*map(Cell, ("The paper", "Here", "Why, as far as it is known"))], rows)
 
 
 def _filter_tables(setups: Mapping[str, Any]) -> str:
@@ -95,7 +113,7 @@ def _filter_tables(setups: Mapping[str, Any]) -> str:
 def _filter_table(setup: Mapping[str, Any]) -> str:
     # Filters are the columns, so that a metric can be read across all of them.
     filters = setup["filters"].values()
-    header = [Cell(""), *(Cell(settings["title"], "n") for settings in filters)]
+    header = [Cell("Filter:"), *(Cell(settings["title"], "n") for settings in filters)]
     rows = [
         [Cell(label), *(Cell(_format_statistics(f["statistics"][key]), "n") for f in filters)]
         for key, label in _METRIC_LABELS.items()

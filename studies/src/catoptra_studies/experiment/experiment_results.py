@@ -8,16 +8,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from catoptra_studies.experiment.classifier_training import DetectorSnapshot
 from catoptra_studies.experiment.ensemble import median_run_index, summarize_runs
 from catoptra_studies.experiment.experiment_report import write_html_report
 from catoptra_studies.experiment.experiment_runner import (
-    DetectorSnapshot,
     ExperimentConfig,
     SetupResult,
 )
 from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER
 from catoptra_studies.experiment.measurement_metrics import compute_measurement_metrics
 from catoptra_studies.experiment.paper_claims import Claim, evaluate_claims
+from catoptra_studies.experiment.paper_differences import list_differences
 from catoptra_studies.experiment.plots.classifier_plot import draw_classifier_output
 from catoptra_studies.experiment.plots.error_plot import draw_error_ensemble, draw_position_errors
 from catoptra_studies.experiment.plots.overview_plot import draw_overview
@@ -64,6 +65,7 @@ def write_experiment_results(
         subtitle=subtitle,
         num_runs=config.num_runs,
         claims=claims,
+        differences=list_differences(summary["setups"]),
         camera_figures=camera_figures,
         landmark_figures=[] if snapshot is None else [_draw_classifier(config, snapshot)],
         drive_figures=drive_figures,
@@ -93,8 +95,25 @@ def summarize_experiment(
         }
         for result in results
     }
-    claims = [asdict(claim) for claim in evaluate_claims(setups)]
-    return {"seed": config.seed, "num_runs": config.num_runs, "setups": setups, "claims": claims}
+    return {
+        "seed": config.seed,
+        "num_runs": config.num_runs,
+        "setups": setups,
+        "claims": [_claim_entry(claim) for claim in evaluate_claims(setups)],
+        "differences": [asdict(difference) for difference in list_differences(setups)],
+    }
+
+
+def _claim_entry(claim: Claim) -> dict[str, Any]:
+    return {
+        "key": claim.key,
+        "text": claim.text,
+        "criterion": claim.criterion,
+        "satisfying_runs": claim.runs.num_satisfying,
+        "runs": claim.runs.num_runs,
+        "interval": list(claim.runs.interval),
+        "is_confirmed": claim.is_confirmed,
+    }
 
 
 def draw_drive_figures(
@@ -107,7 +126,7 @@ def draw_drive_figures(
     for result in results:
         filter_runs = result.filter_runs[PAPER_FILTER.name]
         index = median_run_index(filter_runs)
-        title = f"{result.setup.name}, run {filter_runs[index].seed}"
+        title = f"{result.setup.name}, run {filter_runs[index].run}"
         chosen.append((title, result.drive_logs[index], filter_runs[index]))
     draw_trajectories(config.output_folder / "trajectories.png", chosen, config.landmarks)
     draw_position_errors(

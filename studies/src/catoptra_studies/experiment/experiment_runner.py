@@ -1,4 +1,4 @@
-"""Work of the experiment without any output: train, drive every seed, replay the filters."""
+"""Work of the experiment without any output: train, drive every run, replay the filters."""
 
 from __future__ import annotations
 
@@ -8,29 +8,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from catoptra_client.bundled_landmarks import find_landmark_file
-from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks import (
     ColourClassifier,
-    DetectionStages,
-    Detector,
-    Viewpoint,
-    detect_with_stages,
-    make_detector,
-    save_classifier,
-    train,
 )
-from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_client.localization import make_landmark_map
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
-from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
 from catoptra_protocol.landmarks import Landmark, read_landmarks
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, log_drive
 from catoptra_studies.experiment.experiment_setups import (
     FILTERS,
     PAPER_FILTER,
     ExperimentSetup,
-    MeasurementSource,
 )
 from catoptra_studies.experiment.filter_note import NOTE_NAME, note_from_filter_step
 from catoptra_studies.experiment.filter_replay import (
@@ -48,8 +37,6 @@ ProgressCallback = Callable[[str], None]
 _FIELD = "four_legged_2006"
 # The one that the paper's text discusses; it runs with the drive, the others after it.
 PUBLISHED_FILTER = PAPER_FILTER
-# Metres and radians: from here two beacons and a goal are within 2.5 m.
-_SNAPSHOT_POSE = (1.0, -0.6, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +51,10 @@ class ExperimentConfig:
     setups: tuple[ExperimentSetup, ...]
 
     num_runs: int
-    """Drives for each set-up, with the seeds 0, 1, ..."""
+    """Drives for each set-up, numbered from 0; the number keys the noise together with `seed`."""
 
     seed: int
-    """Seed of the servers and of the training poses."""
+    """Seed of all random numbers: servers, manual measurements, training poses."""
 
     num_training_frames: int
 
@@ -120,63 +107,6 @@ class SetupResult:
     """Runs over all drives by the filter's name."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DetectorSnapshot:
-    """One frame received over TCP, with all stages of its detection."""
-
-    rgb: UInt8Array
-    """(h, w, 3) image."""
-
-    detector: Detector
-    stages: DetectionStages
-
-
-def train_classifier(
-    config: ExperimentConfig, on_progress: ProgressCallback
-) -> tuple[ColourClassifier, DetectorSnapshot]:
-    """Train a classifier from a server's frames and save it to classifier.npz.
-
-    Args:
-        config: Needs a set-up that detects landmarks.
-        on_progress: Called with "train" after each frame.
-
-    Returns:
-        The classifier, and an example of its use.
-    """
-    setup = next(s for s in config.setups if s.measurement_source is MeasurementSource.DETECTOR)
-    with open_server(config, setup) as address:
-        frames = capture_training_frames(
-            address,
-            landmarks=config.landmarks,
-            num_frames=config.num_training_frames,
-            # Not the seed of the drives: their frames must not be those of the training.
-            seed=config.seed + 1,
-            on_frame=lambda: on_progress("train"),
-        )
-        classifier = train(frames)
-        # For the user, too: catoptra-client bearings --classifier shows its detections live.
-        save_classifier(classifier, config.output_folder / "classifier.npz")
-        return classifier, _take_snapshot(config, address, classifier)
-
-
-def _take_snapshot(
-    config: ExperimentConfig, address: ServerAddress, classifier: ColourClassifier
-) -> DetectorSnapshot:
-    x_m, y_m, yaw_rad = _SNAPSHOT_POSE
-    with (
-        RobotClient.connect(address.host, address.control_port) as robot,
-        ImageClient.connect(address.host, address.image_port) as images,
-    ):
-        # Without a name: the noise of every drive follows from its robot's name and stays the same.
-        robot.spawn(ROBOT_CLASS, location_m=(x_m, y_m, 0.0), rotation_rad=(0.0, 0.0, yaw_rad))
-        camera, height_m = robot.get_camera_and_height()
-        detector = make_detector(
-            camera, classifier, landmarks=config.landmarks, viewpoint=Viewpoint(height_m)
-        )
-        rgb = images.get_frame().rgb
-        return DetectorSnapshot(rgb, detector, detect_with_stages(detector, rgb))
-
-
 def run_setup(
     config: ExperimentConfig,
     setup: ExperimentSetup,
@@ -184,7 +114,7 @@ def run_setup(
     on_progress: ProgressCallback,
     on_page: PageCallback | None = None,
 ) -> SetupResult:
-    """Drive every seed on one server, then replay every filter over the logs.
+    """Drive every run on one server, then replay every filter over the logs.
 
     Args:
         config: Number of drives and servers.
@@ -195,7 +125,7 @@ def run_setup(
     """
     landmark_map = make_landmark_map(config.landmarks)
     with open_server(config, setup, on_page) as address:
-        # One server for all seeds: noise follows the robot's name, not the order of connections.
+        # One server for all runs: noise follows the robot's name, not the order of connections.
         drives = [
             _drive_and_publish(config, setup, run, address, classifier, on_progress)
             for run in range(config.num_runs)
@@ -220,7 +150,7 @@ def _drive_and_publish(
     classifier: ColourClassifier | None,
     on_progress: ProgressCallback,
 ) -> tuple[DriveLog, FilterRun]:
-    """Drive one seed; one filter runs along, and the robot's viewers see its belief."""
+    """Drive one run; one filter runs along, and the robot's viewers see its belief."""
     landmark_map = make_landmark_map(config.landmarks)
     filter_steps: list[FilterStep] = []
 
@@ -236,9 +166,15 @@ def _drive_and_publish(
         on_progress(setup.name)
 
     drive_log = log_drive(
-        setup, run, address, landmarks=config.landmarks, classifier=classifier, on_step=follow
+        setup,
+        run,
+        address,
+        seed=config.seed,
+        landmarks=config.landmarks,
+        classifier=classifier,
+        on_step=follow,
     )
-    return drive_log, summarize_filter_steps(filter_steps, PUBLISHED_FILTER, seed=run)
+    return drive_log, summarize_filter_steps(filter_steps, PUBLISHED_FILTER, run=run)
 
 
 def open_server(

@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from catoptra_client.localization import Belief, MeasurementUpdate
-from catoptra_studies.experiment.drive_log import LandmarkMeasurement
 from catoptra_studies.experiment.filter_step import FilterStep
+from catoptra_studies.experiment.landmark_measurement import LandmarkMeasurement
 
 NOTE_NAME = "ekf"
 

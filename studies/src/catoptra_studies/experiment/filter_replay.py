@@ -20,7 +20,7 @@ class FilterRun:
     """Results of a filter over one drive: a row for each step and the start, n together."""
 
     filter_name: str
-    seed: int
+    run: int
 
     estimate: Floats
     """(n, 3) estimated poses: metres, metres, radians."""
@@ -64,25 +64,25 @@ def replay_filter(
     filter_steps = [begin_filter(start, settings, heading_error_rad=heading_error_rad)]
     for step in rest:
         filter_steps.append(advance_filter(filter_steps[-1], step, settings, landmark_map))
-    return summarize_filter_steps(filter_steps, settings, seed=drive_log.seed)
+    return summarize_filter_steps(filter_steps, settings, run=drive_log.run)
 
 
 def summarize_filter_steps(
-    filter_steps: Sequence[FilterStep], settings: FilterSettings, *, seed: int
+    filter_steps: Sequence[FilterStep], settings: FilterSettings, *, run: int
 ) -> FilterRun:
     """Results of a filter's steps over one whole drive.
 
     Args:
         filter_steps: States after all steps of the drive, the start first.
         settings: Filter of the steps.
-        seed: Number of the run.
+        run: Number of the run.
     """
     truth = np.array([(s.drive_step.truth.x_m, s.drive_step.truth.y_m) for s in filter_steps])
     estimate = np.array([step.belief.mean for step in filter_steps])
     odometry = np.array([step.odometry_pose for step in filter_steps])
     return FilterRun(
         filter_name=settings.name,
-        seed=seed,
+        run=run,
         estimate=estimate,
         odometry=odometry,
         estimate_error_m=np.linalg.norm(estimate[:, :2] - truth, axis=1),

@@ -25,8 +25,9 @@ from catoptra_client.localization import (
 )
 from catoptra_client.localization.motion_model import propagate_pose
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_studies.experiment.drive_log import DriveStep, LandmarkMeasurement
+from catoptra_studies.experiment.drive_log import DriveStep
 from catoptra_studies.experiment.experiment_setups import FilterSettings
+from catoptra_studies.experiment.landmark_measurement import LandmarkMeasurement
 
 
 @dataclass(frozen=True, slots=True, eq=False)

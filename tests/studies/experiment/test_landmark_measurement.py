@@ -13,8 +13,12 @@ from catoptra_protocol.landmarks import read_landmarks
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
-from catoptra_studies.experiment.drive_log import LandmarkMeasurement, manual_measurement
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, REAL
+from catoptra_studies.experiment.landmark_measurement import (
+    LandmarkMeasurement,
+    manual_measurement,
+    manual_noise_sources,
+)
 from catoptra_studies.experiment.route import Waypoint
 
 FIELD = read_landmarks(Path(__file__).parents[3] / "configs" / "landmarks" / "four_legged_2006.csv")
@@ -25,9 +29,9 @@ HEIGHT_M = 0.6
 HERE = Waypoint(0.4, -0.9, 0.6)
 
 
-def measure(setup, count, *, seed=3) -> list[tuple[LandmarkMeasurement, ...]]:
-    generator = np.random.Generator(np.random.Philox(key=seed))
-    function = manual_measurement(setup, CAMERA, HEIGHT_M, FIELD, generator)
+def measure(setup, count, *, seed=3, robot="Run0") -> list[tuple[LandmarkMeasurement, ...]]:
+    noise = manual_noise_sources(seed, robot, FIELD)
+    function = manual_measurement(setup, CAMERA, HEIGHT_M, FIELD, noise)
     return [function(HERE) for _ in range(count)]
 
 
@@ -65,6 +69,7 @@ def test_noise_has_the_stated_size():
     assert radii_px.std() == pytest.approx(1.0, rel=0.05)
 
 
-def test_same_seed_gives_the_same_measurements():
+def test_same_seed_and_run_give_the_same_measurements():
     assert measure(REAL, 3) == measure(REAL, 3)
     assert measure(REAL, 3) != measure(REAL, 3, seed=4)
+    assert measure(REAL, 3) != measure(REAL, 3, robot="Run1")

@@ -1,0 +1,133 @@
+"""The command `catoptra-studies seeds`: the claims of `demo` with many seeds, without pictures.
+
+Each seed trains, drives and filters as `demo --seed` does, and so has the same numbers; only live
+page and figures are left out. Seeds run in parallel processes, each with servers of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.experiment.classifier_training import train_classifier
+from catoptra_studies.experiment.experiment_results import summarize_experiment
+from catoptra_studies.experiment.experiment_runner import ExperimentConfig, SetupResult, run_setup
+from catoptra_studies.experiment.experiment_setups import SETUPS
+from catoptra_studies.experiment.paper_claims import evaluate_claims, evaluate_statements
+from catoptra_studies.experiment.paper_differences import UNTYPICAL_STATEMENTS
+from catoptra_studies.experiment.run_share import pool_shares
+from catoptra_studies.experiment.seeds_report import SeedResult, format_seeds_report
+from catoptra_studies.progress_display import open_progress, print_error, print_line, print_table
+
+EXIT_FAILURE = 1
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all seeds; return 0 where every claim is confirmed with every seed, otherwise 1."""
+    parsed = _make_parser().parse_args(arguments)
+    config = ExperimentConfig(
+        config_folder=None,
+        output_folder=parsed.output,
+        setups=SETUPS,
+        num_runs=max(1, parsed.runs),
+        seed=0,
+        num_training_frames=max(1, parsed.training_frames),
+    )
+    try:
+        config.output_folder.mkdir(parents=True, exist_ok=True)
+        results = _run_seeds(config, range(max(1, parsed.seeds)), max(1, parsed.processes))
+    except (CatoptraError, OSError) as error:
+        print_error(f"seeds: {error}")
+        return EXIT_FAILURE
+    _write_report(config, results)
+    return EXIT_FAILURE if any(result.status for result in results) else 0
+
+
+def run_seed(config: ExperimentConfig, seed: int) -> SeedResult:
+    """Drive, filter and evaluate one seed, and write its summary.json into a folder of its own.
+
+    Args:
+        config: Experiment, whose seed is replaced.
+        seed: Seed to run.
+    """
+    folder = config.output_folder / f"seed_{seed}"
+    folder.mkdir(exist_ok=True)
+    seeded = replace(config, seed=seed, output_folder=folder)
+    summary = summarize_experiment(seeded, _drive_all_setups(seeded))
+    text = json.dumps(summary, indent=2, allow_nan=False)
+    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    setups = summary["setups"]
+    return SeedResult(
+        seed,
+        tuple(evaluate_claims(setups)),
+        tuple(evaluate_statements(UNTYPICAL_STATEMENTS, setups)),
+    )
+
+
+def _drive_all_setups(config: ExperimentConfig) -> list[SetupResult]:
+    """Train and drive as `demo` does, without its display."""
+    classifier, _ = train_classifier(config, _ignore_progress)
+    return [run_setup(config, setup, classifier, _ignore_progress) for setup in config.setups]
+
+
+def _ignore_progress(name: str) -> None:
+    """Progress is that of whole seeds."""
+
+
+def _run_seeds(
+    config: ExperimentConfig, seeds: Sequence[int], num_processes: int
+) -> list[SeedResult]:
+    results = []
+    # Spawned, since a fork copies the locks of the display's thread. Ctrl-C is for this process,
+    # which then cancels the seeds that have not begun.
+    pool = ProcessPoolExecutor(
+        num_processes, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
+    )
+    with open_progress() as progress, pool:
+        advance = progress.add_task("seeds", len(seeds))
+        # In the order of the seeds; the first that fails ends the command and cancels the rest.
+        for result in pool.map(partial(run_seed, config), seeds):
+            results.append(result)
+            advance()
+    return results
+
+
+def _write_report(config: ExperimentConfig, results: Sequence[SeedResult]) -> None:
+    report = config.output_folder / "seeds.md"
+    report.write_text(format_seeds_report(results, num_runs=config.num_runs), encoding="utf-8")
+    rows = [
+        (
+            (claims[0].text, str(pool_shares(claim.runs for claim in claims))),
+            all(claim.is_confirmed for claim in claims),
+        )
+        for claims in zip(*(result.claims for result in results), strict=True)
+    ]
+    print_table(("claim of the paper", "runs of all seeds", "with every seed"), rows)
+    print_line(f"report: {report}")
+
+
+def _make_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="catoptra-studies seeds",
+        description="Evaluate the claims of demo with the seeds 0, 1, ..., without pictures. Fifty "
+        "seeds of 20 runs take about 20 minutes on two cores. Writes seeds.md and the numbers of "
+        "each seed.",
+    )
+    add = parser.add_argument
+    add("--output", type=Path, default=Path("out/experiment-seeds"), metavar="DIR",
+        help="folder for seeds.md and a folder a seed (default out/experiment-seeds)")  # fmt: skip
+    add("--seeds", type=int, default=50, help="number of seeds, from 0 (default 50)")
+    add("--runs", type=int, default=20, help="drives for each set-up and seed (default 20)")
+    add("--training-frames", type=int, default=30, help="frames for the classifier (default 30)")
+    add("--processes", type=int, default=os.cpu_count() or 1,
+        help="seeds at the same time (default: one a processor)")  # fmt: skip
+    return parser
