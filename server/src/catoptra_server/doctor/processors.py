@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from catoptra_server.doctor.finding import Finding, ok, warning
+from catoptra_server.processor_count import count_processors
 
 # cgroup v2, by which container engines limit processor time. The affinity mask, which gives trace
 # the number of its threads, does not show this limit.
@@ -22,7 +22,7 @@ def check_processors(
         count: processors of the affinity mask; None = of this process.
         limit_file: cpu.max of the control group.
     """
-    count = len(os.sched_getaffinity(0)) if count is None else count
+    count = count_processors() if count is None else count
     limit = read_cpu_limit(limit_file)
     if limit is not None and limit < count:
         threads = max(1, int(limit))

@@ -17,6 +17,7 @@ from pathlib import Path
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server import __version__
 from catoptra_server.planning.cost_model import Rates
+from catoptra_server.processor_count import count_processors
 from catoptra_server.robot.render_settings import MirrorSurface
 from catoptra_server.scene.scene_mesh import SceneMesh
 
@@ -114,4 +115,4 @@ def _describe_processor() -> str:
         lines = []
     name = next((line for line in lines if line.startswith("model name")), None)
     # Only where the kernel names none: `platform` runs a process for its answer.
-    return f"{name or platform.processor()}, {len(os.sched_getaffinity(0))}"
+    return f"{name or platform.processor()}, {count_processors()}"

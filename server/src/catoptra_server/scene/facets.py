@@ -7,6 +7,7 @@ Components of a coordinate are kept in arrays of their own within a block: NumPy
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.row_blocks import row_blocks
@@ -42,6 +43,14 @@ def _unit_normals(corners: Floats) -> tuple[Floats, Bools]:
     length = np.sqrt(np.square(cross).sum(axis=0))
     has_area = length > 0.0
     return cross / np.where(has_area, length, 1.0), has_area
+
+
+def hit_normals(normals: Floats, triangles: npt.NDArray[np.int32]) -> Floats:
+    """(m, 3) normals of hit triangles, from the (n, 3) of all; zero for -1, which is no hit."""
+    hits = np.zeros((len(triangles), 3))
+    is_hit = triangles >= 0
+    hits[is_hit] = normals[triangles[is_hit]]
+    return hits
 
 
 def bounding_box(corners: Floats) -> tuple[Floats, Floats]:

@@ -6,7 +6,6 @@ All results are in cost.json; `--report-only` writes report and plots of an exis
 from __future__ import annotations
 
 import argparse
-import os
 import platform
 import time
 from collections.abc import Sequence
@@ -15,6 +14,7 @@ from pathlib import Path
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.processor_count import count_processors
 from catoptra_studies.accuracy_cost.cost_plots import write_result_plots
 from catoptra_studies.accuracy_cost.cost_report import format_cost_report, format_summary_table
 from catoptra_studies.accuracy_cost.cost_results import read_cost_results, write_cost_results
@@ -89,8 +89,7 @@ def _study_config(parsed: argparse.Namespace) -> CostStudyConfig:
 
 
 def _describe_machine(remark: str) -> str:
-    # Not os.cpu_count(): a container often has fewer processors than its host.
-    processors = f"{len(os.sched_getaffinity(0))} processors ({_processor_name()})"
+    processors = f"{count_processors()} processors ({_processor_name()})"
     machine = f"{platform.machine()} with {processors}, Python {platform.python_version()}"
     return f"{machine}, {remark}" if remark else machine
 

@@ -18,6 +18,7 @@ from embreex.mesh_construction import TriangleMesh
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.scene.facets import hit_normals
 from catoptra_server.scene.scene_mesh import SceneMesh
 
 log = logging.getLogger(__name__)
@@ -80,10 +81,7 @@ class EmbreeRayCaster:
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
         distances, triangles = self.closest_triangles(origins, directions)
-        normals = np.zeros(directions.shape)
-        is_hit = triangles >= 0
-        normals[is_hit] = self._normals[triangles[is_hit]]
-        return distances, normals
+        return distances, hit_normals(self._normals, triangles)
 
     def closest_triangles(
         self, origins: Floats, directions: Floats

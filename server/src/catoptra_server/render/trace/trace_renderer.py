@@ -5,12 +5,12 @@ The native kernel where it can run, else its float64 reference in NumPy: `engine
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from functools import partial
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.processor_count import count_processors
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.engine_choice import EngineName, EngineRequest, create_engine
@@ -58,9 +58,7 @@ class TraceRenderer:
             engine,
             scene,
             world,
-            # Affinity, not cpu_count(): containers and tests may restrict the process to fewer
-            # processors.
-            threads=threads or len(os.sched_getaffinity(0)),
+            threads=threads or count_processors(),
             scene_lights=world.lights if scene_lights is None else scene_lights,
             instruction_set=instruction_set,
         )

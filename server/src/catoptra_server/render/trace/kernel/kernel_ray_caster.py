@@ -6,17 +6,18 @@ kernel commits a million triangles in 0.5 s, where embreex takes 2.6, most of th
 
 from __future__ import annotations
 
-import os
 import weakref
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.processor_count import count_processors
 from catoptra_server.render.trace.kernel.instruction_sets import AUTO, choose_instruction_set
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
 from catoptra_server.render.trace.kernel.scene_arrays import corner_arrays
 from catoptra_server.render.trace.trace_engine import scene_centre
+from catoptra_server.scene.facets import hit_normals
 from catoptra_server.scene.scene_mesh import SceneMesh
 
 
@@ -35,7 +36,7 @@ class KernelRayCaster:
         self._normals = scene.normals
         self._centre = scene_centre(scene)
         self._device = KernelDevice(
-            choose_instruction_set(AUTO), len(os.sched_getaffinity(0)), packet_width=1
+            choose_instruction_set(AUTO), count_processors(), packet_width=1
         )
         try:
             self._arrays = corner_arrays(scene.corners, self._centre)
@@ -53,10 +54,7 @@ class KernelRayCaster:
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
         distances, triangles = self.closest_triangles(origins, directions)
-        normals = np.zeros(directions.shape)
-        is_hit = triangles >= 0
-        normals[is_hit] = self._normals[triangles[is_hit]]
-        return distances, normals
+        return distances, hit_normals(self._normals, triangles)
 
     def closest_triangles(
         self, origins: Floats, directions: Floats
