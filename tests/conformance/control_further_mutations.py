@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 
 from conformance.line_mutations import (
-    ChangeLine,
     Connect,
     drop,
     freeze,
@@ -30,11 +28,6 @@ def _swap_axes(line: str) -> str:
 
 def _multiply_time(line: str) -> str:
     return re.sub(r"(?<=\{Time )[\d.]+", lambda found: f"{10.0 * float(found[0]):.4f}", line)
-
-
-def _make_tenth_of_status() -> ChangeLine:
-    numbers = itertools.count()
-    return where("STA", lambda line: "" if next(numbers) % 10 else line)
 
 
 def _swap_encoders(line: str) -> str:
@@ -103,5 +96,4 @@ FURTHER_CONTROL_MUTATIONS: tuple[Mutation, ...] = (
         "standing ignored", of_commands(where(r"DRIVE \{Left 0\} \{Right 0\}", drop)), "drive_stop"
     ),
     _mutation("Time ten times faster", of_replies(_multiply_time), "clock"),
-    _mutation("a tenth of the STA", of_replies_with_state(_make_tenth_of_status), "clock"),
 )

@@ -1,4 +1,4 @@
-"""Checks of range sensors: number of ranges, units, order, and their change with the motion."""
+"""Checks of range sensors: number of ranges, unit, order, and their change with the motion."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _ANGLE_STEP_RAD = 1e-4
 _RANGE_NOISE_M = 0.1
 _FORWARD_M = 0.3
 _PIVOT_RAD = 0.5
-# Half a turn's error by slip; the opposite sense is two turns away.
+# Of the shift, for slip and the scanner's place off the axis; the opposite sense differs by 2.
 _SHIFT_TOLERANCE = 0.5
-# A scan tells the sense of a turn if the right shift fits this much better than the opposite one.
+# A shift is wrong if it fits this much better than each one that agrees with the turn.
 _MIN_CONTRAST = 1.5
 # Beams on either side of straight ahead.
 _FRONT_RAD = 0.05
@@ -92,17 +92,24 @@ def check_scan_turn(server: ServerUnderTest) -> None:
     turn_rad = float(np.median([motion.yaw_rad for motion in motions.values()]))
     # Ranges go from right to left: a turn to the right moves obstacles to later indices.
     expected = turn_rad / before.resolution_rad
-    costs = _shift_costs(before, after)
+    costs = {
+        shift: cost
+        for shift, cost in _shift_costs(before, after).items()
+        if abs(shift) <= (1.0 + 2.0 * _SHIFT_TOLERANCE) * abs(expected)
+    }
     best = min(costs, key=lambda shift: costs[shift])
-    if _cost_near(costs, expected) * _MIN_CONTRAST > _cost_near(costs, -expected) and (
-        _cost_near(costs, -expected) * _MIN_CONTRAST > _cost_near(costs, expected)
+    width = _SHIFT_TOLERANCE * abs(expected)
+    if abs(best - expected) <= width:
+        return
+    # Another shift must fit clearly better than all that agree with the turn.
+    if _MIN_CONTRAST * costs[best] >= min(
+        (cost for shift, cost in costs.items() if abs(shift - expected) <= width), default=math.inf
     ):
-        raise CheckSkipped("the surroundings look the same after a turn either way")
-    if abs(best - expected) > _SHIFT_TOLERANCE * abs(expected):
-        raise CheckFailed(
-            f"a turn of {math.degrees(turn_rad):.0f} deg to the right ({describe(motions)}): the "
-            f"scan, from right to left, must shift by {expected:.0f} ranges, it shifted by {best}"
-        )
+        raise CheckSkipped("the surroundings look alike before and after a turn")
+    raise CheckFailed(
+        f"a turn of {math.degrees(turn_rad):.0f} deg to the right ({describe(motions)}): the "
+        f"scan, from right to left, must shift by {expected:.0f} ranges, it shifted by {best}"
+    )
 
 
 def _shift_costs(before: Scan, after: Scan) -> dict[int, float]:
@@ -115,14 +122,9 @@ def _shift_costs(before: Scan, after: Scan) -> dict[int, float]:
                 a[max(0, -shift) : count - shift] - b[max(0, shift) :][: count - abs(shift)]
             ).mean()
         )
+        # At least half of the scans must overlap.
         for shift in range(-(count // 2), count // 2 + 1)
     }
-
-
-def _cost_near(costs: dict[int, float], shift: float) -> float:
-    """Least cost of the shifts within the tolerance."""
-    width = _SHIFT_TOLERANCE * abs(shift)
-    return min((cost for one, cost in costs.items() if abs(one - shift) <= width), default=math.inf)
 
 
 def _front_ranges(cycle: Cycle) -> Floats:
@@ -133,6 +135,7 @@ def _front_ranges(cycle: Cycle) -> Floats:
 
 
 def _require_range_limits(conf: Message, ranges_m: Floats) -> None:
+    """Fail where ranges are outside the limits of a sensor's CONF."""
     max_m = read_number(conf, "MaxRange")
     if ranges_m.size == 0 or ranges_m.min() < 0.0 or ranges_m.max() > max_m + _RANGE_NOISE_M:
         raise CheckFailed(

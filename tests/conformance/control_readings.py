@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.usarsim.grammar import Message, split_groups
+from catoptra_protocol.usarsim.grammar import Message
+from catoptra_protocol.usarsim.report_items import items_from_message
 from conformance.check import CheckFailed, CheckSkipped
 from conformance.control_session import ControlSession
 
@@ -149,35 +151,24 @@ def numbers_from_commas(text: str) -> list[float]:
 
 def find_ticks(cycle: Cycle) -> dict[str, float]:
     """Ticks of the encoders of a cycle by name in lower case."""
-    return _find_items(cycle, "encoder", "Tick")
+    return {name: read_number(item, "Tick") for name, item in _iter_items(cycle.get("encoder", ()))}
 
 
 def find_sonar_ranges(cycle: Cycle) -> dict[str, float]:
     """Ranges of the sonars of a cycle by name in lower case."""
-    return _find_items(cycle, "sonar", "Range")
+    return {name: read_number(item, "Range") for name, item in _iter_items(cycle.get("sonar", ()))}
 
 
 def find_item_names(message: Message) -> list[str]:
     """Names of the sensors that a line lists."""
-    groups = split_groups(message, "Name")
-    return [group.pairs[0][1].partition(" ")[0] for group in groups]
+    return [name for name, _ in _iter_items([message])]
 
 
-def _find_items(cycle: Cycle, type_: str, key: str) -> dict[str, float]:
-    """Number of each sensor of a type: `{Name F1 Range 4.5}` (UT2004), `{Name F1} {Range 4.5}`.
-
-    Raises:
-        CheckFailed: A sensor has no such plain decimal.
-    """
-    items: dict[str, float] = {}
-    for message in cycle.get(type_, ()):
-        for item in split_groups(message, "Name"):
-            _, name, *words = " ".join(f"{key} {value}" for key, value in item.pairs).split(" ")
-            pairs = dict(zip(words[::2], words[1::2], strict=False))
-            if not _NUMBER.fullmatch(pairs.get(key, "")):
-                raise CheckFailed(f"{message}: {name} has no {key} with a plain decimal")
-            items[name.lower()] = float(pairs[key])
-    return items
+def _iter_items(messages: Iterable[Message]) -> Iterator[tuple[str, Message]]:
+    """Iterate over name and fields of each sensor that lines list, in either dialect."""
+    for message in messages:
+        for item in items_from_message(message):
+            yield (item.get("Name") or "").lower(), item
 
 
 def read_drive_base(session: ControlSession) -> DriveBase:

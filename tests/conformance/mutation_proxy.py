@@ -70,15 +70,12 @@ SPLITTERS: dict[str, tuple[SplitMessages, SplitMessages]] = {
 def run_mutation_proxy(
     port: str, server: Address, connect: Callable[[], ConnectionMutation]
 ) -> Iterator[Address]:
-    """Run a proxy in front of a server for the length of a block.
+    """Address of a proxy in front of a server, for the length of a block.
 
     Args:
         port: `control` or `image`: how messages are split.
         server: Address of the server.
         connect: Mutation of a new connection.
-
-    Yields:
-        Address of the proxy.
     """
 
     class Handler(socketserver.BaseRequestHandler):

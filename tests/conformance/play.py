@@ -27,6 +27,8 @@ from conformance.control_session import REPORT_TIMEOUT_S
 from conformance.conversation_file import Address
 from conformance.suite import PLAYERS, Outcome, RowResult, applicable_checks, play_checks
 
+# As shells report a process that SIGINT ended.
+EXIT_INTERRUPTED = 130
 _STYLES = {
     Outcome.PASSED: "green",
     Outcome.FAILED: "red",
@@ -161,4 +163,8 @@ def _escape_markup(text: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)
