@@ -101,17 +101,24 @@ def test_our_server_when_it_sends_legacy_images_passes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("robot", "robot_class"), [("omni_p2dx", "OmniP2DX"), ("p2at_omni", "OmniP2AT")]
+    ("robot", "robot_class", "skipped"),
+    [
+        ("omni_p2dx", "OmniP2DX", []),
+        ("p2at_omni", "OmniP2AT", ["scan_geometry", "scan_distance", "scan_turn", "sonar_ranges"]),
+        ("kenaf", "Kenaf", ["sonar_ranges"]),
+    ],
+    ids=["OmniP2DX", "OmniP2AT", "Kenaf"],
 )
-def test_our_server_with_another_class_passes(tmp_path: Path, robot: str, robot_class: str) -> None:
+def test_our_server_with_another_class_passes(
+    tmp_path: Path, robot: str, robot_class: str, skipped: list[str]
+) -> None:
     path, world = write_sensor_robot(tmp_path, robot), write_cell_world(tmp_path)
     with start_server(tmp_path, robot=path, world=world) as running:
         server = server_under_test(running, robot_class=robot_class)
         with run_parallel_player(server, CELL_POSES) as player:
             results = play_control_rows(player, server)
     assert describe_failures(results) == []
-    has_scanner = robot == "omni_p2dx"
-    assert ("scan_turn" in skipped_rows(results)) is not has_scanner
+    assert skipped_rows(results) == skipped
 
 
 def test_our_server_with_another_world_passes(tmp_path: Path) -> None:
