@@ -39,4 +39,4 @@ def test_chart_when_the_block_ends_is_written(tmp_path: Path) -> None:
     with plot_style.open_chart(tmp_path / "chart.png", figsize=(2.0, 1.0)) as figure:
         figure.subplots().plot([0, 1], [0, 1])
 
-    assert cv2.imread(str(tmp_path / "chart.png")).shape == (110, 220, 3)
+    assert cv2.imread(str(tmp_path / "chart.png")).shape == (200, 400, 3)

@@ -35,11 +35,12 @@ ACCEPTED = "#2a9d5c"
 REJECTED = "#d98c21"
 LANDMARK_COLOURS = {"cyan": "#00aadc", "magenta": "#e1238c", "yellow": "#e8c400"}
 
-# 200 device pixels an inch: a page of PAGE_WIDTH_PX is shown at half its pixels in a report's
-# column of 760 px and stays crisp on a dense display.
-_PAGE_DPI = 200
+# 200 device pixels an inch. A report shows figures at five eighths of their pixels, so that they
+# stay crisp on a dense display and their text is as large as that of the report.
+_DPI = 200
 PAGE_WIDTH_PX = 1520
-_CHART_DPI = 110
+# Width in inches of a chart that is as wide as a page.
+PAGE_WIDTH_IN = PAGE_WIDTH_PX / _DPI
 # A report embeds all its figures. Pages above this size are those of many thin lines, which look
 # the same in 256 colours; rendered frames stay below.
 _MAX_FULL_COLOUR_BYTES = 280_000
@@ -64,11 +65,9 @@ _SETTINGS = {
     "legend.frameon": False,
     "lines.linewidth": 1.4,
     "mathtext.fontset": "dejavusans",
-}
-_CHART_SETTINGS = _SETTINGS | {
-    "font.size": 10.0,
-    "axes.titlesize": 11.0,
+    "axes.titlesize": 8.5,
     "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
 }
 
 
@@ -80,9 +79,9 @@ def open_page(width_px: int, height_px: int) -> Iterator[Page]:
     from matplotlib.figure import Figure
 
     with rc_context(_SETTINGS):
-        size = (width_px / _PAGE_DPI, height_px / _PAGE_DPI)
+        size = (width_px / _DPI, height_px / _DPI)
         # pyplot would keep the figure alive and choose a window system.
-        page = Figure(figsize=size, dpi=_PAGE_DPI, facecolor=BACKGROUND)
+        page = Figure(figsize=size, dpi=_DPI, facecolor=BACKGROUND)
         FigureCanvasAgg(page)
         yield page
 
@@ -110,15 +109,15 @@ def open_chart(path: Path, **arguments: Any) -> Iterator[Any]:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(_CHART_SETTINGS):
+    with rc_context(_SETTINGS):
         figure = Figure(layout="constrained", **arguments)
         yield figure
-        figure.savefig(path, dpi=_CHART_DPI)
+        figure.savefig(path, dpi=_DPI)
 
 
 def add_axes(page: Page, left: float, top: float, width: float, height: float) -> Axes:
     """Add axes on a rectangle of the page, all in device pixels."""
-    page_width, page_height = page.get_size_inches() * _PAGE_DPI
+    page_width, page_height = page.get_size_inches() * _DPI
     # Matplotlib counts fractions from the lower left corner.
     return page.add_axes(
         (
@@ -165,7 +164,7 @@ def show_image(page: Page, image: Image, left: int, top: int, width: int) -> Axe
 
 def add_text(page: Page, left: float, top: float, text: str, **options: Any) -> None:
     """Write text whose upper left corner is (left, top), unless `options` aligns otherwise."""
-    page_width, page_height = page.get_size_inches() * _PAGE_DPI
+    page_width, page_height = page.get_size_inches() * _DPI
     alignment = {"ha": "left", "va": "top"} | options
     page.text(left / page_width, 1.0 - top / page_height, text, **alignment)
 

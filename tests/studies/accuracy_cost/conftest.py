@@ -6,13 +6,13 @@ import pytest
 
 from catoptra_studies.accuracy_cost.cost_results import (
     CostResults,
-    FrameRate,
     LevelCost,
     LocalizationAccuracy,
     LocalizationRow,
     PolygonRow,
     StudyConditions,
 )
+from catoptra_studies.camera_figures.render_timing import FrameRate
 
 
 def make_level(

@@ -13,7 +13,9 @@ from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 def inputs() -> Iterator[FigureInputs]:
     """The paper's robot on its field, rendered small; only the rings have their full size."""
     rings = WORLDS / "incidence_rings.ini"
-    with open_figure_inputs(OMNI_ROBOT, FIELD, rings, resolution_scale=0.25) as inputs:
+    with open_figure_inputs(
+        OMNI_ROBOT, FIELD, rings, resolution_scale=0.25, num_timed_frames=1
+    ) as inputs:
         yield inputs
 
 

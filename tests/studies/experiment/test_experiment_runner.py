@@ -24,7 +24,9 @@ from catoptra_studies.experiment.experiment_runner import (
     run_setup,
 )
 from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, REAL, SETUPS, SIM
+from catoptra_studies.experiment.figure_source import CameraFigures
 from catoptra_studies.experiment.filter_replay import replay_filter
+from catoptra_studies.experiment.frame_comparison import capture_frame_comparison
 from catoptra_studies.experiment.measurement_metrics import true_range_bearing
 from catoptra_studies.experiment.remote_server import connect_stream
 from catoptra_studies.experiment.server_process import run_server
@@ -157,9 +159,9 @@ def test_report_and_summary_are_written(config, trained, results):
     report, claims = write_experiment_results(
         config,
         results,
-        [],
+        CameraFigures(),
         snapshot=trained[1],
-        camera_metrics={},
+        comparison=capture_frame_comparison(config),
         timing_s={"all": 1.0},
         subtitle="a test",
     )
@@ -167,7 +169,7 @@ def test_report_and_summary_are_written(config, trained, results):
     assert set(document["setups"]) == {"sim", "real"}
     assert len(document["claims"]) == len(claims) == 9
     assert "overview.png" in {path.name for path in config.output_folder.iterdir()}
-    assert report.stat().st_size > 200_000  # four figures are inside
+    assert report.stat().st_size > 200_000  # five figures are inside
 
 
 def test_server_that_cannot_start_is_reported_with_the_end_of_its_log(tmp_path):

@@ -10,7 +10,11 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
-from catoptra_studies.experiment.figure_source import FigureSource, collect_camera_figures
+from catoptra_studies.experiment.figure_source import (
+    CameraFigures,
+    FigureSource,
+    collect_camera_figures,
+)
 
 INDEX = {
     "figures": [
@@ -23,6 +27,7 @@ INDEX = {
         }
     ],
     "metrics": {"eq2_px": 0.81},
+    "timings": {"frame_rates": {"16": 9.5}},
 }
 
 
@@ -42,9 +47,9 @@ def config(tmp_path: Path) -> ExperimentConfig:
 
 def test_figures_when_external_are_read(config: ExperimentConfig) -> None:
     (config.output_folder / "figures.json").write_text(json.dumps(INDEX))
-    figures, metrics = collect_camera_figures(config, FigureSource.EXTERNAL)
-    assert [(p.file, p.title) for p in figures] == [("a.png", "Faces (the paper's Figure 5)")]
-    assert metrics == {"eq2_px": 0.81}
+    found = collect_camera_figures(config, FigureSource.EXTERNAL)
+    assert [(p.file, p.title) for p in found.figures] == [("a.png", "Faces (the paper's Figure 5)")]
+    assert (found.metrics, found.timings) == ({"eq2_px": 0.81}, {"frame_rates": {"16": 9.5}})
 
 
 def test_figures_when_they_do_not_appear_are_reported_with_a_remedy(
@@ -55,7 +60,7 @@ def test_figures_when_they_do_not_appear_are_reported_with_a_remedy(
 
 
 def test_figures_when_left_out_are_none(config: ExperimentConfig) -> None:
-    assert collect_camera_figures(config, FigureSource.NONE) == ([], {})
+    assert collect_camera_figures(config, FigureSource.NONE) == CameraFigures()
 
 
 def test_figures_when_they_cannot_be_drawn_raise(config: ExperimentConfig, tmp_path: Path) -> None:

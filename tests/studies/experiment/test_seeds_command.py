@@ -21,7 +21,7 @@ def test_seed_has_the_numbers_of_demo(tmp_path, capsys):
     config = ExperimentConfig(
         None, tmp_path, setups=SETUPS, num_runs=RUNS, seed=0, num_training_frames=TRAINING_FRAMES
     )
-    result = seeds_command.run_seed(config, SEED)
+    result = seeds_command.evaluate_experiment(config, SEED)
     status = demo_command.main(
         [
             *("--output", str(tmp_path / "demo"), "--figures", "none", "--seed", str(SEED)),
@@ -32,7 +32,7 @@ def test_seed_has_the_numbers_of_demo(tmp_path, capsys):
     seed = json.loads((tmp_path / f"seed_{SEED}" / "summary.json").read_text())
     # What demo has besides: the times, and the camera's figures.
     assert seed == {key: demo[key] for key in seed}
-    assert set(demo) - set(seed) == {"camera_metrics", "timing_s"}
+    assert set(demo) - set(seed) == {"camera_metrics", "camera_timings", "timing_s"}
     assert status == result.status
 
 

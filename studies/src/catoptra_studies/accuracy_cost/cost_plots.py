@@ -12,18 +12,16 @@ from catoptra_studies.accuracy_cost.cost_results import CostResults
 from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel
 from catoptra_studies.accuracy_cost.plots import (
     detail_plot,
-    frame_rate_plot,
     level_plot,
     localization_plot,
     pareto_plot,
     polygon_plot,
 )
+from catoptra_studies.camera_figures import frame_rate_figure
+from catoptra_studies.camera_figures.figure_spec import FIGURE_SAMPLES
 from catoptra_studies.paper_values import PAPER_SIZE_PX, POLYGON_COUNTS
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject
-
-# Twice the samples of the meshes beside it, so that its own aliasing is no part of the difference.
-_EXACT_SAMPLES = 4
 
 
 def write_result_plots(results: CostResults, folder: Path) -> None:
@@ -32,8 +30,8 @@ def write_result_plots(results: CostResults, folder: Path) -> None:
         pareto_plot.draw(page, results.levels)
         plot_style.save_page(page, folder / "pareto.png")
     if results.frame_rates:
-        with plot_style.open_page(frame_rate_plot.WIDTH_PX, frame_rate_plot.HEIGHT_PX) as page:
-            frame_rate_plot.draw(page, results.frame_rates)
+        with plot_style.open_page(frame_rate_figure.WIDTH_PX, frame_rate_figure.HEIGHT_PX) as page:
+            frame_rate_figure.draw_panels(page, results.frame_rates)
             plot_style.save_page(page, folder / "frame_rates.png")
     if results.localization:
         with plot_style.open_page(localization_plot.WIDTH_PX, localization_plot.HEIGHT_PX) as page:
@@ -70,7 +68,7 @@ def write_frame_plots(
         polygon_plot.draw(page, paper_size.camera, frames)
         plot_style.save_page(page, folder / "polygons.png")
     with plot_style.open_page(detail_plot.WIDTH_PX, detail_plot.HEIGHT_PX) as page:
-        (exact,) = paper_size.render_reference(_EXACT_SAMPLES)
+        (exact,) = paper_size.render_reference(FIGURE_SAMPLES)
         radius_px = paper_size.camera.horizon_radius_px
         detail_plot.draw(page, frames, exact, max_radius_px=radius_px)
         plot_style.save_page(page, folder / "detail.png")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.camera_figures.render_timing import FrameRate
 
 # 2: all fields renamed. An older file is rejected, not translated: `make cost` writes a new one.
 FORMAT_VERSION = 2
@@ -117,25 +118,6 @@ class PolygonRow:
     """Value of the independent table; 0 for a mirror that is not in the table."""
 
     reference_max_px: float
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRate:
-    """One bar of the paper's Figure 10."""
-
-    world: str
-    renderer: str
-
-    payload: str
-    """Equipment of the robot: no camera, a mesh by its polygons, per pixel, or LMS200."""
-
-    num_polygons: int
-    """Polygons of the camera's mirror; 0 without a mesh."""
-
-    fps: float
-    wall_ms: float
-    cpu_ms: float
-    stage_ms: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)

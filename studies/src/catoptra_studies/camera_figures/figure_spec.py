@@ -1,7 +1,8 @@
 """Entry of the table of figures, and figures.json, the index of a folder of drawn figures.
 
 figures.json holds `figures`, a list of file, paper_reference, title, caption and alt; and
-`metrics`, by file name without suffix: every number in a caption, so that no reader parses prose.
+`metrics`, by file name without suffix: every number in a caption, so that no reader parses prose;
+and `timings` in the same form, which differ from run to run.
 """
 
 from __future__ import annotations
@@ -9,11 +10,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import DriveBase
 from catoptra_studies import plot_style
 from catoptra_studies.study_subject import (
     FIGURE_RENDERERS,
@@ -25,6 +28,9 @@ from catoptra_studies.study_subject import (
 
 Metrics = dict[str, float]
 
+# Along a pixel's side. With fewer a thin line is broken by aliasing, which is no fault of a mesh.
+FIGURE_SAMPLES = 4
+
 
 @dataclass(frozen=True, slots=True)
 class FigureInputs:
@@ -35,6 +41,12 @@ class FigureInputs:
 
     rings: StudySubject
     """The same camera among circles of equal incidence angle."""
+
+    drive: DriveBase
+    """Drive of the robot, which carries the scanner of Figure 10."""
+
+    num_timed_frames: int
+    """Frames of each payload that Figure 10 times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +61,9 @@ class FigureCaption:
 
     metrics: Metrics
     """Every number in the caption, by name."""
+
+    timings: Metrics = field(default_factory=dict)
+    """Measured times by name: of this machine, and others in every run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +89,7 @@ def open_figure_inputs(
     *,
     pose: PlanarPose | None = None,
     resolution_scale: float = 1.0,
+    num_timed_frames: int = 15,
 ) -> Iterator[FigureInputs]:
     """Read the files and start the renderers of both subjects.
 
@@ -83,6 +99,7 @@ def open_figure_inputs(
         rings_file: World with circles of equal incidence angle around its first start.
         pose: Pose of the robot in the world; None stands beside the world's first start.
         resolution_scale: Factor on the sizes of all frames but the rings', which are measured.
+        num_timed_frames: Frames of each payload that Figure 10 times.
 
     Raises:
         ConfigError: A file cannot be read.
@@ -101,7 +118,7 @@ def open_figure_inputs(
             robot_file, rings_file, poses=centre, kinds=FIGURE_RENDERERS
         ) as rings,
     ):  # fmt: skip
-        yield FigureInputs(subject, rings)
+        yield FigureInputs(subject, rings, read_robot(robot_file)[0].drive, num_timed_frames)
 
 
 def write_figure(figure: FigureSpec, inputs: FigureInputs, folder: Path) -> FigureCaption:
@@ -125,5 +142,11 @@ def write_figure_index(captions: Mapping[FigureSpec, FigureCaption], folder: Pat
         for figure, caption in captions.items()
     ]
     metrics = {Path(figure.file).stem: caption.metrics for figure, caption in captions.items()}
-    text = json.dumps({"figures": entries, "metrics": metrics}, indent=2, ensure_ascii=False)
+    timings = {
+        Path(figure.file).stem: caption.timings
+        for figure, caption in captions.items()
+        if caption.timings
+    }
+    index = {"figures": entries, "metrics": metrics, "timings": timings}
+    text = json.dumps(index, indent=2, ensure_ascii=False)
     (folder / "figures.json").write_text(text + "\n", encoding="utf-8")

@@ -18,12 +18,15 @@ from catoptra_studies.camera_figures import (
     cube_figure,
     eq2_figure,
     face_figure,
+    frame_rate_figure,
     mesh_figure,
     omni_frame_figure,
     polygon_detail_figure,
     polygon_error_figure,
     polygon_frames_figure,
+    polygon_map_figure,
     ring_figure,
+    viewpoint_figure,
 )
 from catoptra_studies.camera_figures.figure_spec import (
     FigureInputs,
@@ -44,6 +47,7 @@ EXIT_FAILURE = 2
 # In the order of the report. Widths up to PAGE_WIDTH_PX fill its column at half their pixels.
 FIGURES = (
     FigureSpec("omni_frame.png", "Figure 1", 1160, 1130, omni_frame_figure.draw),
+    FigureSpec("viewpoint.png", "Figure 2", 1520, 800, viewpoint_figure.draw),
     FigureSpec("faces.png", "Figure 5", 1520, 780, face_figure.draw),
     FigureSpec("cube.png", "Figures 4 and 6", 1520, 1120, cube_figure.draw),
     FigureSpec("rings.png", "Figure 7", 1520, 800, ring_figure.draw),
@@ -51,7 +55,9 @@ FIGURES = (
     FigureSpec("meshes.png", "Figure 3", 1520, 620, mesh_figure.draw),
     FigureSpec("polygons.png", "Figure 8", 1520, 1600, polygon_frames_figure.draw),
     FigureSpec("polygon_detail.png", "Figure 9", 1520, 440, polygon_detail_figure.draw),
+    FigureSpec("polygon_maps.png", "Figure 8", 1520, 540, polygon_map_figure.draw),
     FigureSpec("polygon_error.png", "Section 3.1", 1520, 760, polygon_error_figure.draw),
+    FigureSpec("frame_rates.png", "Figure 10", 1520, 690, frame_rate_figure.draw),
 )
 
 

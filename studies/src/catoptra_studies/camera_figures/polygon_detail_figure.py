@@ -11,7 +11,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies import plot_style
-from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs
+from catoptra_studies.camera_figures.figure_spec import FIGURE_SAMPLES, FigureCaption, FigureInputs
 from catoptra_studies.paper_values import PAPER_SIZE_PX
 from catoptra_studies.plot_style import Image
 
@@ -23,11 +23,10 @@ _COARSE, _FINE = 256, 1024
 def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the location in the frame, and the detail through two meshes and the exact mirror."""
     subject = inputs.subject
-    # 3 x 3 samples: fewer would alias, and their jaggings be mistaken for those of facets.
-    exact = subject.render_frame(PAPER_SIZE_PX, samples=3)
+    exact = subject.render_frame(PAPER_SIZE_PX, FIGURE_SAMPLES)
     meshes = [
         subject.render_frame(
-            PAPER_SIZE_PX, samples=3, surface=tessellation_from_polygon_count(count)
+            PAPER_SIZE_PX, FIGURE_SAMPLES, surface=tessellation_from_polygon_count(count)
         )
         for count in (_COARSE, _FINE)
     ]

@@ -82,3 +82,11 @@ def displacement_px(camera: OmniCamera, pixels: Floats, directions: Floats) -> t
     wide = dataclasses.replace(camera, rim_rad=_ASYMPTOTE_FRACTION * 2.0 * math.atan(t_limit))
     projections, is_valid = pixel_from_direction(wide, directions)
     return np.linalg.norm(projections - pixels, axis=-1), is_valid
+
+
+def displacement_map(camera: OmniCamera, tessellation: Tessellation) -> Floats:
+    """(h, w) displacement of each pixel's content in pixels; nan where no polygon is."""
+    pixels = pixel_sample_positions(camera)[:, :, 0]
+    directions, is_covered = mirror_mesh_directions(camera, tessellation, pixels)
+    error_px, is_valid = displacement_px(camera, pixels, directions)
+    return np.where(is_covered & is_valid, error_px, np.nan)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies import plot_style
-from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs
+from catoptra_studies.camera_figures.figure_spec import FIGURE_SAMPLES, FigureCaption, FigureInputs
 from catoptra_studies.camera_figures.polygon_displacement import PolygonError, measure_polygon_error
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX
 
@@ -25,8 +25,7 @@ def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     for index, error in enumerate(errors):
         left = LEFT_PX + STEP_X_PX * (index % 2)
         top = TOP_PX + STEP_Y_PX * (index // 2)
-        # 2 x 2 samples, as a frame has by default.
-        image = subject.render_frame(PAPER_SIZE_PX, samples=2, surface=error.tessellation)
+        image = subject.render_frame(PAPER_SIZE_PX, FIGURE_SAMPLES, surface=error.tessellation)
         plot_style.show_image(page, image, left, top, IMAGE_WIDTH_PX)
         _draw_heading(page, left, top, error)
     return _caption(errors)

@@ -27,7 +27,7 @@ _TRAINING_STYLES = (
 def draw_sweep(path: Path, result: SweepResult) -> None:
     """Write the plot of one sweep: an example of each level above rate and error."""
     levels = _all_levels(result)
-    with plot_style.open_chart(path, figsize=(2.9 * len(levels), 6.6)) as figure:
+    with plot_style.open_chart(path, figsize=(2.2 * len(levels), 5.0)) as figure:
         above, below = figure.subfigures(2, 1, height_ratios=(1.25, 1.0))
         above.suptitle(f"{result.sweep.name}: {result.sweep.description}\n", fontweight="bold")
         for axes, level in zip(above.subplots(1, len(levels)), levels, strict=True):
@@ -46,7 +46,7 @@ def draw_sweep(path: Path, result: SweepResult) -> None:
 def draw_all_sweeps(path: Path, results: Sequence[SweepResult]) -> None:
     """Write the curves of all sweeps, each a detection rate above a position error."""
     num_rows = math.ceil(len(results) / _NUM_COLUMNS)
-    with plot_style.open_chart(path, figsize=(4.0 * _NUM_COLUMNS, 4.6 * num_rows)) as figure:
+    with plot_style.open_chart(path, figsize=(3.0 * _NUM_COLUMNS, 3.5 * num_rows)) as figure:
         cells = figure.subfigures(num_rows, _NUM_COLUMNS, squeeze=False).flat
         # The last row may have more cells than there are sweeps.
         for cell, result in zip(cells, results, strict=False):

@@ -29,6 +29,7 @@ from catoptra_studies.experiment.figure_source import (
     collect_camera_figures,
     default_figure_source,
 )
+from catoptra_studies.experiment.frame_comparison import capture_frame_comparison
 from catoptra_studies.experiment.paper_claims import Claim
 from catoptra_studies.experiment.remote_server import parse_server_address
 from catoptra_studies.progress_display import (
@@ -60,14 +61,15 @@ def _run(config: ExperimentConfig, figure_source: FigureSource) -> list[Claim]:
     timing_s: dict[str, float] = {}
     results, snapshot = _run_drives(config, timing_s)
     with _measure_time("figures of the camera", timing_s):
-        figures, camera_metrics = collect_camera_figures(config, figure_source)
+        camera_figures = collect_camera_figures(config, figure_source)
+        comparison = capture_frame_comparison(config)
     with _measure_time("report", timing_s):
         report, claims = write_experiment_results(
             config,
             results,
-            figures,
+            camera_figures,
             snapshot=snapshot,
-            camera_metrics=camera_metrics,
+            comparison=comparison,
             timing_s=timing_s,
             subtitle=f"Run on {time.strftime('%Y-%m-%d')}, {platform.machine()}, "
             f"Python {platform.python_version()}, {config.num_runs} runs a set-up, "

@@ -16,11 +16,14 @@ from catoptra_studies.experiment.experiment_runner import (
     SetupResult,
 )
 from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER
+from catoptra_studies.experiment.figure_source import CameraFigures
+from catoptra_studies.experiment.frame_comparison import FrameComparison
 from catoptra_studies.experiment.measurement_metrics import compute_measurement_metrics
 from catoptra_studies.experiment.paper_claims import Claim, evaluate_claims
 from catoptra_studies.experiment.paper_differences import list_differences
 from catoptra_studies.experiment.plots.classifier_plot import draw_classifier_output
 from catoptra_studies.experiment.plots.error_plot import draw_error_ensemble, draw_position_errors
+from catoptra_studies.experiment.plots.frame_pair_plot import draw_frame_pair
 from catoptra_studies.experiment.plots.overview_plot import draw_overview
 from catoptra_studies.experiment.plots.trajectory_plot import draw_trajectories
 from catoptra_studies.reports.html_page import ReportFigure
@@ -29,10 +32,10 @@ from catoptra_studies.reports.html_page import ReportFigure
 def write_experiment_results(
     config: ExperimentConfig,
     results: Sequence[SetupResult],
-    camera_figures: Sequence[ReportFigure],
+    camera_figures: CameraFigures,
     *,
     snapshot: DetectorSnapshot | None,
-    camera_metrics: dict[str, Any],
+    comparison: FrameComparison | None,
     timing_s: dict[str, float],
     subtitle: str,
 ) -> tuple[Path, list[Claim]]:
@@ -41,9 +44,9 @@ def write_experiment_results(
     Args:
         config: Configuration of the experiment; figures of the camera are in its output folder.
         results: Drives of each set-up.
-        camera_figures: Figures of the camera for the report.
+        camera_figures: Figures of the camera, with their numbers.
         snapshot: Frame for the figures of the detector; None where no set-up detects landmarks.
-        camera_metrics: Metrics of the camera's figures.
+        comparison: Frames for Figure 11; None where they could not be captured.
         timing_s: Seconds used by each part.
         subtitle: Line below the report's title.
 
@@ -54,8 +57,13 @@ def write_experiment_results(
     drive_figures = draw_drive_figures(config, results)
     if snapshot is not None:
         _draw_overview(config, results, snapshot)
-    # Times in one object of their own: two runs with equal seeds differ there alone.
-    document = {**summary, "camera_metrics": camera_metrics, "timing_s": timing_s}
+    # Times in objects of their own: two runs with equal seeds differ there alone.
+    document = {
+        **summary,
+        "camera_metrics": camera_figures.metrics,
+        "camera_timings": camera_figures.timings,
+        "timing_s": timing_s,
+    }
     # nan is no JSON; a metric without values is null instead, and anything else is a bug.
     text = json.dumps(document, indent=2, allow_nan=False)
     (config.output_folder / "summary.json").write_text(text + "\n", encoding="utf-8")
@@ -66,8 +74,11 @@ def write_experiment_results(
         num_runs=config.num_runs,
         claims=claims,
         differences=list_differences(summary["setups"]),
-        camera_figures=camera_figures,
-        landmark_figures=[] if snapshot is None else [_draw_classifier(config, snapshot)],
+        camera_figures=camera_figures.figures,
+        landmark_figures=[
+            *([] if comparison is None else [_draw_comparison(config, comparison)]),
+            *([] if snapshot is None else [_draw_classifier(config, snapshot)]),
+        ],
         drive_figures=drive_figures,
         summary=summary,
         timing="Time used: " + ", ".join(f"{k} {v:.0f} s" for k, v in timing_s.items()) + ".",
@@ -126,14 +137,14 @@ def draw_drive_figures(
     for result in results:
         filter_runs = result.filter_runs[PAPER_FILTER.name]
         index = median_run_index(filter_runs)
-        title = f"{result.setup.name}, run {filter_runs[index].run}"
+        title = f"{_setup_title(result)}, run {filter_runs[index].run}"
         chosen.append((title, result.drive_logs[index], filter_runs[index]))
     draw_trajectories(config.output_folder / "trajectories.png", chosen, config.landmarks)
     draw_position_errors(
         config.output_folder / "errors.png", [(title, run) for title, _, run in chosen]
     )
     ensembles = [
-        (f"{result.setup.name}, {config.num_runs} runs", result.filter_runs[PAPER_FILTER.name])
+        (f"{_setup_title(result)}, {config.num_runs} runs", result.filter_runs[PAPER_FILTER.name])
         for result in results
     ]
     draw_error_ensemble(config.output_folder / "ensemble.png", ensembles)
@@ -141,25 +152,51 @@ def draw_drive_figures(
         ReportFigure(
             "trajectories.png",
             "Self-localization on the field (the paper's Figure 12)",
-            "The run whose largest error is the median one. The open circle is the start.",
+            "The run whose largest error is the median one, by the paper's filter. Seen from "
+            "above; arrows show the direction of travel.",
             "Maps of the true path, the path by odometry alone and the filter's estimate",
         ),
         ReportFigure(
             "errors.png",
             "Distance between true and estimated position (the paper's Figure 13)",
-            "The bars count the landmarks that the validation gate accepted (up) and rejected "
-            "(down) in each step. In the real set-up the filter starts too certain: it relies on "
-            "odometry and rejects, until the turn at the first corner (step 24) widens its "
-            "covariance.",
+            "Errors of odometry alone and of the paper's filter. The bars count the landmarks "
+            "that its gate accepted (up) and rejected (down) in each step. In real the filter "
+            "starts too certain: in such a run it relies on odometry and rejects, until the turn "
+            "at the first corner (steps 24 and 25) widens its covariance.",
             "Position error over the steps for odometry and filter",
         ),
         ReportFigure(
             "ensemble.png",
-            "The same over all seeds",
-            "Median and the band from 5 % to 95 % of the runs, the paper's filter.",
+            "The same over all runs",
+            "Medians, and bands from 5 % to 95 % of the runs, in each step for itself: of odometry "
+            "alone and of the paper's filter.",
             "Bands of position error over the steps for all runs",
         ),
     ]
+
+
+def _setup_title(result: SetupResult) -> str:
+    # Nobody who sees the picture alone may take it for a real robot.
+    return {"sim": "sim", "real": "real (simulated)"}[result.setup.name]
+
+
+def _draw_comparison(config: ExperimentConfig, comparison: FrameComparison) -> ReportFigure:
+    path = config.output_folder / "frames.png"
+    panels = (
+        ("with the degradations of a real camera", comparison.degraded_rgb),
+        ("simulated set-up", comparison.clean_rgb),
+    )
+    draw_frame_pair(path, panels)
+    return ReportFigure(
+        path.name,
+        "Omnidirectional frames, real and simulated (the paper's Figure 11)",
+        "The paper's left image is a recorded one. Here both are simulated, of a robot that turns "
+        "on the spot: left with the effects of robot p2at_omni_real, motion blur, defocus, "
+        "vignetting and noise among them; right as the classifier gets them in sim. The drives of "
+        "real use no frames, since their landmarks are measured by hand.",
+        "Two round mirror images of the field, the left one darker towards the rim, blurred and "
+        "noisy, the right one clean",
+    )
 
 
 def _draw_classifier(config: ExperimentConfig, snapshot: DetectorSnapshot) -> ReportFigure:

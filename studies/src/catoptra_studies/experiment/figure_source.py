@@ -10,7 +10,8 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,19 @@ from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.experiment.server_process import can_start_server
 from catoptra_studies.reports.html_page import ReportFigure
 
-# Figures for the report, and their metrics by file name without suffix.
-CameraFigures = tuple[list[ReportFigure], dict[str, Any]]
+
+@dataclass(frozen=True, slots=True)
+class CameraFigures:
+    """Drawn figures of the camera; without any, all is empty."""
+
+    figures: tuple[ReportFigure, ...] = ()
+
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    """Numbers of each figure, by its file name without suffix."""
+
+    timings: Mapping[str, Any] = field(default_factory=dict)
+    """Measured times in the same form, which differ from run to run."""
+
 
 _POLL_INTERVAL_S = 0.2
 
@@ -53,14 +65,18 @@ def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> Ca
             _wait_for_file(config.output_folder / "figures.json", timeout_s=config.timeout_s)
         case FigureSource.NONE:
             # The report then has an empty section, and summary.json no metrics of the camera.
-            return [], {}
+            return CameraFigures()
     return read_camera_figures(config.output_folder)
 
 
 def read_camera_figures(folder: Path) -> CameraFigures:
     """Read figures.json of a folder."""
     index = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
-    return [_report_figure(entry) for entry in index["figures"]], index["metrics"]
+    return CameraFigures(
+        tuple(_report_figure(entry) for entry in index["figures"]),
+        index["metrics"],
+        index["timings"],
+    )
 
 
 def _report_figure(entry: dict[str, str]) -> ReportFigure:

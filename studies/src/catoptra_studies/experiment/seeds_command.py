@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return EXIT_FAILURE if any(result.status for result in results) else 0
 
 
-def run_seed(config: ExperimentConfig, seed: int) -> SeedResult:
+def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     """Drive, filter and evaluate one seed, and write its summary.json into a folder of its own.
 
     Args:
@@ -95,7 +95,7 @@ def _run_seeds(
     with open_progress() as progress, pool:
         advance = progress.add_task("seeds", len(seeds))
         # In the order of the seeds; the first that fails ends the command and cancels the rest.
-        for result in pool.map(partial(run_seed, config), seeds):
+        for result in pool.map(partial(evaluate_experiment, config), seeds):
             results.append(result)
             advance()
     return results

@@ -31,12 +31,20 @@ class Cell:
     """Class of the report's style sheet: n aligns right, yes and no have colours."""
 
 
+# CSS pixels of a pixel of a figure: its text of 24 px is then as large as that of a report.
+_DISPLAY_SCALE = 0.625
+
+
 def figure_element(folder: Path, figure: ReportFigure) -> str:
     """Figure with its image inside, so that the report remains one file."""
+    png = (folder / figure.file).read_bytes()
+    # The header of a PNG file has its width in the bytes 16 to 19.
+    width_px = round(_DISPLAY_SCALE * int.from_bytes(png[16:20], "big"))
     # A third larger than the file, but a report of one file can be mailed and archived.
-    data = base64.b64encode((folder / figure.file).read_bytes()).decode()
+    data = base64.b64encode(png).decode()
     return (
-        f'<figure><img alt="{html.escape(figure.alt)}" src="data:image/png;base64,{data}">'
+        f'<figure><img width="{width_px}" alt="{html.escape(figure.alt)}" '
+        f'src="data:image/png;base64,{data}">'
         f"<figcaption><strong>{html.escape(figure.title)}.</strong> "
         f"{html.escape(figure.caption)}</figcaption></figure>"
     )

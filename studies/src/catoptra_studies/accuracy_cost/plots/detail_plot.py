@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from catoptra_studies import plot_style
-from catoptra_studies.accuracy_cost.error_colour_map import map_error_colours
 from catoptra_studies.accuracy_cost.image_error import signed_difference
-from catoptra_studies.accuracy_cost.plots.plot_legend import draw_border, draw_colour_bar
+from catoptra_studies.accuracy_cost.plots.plot_legend import draw_border
+from catoptra_studies.camera_figures.error_colour_map import draw_colour_bar, map_error_colours
 from catoptra_studies.camera_figures.polygon_detail_figure import find_max_difference_window
 from catoptra_studies.plot_style import Image
 

@@ -6,24 +6,24 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_sample_positions
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation, tessellation_from_polygon_count
 from catoptra_studies import plot_style
-from catoptra_studies.accuracy_cost.error_colour_map import map_error_colours
-from catoptra_studies.accuracy_cost.plots.plot_legend import draw_colour_bar
-from catoptra_studies.camera_figures.polygon_displacement import displacement_px
+from catoptra_studies.camera_figures.error_colour_map import draw_colour_bar
+from catoptra_studies.camera_figures.figure_spec import FIGURE_SAMPLES
+from catoptra_studies.camera_figures.polygon_displacement import displacement_map
+from catoptra_studies.camera_figures.polygon_map_figure import (
+    DISPLACEMENT_RANGE_PX,
+    colour_displacement,
+)
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject
 
 WIDTH_PX, HEIGHT_PX = 1520, 910
 _TOP_PX = 56
-DISPLACEMENT_RANGE_PX = (0.1, 100.0)
-_EMPTY_GREY = 226
 
 
 def draw(page: plot_style.Page, camera: OmniCamera, frames: Mapping[int, Image]) -> None:
@@ -46,9 +46,7 @@ def draw(page: plot_style.Page, camera: OmniCamera, frames: Mapping[int, Image])
             va="bottom", fontsize=7, color=plot_style.MUTED,
         )  # fmt: skip
         plot_style.show_image(page, frames[count], left, _TOP_PX, PAPER_SIZE_PX)
-        colours = map_error_colours(np.nan_to_num(error_px), *DISPLACEMENT_RANGE_PX)
-        # White would look like no error where no polygon is.
-        colours[np.isnan(error_px)] = _EMPTY_GREY
+        colours = colour_displacement(error_px)
         plot_style.show_image(page, colours, left, _TOP_PX + PAPER_SIZE_PX + 14, PAPER_SIZE_PX)
     draw_colour_bar(
         page, DISPLACEMENT_RANGE_PX, left=820, top=HEIGHT_PX - 84, width=480,
@@ -57,18 +55,10 @@ def draw(page: plot_style.Page, camera: OmniCamera, frames: Mapping[int, Image])
 
 
 def render_polygon_frame(subject: StudySubject, tessellation: Tessellation) -> Image:
-    """Render the first pose through a mesh, by 2 x 2 exact rays a pixel."""
-    settings = RenderSettings(tessellation, 2)
+    """Render the first pose through a mesh, by as many exact rays a pixel as a figure has."""
+    settings = RenderSettings(tessellation, FIGURE_SAMPLES)
     view = subject.prepare_view(RendererKind.TRACE, settings)
     try:
         return view.render(subject.camera_states[0]).rgb
     finally:
         view.close()
-
-
-def displacement_map(camera: OmniCamera, tessellation: Tessellation) -> Floats:
-    """(h, w) displacement of each pixel's content in pixels; nan where no polygon is."""
-    pixels = pixel_sample_positions(camera)[:, :, 0]
-    directions, is_covered = mirror_mesh_directions(camera, tessellation, pixels)
-    error_px, is_valid = displacement_px(camera, pixels, directions)
-    return np.where(is_covered & is_valid, error_px, np.nan)

@@ -24,14 +24,14 @@ def draw_classifier_output(
         detector: Detector that was used.
         stages: Results of all stages for this frame.
     """
-    with plot_style.open_chart(path, figsize=(11.0, 5.2)) as figure:
+    with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 3.6)) as figure:
         left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.55))
         draw_bearings(left.subplots(), rgb, detector, stages)
         above, below = right.subplots(2, 1)
         above.imshow(stages.cylinder)
         above.set_title("cylinder unwarped from the frame")
         below.imshow(_label_image(stages))
-        below.set_title("pixels accepted by Eq. 3, and the landmarks made of them")
+        below.set_title("pixels above the threshold of Eq. 3, and landmarks")
         _label_landmarks(below, detector, stages)
         for axes in (above, below):
             _set_azimuth_ticks(axes, stages.cylinder.shape[1], detector)
@@ -53,7 +53,7 @@ def draw_bearings(
         u, v = pixel - 0.5
         centre = [c - 0.5 for c in camera.centre_px]
         axes.plot([centre[0], u], [centre[1], v], color="white", lw=1.2)
-    axes.set_title("omnidirectional frame with the bearings found")
+    axes.set_title("frame with the bearings found")
     axes.set_axis_off()
 
 
@@ -85,7 +85,7 @@ def _label_landmarks(axes: plot_style.Axes, detector: Detector, stages: Detectio
             xytext=(min(max(column, 70), num_columns - 70), 128 + 26 * (number % 2)),
             ha="center",
             va="center",
-            fontsize=7,
+            fontsize=5.5,
             arrowprops={"arrowstyle": "-", "lw": 0.6, "color": plot_style.MUTED},
         )
 
@@ -94,6 +94,7 @@ def _set_azimuth_ticks(axes: plot_style.Axes, num_columns: int, detector: Detect
     degrees = np.array([-135, -90, -45, 0, 45, 90, 135])
     cylinder = detector.view.cylinder
     columns = [cylinder.column_from_azimuth(np.array(math.radians(d))) for d in degrees]
-    axes.set_xticks([float(c) % num_columns for c in columns], [f"{d}°" for d in degrees])
+    labels = [f"{d}°".replace("-", "−") for d in degrees]
+    axes.set_xticks([float(c) % num_columns for c in columns], labels)
     axes.set_yticks([])
     axes.grid(visible=False)

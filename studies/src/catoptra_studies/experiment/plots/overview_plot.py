@@ -31,7 +31,7 @@ def draw_overview(
         logged_run: Drive for the map, and a filter's results over it.
     """
     drive_log, filter_run = logged_run
-    with plot_style.open_chart(path, figsize=(10.0, 5.4)) as figure:
+    with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 4.2)) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
         draw_bearings(left, rgb, detector, stages)
         left.set_title("frame of the mirror camera, with the landmarks found")
@@ -42,4 +42,4 @@ def draw_overview(
         right.set_xticks([])
         right.set_yticks([])
         right.spines[:].set_visible(False)
-        right.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2, fontsize=8)
+        right.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2, fontsize=7)

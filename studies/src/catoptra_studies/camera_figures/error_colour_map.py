@@ -6,10 +6,12 @@ The errors of a sweep span decades, so a linear scale would show the coarsest le
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_studies import plot_style
 from catoptra_studies.plot_style import Image
 
 # Brightness falls from stop to stop, so that the order survives printing in grey.
@@ -43,3 +45,40 @@ def colour_bar(width_px: int, height_px: int, min_error: float, max_error: float
     """Image of the scale itself, from left to right."""
     errors = np.geomspace(min_error, max_error, width_px)
     return np.repeat(map_error_colours(errors, min_error, max_error)[None], height_px, axis=0)
+
+
+def draw_colour_bar(
+    page: plot_style.Page,
+    limits: tuple[float, float],
+    *,
+    left: int,
+    top: int,
+    width: int,
+    ticks: Sequence[float],
+    title: str,
+) -> None:
+    """Draw the scale of `map_error_colours`.
+
+    Args:
+        page: Page to draw on.
+        limits: Errors at the left and the right end.
+        left: Device pixels from the page's left edge to the bar.
+        top: Device pixels from the page's upper edge to the bar.
+        width: Device pixels of the bar.
+        ticks: Errors with a number below the bar.
+        title: Text to the left of the bar.
+    """
+    bar = plot_style.show_image(page, colour_bar(width, 22, *limits), left, top, width)
+    # show_image hides the axes, but here they are the scale.
+    bar.axis("on")
+    bar.set_yticks([])
+    bar.grid(visible=False)
+    bar.set_xticks(
+        [_bar_position(tick, limits, width) for tick in ticks], [f"{tick:g}" for tick in ticks]
+    )
+    plot_style.add_text(page, left - 14, top + 11, title, ha="right", va="center")
+
+
+def _bar_position(error: float, limits: tuple[float, float], width: int) -> float:
+    min_error, max_error = limits
+    return width * math.log(error / min_error) / math.log(max_error / min_error)

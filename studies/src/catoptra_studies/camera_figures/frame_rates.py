@@ -24,9 +24,9 @@ from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_server.sensors.range_scanner import RangeScannerDescription, RangeScannerSensor
 from catoptra_server.sensors.sensor import SensorContext
 from catoptra_server.sensors.sensor_environment import SensorEnvironment
-from catoptra_studies.accuracy_cost.cost_results import FrameRate
-from catoptra_studies.accuracy_cost.render_timing import (
+from catoptra_studies.camera_figures.render_timing import (
     DrawFunction,
+    FrameRate,
     RenderTiming,
     time_round_robin,
 )

@@ -28,6 +28,25 @@ class RenderTiming:
     """Elapsed time of each stage by name."""
 
 
+@dataclass(frozen=True, slots=True)
+class FrameRate:
+    """One bar of the paper's Figure 10."""
+
+    world: str
+    renderer: str
+
+    payload: str
+    """Equipment of the robot: no camera, a mesh by its polygons, per pixel, or LMS200."""
+
+    num_polygons: int
+    """Polygons of the camera's mirror; 0 without a mesh."""
+
+    fps: float
+    wall_ms: float
+    cpu_ms: float
+    stage_ms: dict[str, float]
+
+
 def time_round_robin(
     draw_functions: Sequence[DrawFunction], *, num_rounds: int, on_round: Callable[[], None]
 ) -> tuple[RenderTiming, ...]:
