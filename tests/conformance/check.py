@@ -64,10 +64,10 @@ def check_from_function(
 
 
 def retry_once(run: Callable[[ServerUnderTest], None]) -> Callable[[ServerUnderTest], None]:
-    """A check against the wall clock, repeated once if it fails.
+    """A check that a delay may fail, repeated once if it does.
 
-    A busy machine delays a command or a report by tenths of seconds, rarely twice in a row; a wrong
-    server fails both times.
+    A busy machine delays a command, a report or the end of a connection by tenths of seconds,
+    rarely twice in a row; a wrong server fails both times.
     """
 
     @functools.wraps(run)

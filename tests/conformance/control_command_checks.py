@@ -20,9 +20,12 @@ _FORWARD_M = 0.2
 # Two truncated decimals, and the noise of a sensor at rest.
 _MAX_DIFFERENCE_M = 0.1
 _MAX_DIFFERENCE_RAD = 0.1
-_NORMALIZED_M = 0.08
+_NORMALIZED_M = 0.12
+# Over the speed of the wheels; a robot that ignores Normalized is five times as fast.
+_MAX_SPEED_RATIO = 1.7
 
 
+@retry_once
 def check_spawn_pose(server: ServerUnderTest) -> None:
     """Location and Rotation of INIT are the pose that GroundTruth (or INS) reports, in radians."""
     yaw_rad = 1.0
@@ -59,8 +62,7 @@ def check_normalized(server: ServerUnderTest) -> None:
         )
     distance_m = max(motion.distance_m for motion in drive.motions().values())
     slow, _ = SPEED_RANGE
-    # Without Normalized the speed would be the maximum: five times as fast.
-    if not slow * speed <= distance_m / drive.duration_s <= 2.5 * speed:
+    if not slow * speed <= distance_m / drive.duration_s <= _MAX_SPEED_RATIO * speed:
         raise CheckFailed(
             f"{percent:g} % of MaxSpeed are {speed:.3f} m/s; the robot drove {distance_m:.3f} m in "
             f"{drive.duration_s:.2f} s"

@@ -19,6 +19,7 @@ from conformance.control_readings import (
     PlanarPose,
     find_poses,
     find_ticks,
+    read_number,
 )
 from conformance.control_session import ControlSession, ReceivedLine
 
@@ -28,6 +29,8 @@ STAND = "DRIVE {Left 0} {Right 0}"
 # Longest wait for a motion: this many times its duration without slip, and some reports.
 _SLOWNESS = 5.0
 _REPORTS_S = 1.0
+# Two reports of a robot at rest differ by their last decimal, a centimetre in UT2004.
+_STANDING_M = 0.015
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +40,9 @@ class Drive:
     before: Cycle
     after: Cycle
     duration_s: float
-    """Wall-clock time between DRIVE and the command to stand."""
+    """Time in which the robot moved, longer by up to two report intervals; by the clock of the
+    server if GroundTruth reports, else by the wall clock.
+    """
 
     def motions(self) -> dict[str, PlanarMotion]:
         """Motion by each sensor that reports poses."""
@@ -66,16 +71,18 @@ def drive_until(
     if not start:
         raise CheckFailed("no GroundTruth, INS or Odometry reports: no motion can be observed")
     first = len(session.lines)
+    start_s = time.monotonic()
 
     def has_reached_goal() -> bool:
         return any(is_reached(one) for one in _find_motions(start, session.lines[first:]))
 
-    start_s = time.monotonic()
     session.send(command)
     session.read_until(has_reached_goal, _SLOWNESS * expected_s + _REPORTS_S)
     session.send(STAND)
-    duration_s = time.monotonic() - start_s
-    return Drive(before, session.read_next_cycle(), duration_s)
+    elapsed_s = time.monotonic() - start_s
+    after = session.read_next_cycle()
+    moving_s = _find_moving_time(before, session.lines[first:])
+    return Drive(before, after, elapsed_s if moving_s is None else moving_s)
 
 
 def drive_forward(session: ControlSession, base: DriveBase, distance_m: float) -> Drive:
@@ -101,6 +108,30 @@ def drive_turn(
         lambda motion: abs(motion.yaw_rad) >= turn_rad,
         turn_rad / turn_rate,
     )
+
+
+def _find_moving_time(before: Cycle, lines: list[ReceivedLine]) -> float | None:
+    """Time of the server between the last pose before a drive and the first one after it.
+
+    A busy machine delays commands and reports, but the server's clock and robot alike. None if
+    GroundTruth does not report, or without a motion.
+    """
+    later = [line.message for line in lines if line.sensor_type == "groundtruth"]
+    track = [
+        (read_number(message, "Time"), find_poses({"groundtruth": [message]})["groundtruth"])
+        for message in (*before.get("groundtruth", ()), *later)
+    ]
+    if not track:
+        return None
+    start, end = track[0][1], track[-1][1]
+    times_at_start = [time_s for time_s, pose in track if _is_same_place(pose, start)]
+    times_at_end = [time_s for time_s, pose in track if _is_same_place(pose, end)]
+    moving_s = min(times_at_end) - max(times_at_start)
+    return moving_s if moving_s > 0.0 else None
+
+
+def _is_same_place(pose: PlanarPose, other: PlanarPose) -> bool:
+    return math.hypot(pose.x_m - other.x_m, pose.y_m - other.y_m) <= _STANDING_M
 
 
 def _find_motions(start: dict[str, PlanarPose], lines: list[ReceivedLine]) -> list[PlanarMotion]:

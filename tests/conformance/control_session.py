@@ -148,6 +148,9 @@ def spawn_robot(server: ServerUnderTest, pose: str | None = None) -> Iterator[Co
     """
     init = f"INIT {{ClassName {server.robot_class}}} {pose or server.spawn_pose}"
     with connect_control(server) as session:
+        # A reply to this connection: the server has dealt with the end of earlier ones, whose
+        # robots would be in the way.
+        session.query()
         session.send(init)
         if not session.read_until(lambda: _has_status(session), REPORT_TIMEOUT_S):
             raise CheckFailed(f"{init}: no SEN and STA within {REPORT_TIMEOUT_S:g} s")
