@@ -114,7 +114,7 @@ def test_realtime_server_delivers_status_and_frames_at_once(tmp_path: Path) -> N
         assert {frame.image_type for frame in frames} == {ImageType.GOOD}
         assert len({frame.rgb.tobytes() for frame in frames}) > 1
         # Both clients are still connected.
-        assert server.terminate(signal.SIGINT) == 0
+        assert server.terminate(signal.SIGINT) == 130
         assert "Traceback" not in server.log.read_text()
 
 

@@ -1,4 +1,4 @@
-"""SIGTERM ends the server within a second in every state; here within three, on busy machines."""
+"""A signal ends the server within a second in every state; here within three, on busy machines."""
 
 from __future__ import annotations
 
@@ -84,12 +84,35 @@ def terminate(process: subprocess.Popen[str], *numbers: signal.Signals) -> int:
         raise AssertionError(f"the server did not end within {LIMIT_S:g} s") from None
 
 
-def test_server_ends_while_its_libraries_load(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "status", "line"),
+    [(signal.SIGTERM, 0, ""), (signal.SIGINT, 130, "catoptra-server: interrupted\n")],
+)
+def test_server_ends_while_its_libraries_load(
+    tmp_path: Path, number: signal.Signals, status: int, line: str
+) -> None:
     with start_process(write_small_robot(tmp_path), FIELD) as process:
         wait_for_handler(process)
-        assert terminate(process, signal.SIGTERM) == 0
+        assert terminate(process, number) == status
         assert process.stdout is not None
         assert process.stdout.read() == ""
+        assert process.stderr is not None
+        assert process.stderr.read() == line
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["doctor"], ["list"], ["--version"], ["explain", "--robot", "p2at_omni", "--world", "rescue"]],
+    ids=lambda words: words[0],
+)
+def test_command_that_is_interrupted_says_so_in_one_line(words: list[str]) -> None:
+    command = [sys.executable, "-m", "catoptra_server", *words]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
+        wait_for_handler(process)
+        assert terminate(process, signal.SIGINT) == 130
+        assert process.stderr is not None
+        assert process.stderr.read() == "catoptra-server: interrupted\n"
 
 
 def test_server_ends_while_it_reads_its_files(tmp_path: Path) -> None:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import socket
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server import cli as module
 from catoptra_server.app import ListeningAddress, serve
 from catoptra_server.cli import main
-from catoptra_server.config.server_file import ServerOptions
-from catoptra_server.frames.multi_view import multi_view_layout
 from catoptra_server.options import Options
 from catoptra_server.render.raster import gl_device
 from catoptra_server.termination import Termination
@@ -113,6 +111,21 @@ def test_port_when_in_use_is_rejected_with_a_remedy(
     assert "--control-port 0 --image-port 0 --view 0 take free ones" in line
 
 
+# TEST-NET-3 of RFC 5737 is the address of no machine; .invalid resolves nowhere (RFC 6761).
+@pytest.mark.parametrize("host", ["203.0.113.9", "no-such-host.invalid"])
+def test_host_that_is_not_this_machine_is_not_taken_for_a_port_in_use(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], host: str
+) -> None:
+    line = start_error(
+        capfd,
+        *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
+        *("--renderer", "trace", "--threads", "1", "--host", host, *FREE_PORTS),
+    )
+    assert f"control port {host}:0: " in line
+    assert "--host is a name or an address of this machine" in line
+    assert "another server" not in line
+
+
 def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,52 +137,6 @@ def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
     )
     assert "libabsent.so.1 cannot be loaded" in line
     assert "install libgl1 libegl1 libgl1-mesa-dri" in line
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        (),
-        ("--robot", "x"),
-        ("--robot", "x", "--world", "y", "--control-port", "65536"),
-        ("--robot", "x", "--world", "y", "--image-port", "-1"),
-        ("--robot", "x", "--world", "y", "--image-port", "http"),
-        ("--robot", "x", "--world", "y", "--image-type", "PNG"),
-        ("--robot", "x", "--world", "y", "--renderer", "vulkan"),
-        ("--robot", "x", "--world", "y", "--instruction-set", "mmx"),
-        ("--robot", "x", "--world", "y", "--clock", "sundial"),
-        ("--robot", "x", "--world", "y", "--threads", "-1"),
-        ("--robot", "x", "--world", "y", "--seed", "one"),
-        ("--robot", "x", "--world", "y", "--frame-skip", "0"),
-        ("--robot", "x", "--world", "y", "--max-connections", "0"),
-        ("--robot", "x", "--world", "y", "--handshake-timeout", "-1"),
-        ("--robot", "x", "--world", "y", "--idle-timeout", "nan"),
-        ("--robot", "x", "--world", "y", "--memory-limit-mib", "0"),
-        ("--robot", "x", "--world", "y", "--memory-limit-mib", "1073741824"),
-        ("--robot", "x", "--world", "y", "--multi-view", "1000x1000:4x4"),
-        ("--robot", "x", "--world", "y", "--view", "70000"),
-        ("--robot", "x", "--world", "y", "--view", "0", "--no-view"),
-        ("--robot", "x", "--world", "y", "--multi-view", "2x2"),
-        ("--robot", "x", "--world", "y", "--multi-view", "0x2:320x240"),
-        ("--robot", "x", "--world", "y", "--multi-view", "300x1:320x240"),
-    ],
-)
-def test_arguments_when_wrong_are_rejected_with_usage(
-    capfd: pytest.CaptureFixture[str], arguments: tuple[str, ...]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        serve_words(*arguments)
-    assert ended.value.code == 2
-    assert "usage: catoptra-server" in capfd.readouterr().err
-
-
-def test_help_when_printed_names_every_option(capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        serve_words("--help")
-    assert ended.value.code == 0
-    text = capfd.readouterr().out
-    for option in ("--robot", "--world", "--renderer", "--instruction-set", "--clock", "--seed"):
-        assert option in text
 
 
 def test_server_when_it_listens_prints_its_addresses_and_ends_with_0(
@@ -202,10 +169,24 @@ def test_server_when_it_listens_prints_its_addresses_and_ends_with_0(
     [
         (ThreadFailedError("the simulation thread failed"), 1, "the simulation thread failed"),
         (OSError("too many open files"), 2, "cannot listen: too many open files"),
-        (UnicodeError("label empty"), 2, "cannot listen: label empty"),
+        (
+            UnicodeError("label empty"),
+            2,
+            "no name that can exist (label empty). --host",
+        ),
+        (
+            OSError(errno.EACCES, "port 80: denied"),
+            2,
+            "denied. Ports below 1024 need privileges",
+        ),
+        (
+            OSError(errno.EMFILE, "too many"),
+            2,
+            "too many. The process has no free",
+        ),
         (ZeroDivisionError(), 1, "CRITICAL catoptra_server.cli: the server ends: a bug"),
     ],
-    ids=["thread", "port", "host", "bug"],
+    ids=["thread", "port", "host", "privileges", "descriptors", "bug"],
 )
 def test_error_that_ends_the_server_has_its_status_and_line(
     tmp_path: Path,
@@ -221,55 +202,6 @@ def test_error_that_ends_the_server_has_its_status_and_line(
     monkeypatch.setattr(module, "serve", fail)
     assert serve_words("--robot", "p2at_omni", "--world", "four_legged_2006") == status
     assert line in capfd.readouterr().err
-
-
-def parse_options(*arguments: str) -> Options:
-    """Options of a command line with two files and these arguments."""
-    parsed = module._build_parser().parse_args(["--robot", "r.ini", "--world", "w.ini", *arguments])
-    return module._make_options(parsed)[0]
-
-
-def test_command_line_without_options_leaves_all_to_files() -> None:
-    assert parse_options().server_options == {}
-
-
-def test_command_line_with_server_options_is_read() -> None:
-    options = parse_options(
-        *("--image-port", "7", "--image-type", "raw", "--no-legacy-images", "--frame-skip", "6"),
-        *("--multi-view", "4x1:320x240", "--server-ini", "s.ini"),
-    )
-    assert options.server_file == Path("s.ini")
-    assert options.server_options == ServerOptions(
-        has_images=True,
-        image_port=7,
-        image_type=ImageType.RAW,
-        legacy_images=False,
-        frame_skip=6,
-        multi_view=multi_view_layout(4, 1, width_px=320, height_px=240),
-    )
-
-
-def test_command_line_with_limits_of_connections_is_read() -> None:
-    options = parse_options(
-        *("--max-connections", "8", "--handshake-timeout", "0", "--idle-timeout", "2.5")
-    )
-    assert options.server_options == ServerOptions(
-        max_connections=8,
-        max_image_connections=8,
-        handshake_timeout_s=0.0,
-        idle_timeout_s=2.5,
-    )
-
-
-def test_command_line_with_an_accuracy_target_is_read() -> None:
-    options = parse_options("--max-error-px", "0.5", "--budget-ms", "0")
-    assert (options.max_error_px, options.budget_ms) == (0.5, 0.0)
-    assert parse_options().max_error_px is None
-
-
-def test_command_line_with_a_memory_limit_is_read() -> None:
-    assert parse_options("--memory-limit-mib", "4096").memory_limit_mib == 4096
-    assert parse_options().memory_limit_mib == 1024
 
 
 @pytest.mark.parametrize(
@@ -293,27 +225,6 @@ def test_image_port_when_there_is_none_is_announced_as_off(
     assert capfd.readouterr().out == (
         "listening control=127.0.0.1:1 image=off stream=127.0.0.1:2\n"
     )
-
-
-def test_instruction_set_when_named_reaches_the_options() -> None:
-    assert parse_options("--instruction-set", "avx2").instruction_set == "avx2"
-    assert parse_options().instruction_set == "auto"
-
-
-@pytest.mark.parametrize(
-    ("words", "has_view", "port"),
-    [
-        ((), True, None),
-        (("--view", "0"), True, 0),
-        (("--view", "5081"), True, 5081),
-        (("--no-view",), False, None),
-    ],
-)
-def test_view_options_reach_the_options(
-    words: tuple[str, ...], has_view: bool, port: int | None
-) -> None:
-    options = parse_options(*words)
-    assert (options.has_view, options.view_port) == (has_view, port)
 
 
 def test_link_of_the_page_is_the_second_line(capfd: pytest.CaptureFixture[str]) -> None:

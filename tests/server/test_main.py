@@ -1,4 +1,4 @@
-"""Subcommands: each reaches its own parser; signals and libraries are the server's alone."""
+"""Commands: each reaches its own parser and handles signals; libraries are the server's alone."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import sys
 
 import pytest
 
-from catoptra_server.__main__ import main
+from catoptra_server.__main__ import COMMANDS, main
 
 
-def test_main_without_a_subcommand_serves(capsys: pytest.CaptureFixture[str]) -> None:
+def test_main_without_a_command_serves(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--help"])
     assert ended.value.code == 0
@@ -37,15 +37,16 @@ def test_doctor_when_it_starts_has_loaded_no_library_of_the_server() -> None:
 
 
 @pytest.mark.parametrize(
-    ("module", "words", "handles_signals"),
+    ("module", "words"),
     [
-        ("cli", [], True),
-        ("doctor.doctor_cli", ["doctor"], False),
-        ("explain", ["explain"], False),
+        ("cli", []),
+        ("doctor.doctor_cli", ["doctor"]),
+        ("explain", ["explain"]),
+        ("list_command", ["list"]),
     ],
 )
-def test_signals_are_handled_for_the_server_alone(
-    monkeypatch: pytest.MonkeyPatch, module: str, words: list[str], handles_signals: bool
+def test_signals_are_handled_for_every_command(
+    monkeypatch: pytest.MonkeyPatch, module: str, words: list[str]
 ) -> None:
     before = signal.getsignal(signal.SIGINT)
     within: list[object] = []
@@ -56,8 +57,30 @@ def test_signals_are_handled_for_the_server_alone(
 
     monkeypatch.setattr(f"catoptra_server.{module}.main", record)
     assert main(words) == 3
-    assert (within != [before]) == handles_signals
+    assert within != [before]
     assert signal.getsignal(signal.SIGINT) == before
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_command_when_misspelt_is_named_with_all_commands(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command[:-1], "--json"]) == 2
+    line = capsys.readouterr().err
+    assert f"no command {command[:-1]!r}: the commands are {', '.join(COMMANDS)}" in line
+    assert f"did you mean {command}?" in line
+
+
+def test_command_like_none_has_no_suggestion(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["xyz"]) == 2
+    assert "did you mean" not in capsys.readouterr().err
+
+
+def test_main_with_version_prints_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    output = capsys.readouterr().out
+    assert output.startswith("catoptra-server ")
+    assert output.count("\n") == 1
 
 
 def test_main_with_explain_explains(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ import queue
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -46,12 +46,49 @@ def stop_on_signal(termination: Termination) -> Iterator[threading.Event]:
         yield stopping
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_signal_before_anything_runs_ends_the_process_at_once(number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    ("number", "status", "line"),
+    [(signal.SIGTERM, 0, ""), (signal.SIGINT, 130, "catoptra-server: interrupted\n")],
+)
+def test_signal_before_anything_runs_ends_the_process_at_once(
+    capfd: pytest.CaptureFixture[str], number: signal.Signals, status: int, line: str
+) -> None:
     exit_process = Exit()
     with Termination(exit_process, FOREVER_S).handle_signals():
         signal.raise_signal(number)
-        assert exit_process.wait() == 0
+        assert exit_process.wait() == status
+    assert capfd.readouterr().err == line
+
+
+def test_status_is_that_of_the_first_signal() -> None:
+    exit_process = Exit()
+    termination = Termination(exit_process, FOREVER_S)
+    with stop_on_signal(termination) as stopping:
+        signal.raise_signal(signal.SIGINT)
+        assert stopping.wait(DEADLINE_S)
+        signal.raise_signal(signal.SIGTERM)
+        assert exit_process.wait() == 130
+    assert termination.status == 130
+
+
+def test_interrupt_does_not_wait_for_a_standard_error_that_nobody_reads() -> None:
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writer, bytes(4096))
+    os.set_blocking(writer, True)
+    kept = os.dup(2)
+    os.dup2(writer, 2)
+    try:
+        exit_process = Exit()
+        with Termination(exit_process, FOREVER_S).handle_signals():
+            signal.raise_signal(signal.SIGINT)
+            assert exit_process.wait() == 130
+    finally:
+        os.dup2(kept, 2)
+        for descriptor in (kept, reader, writer):
+            os.close(descriptor)
 
 
 def test_first_signal_begins_an_orderly_end() -> None:

@@ -1,8 +1,8 @@
-"""Entry point of `catoptra-server`: the server, or one of its subcommands `doctor` and `explain`.
+"""Entry point of `catoptra-server`: the server, or one of its commands.
 
-No module with libraries is imported before the subcommand is known: the doctor runs where the
-server's libraries cannot be loaded, and signals end the server already while they are loaded. To
-add a subcommand, write its `main` and a case.
+No module with libraries is imported before the command is known: the doctor runs where the server's
+libraries cannot be loaded, and signals end the process already while they are loaded. To add a
+command, write its `main`, a case and a line of COMMANDS.
 """
 
 from __future__ import annotations
@@ -10,45 +10,78 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from catoptra_server.termination import Termination
 
 EXIT_USAGE = 2
+COMMANDS: Mapping[str, str] = {
+    "explain": "report the effects that a robot's camera needs in a world, with their cost",
+    "doctor": "check whether the server can run on this machine",
+    "list": "list robots, worlds, landmarks and classes",
+}
+"""Commands and their help; the server itself has none."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a subcommand, and return the exit status of the process."""
+    """Run a command, and return the exit status of the process."""
     # NumPy's BLAS threads would spin beside the renderer's; set before NumPy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Matched by hand: argparse's subparsers would import every subcommand for its options.
     words = sys.argv[1:] if arguments is None else [*arguments]
+    termination = Termination()
+    with termination.handle_signals():
+        status = _run(words, termination)
+    return termination.status or status
+
+
+def _run(words: Sequence[str], termination: Termination) -> int:
+    # Matched by hand: argparse's subparsers would import every command for its options.
     match words:
         case ["doctor", *rest]:
             from catoptra_server.doctor.doctor_cli import main as doctor
 
             return doctor(rest)
-        case ["cost", *_]:
-            print("catoptra-server: the cost study is `catoptra-studies cost`", file=sys.stderr)
-            return EXIT_USAGE
         case ["explain", *rest]:
             from catoptra_server.explain import main as explain
 
             return explain(rest)
+        case ["list", *rest]:
+            from catoptra_server.list_command import main as list_names
+
+            return list_names(rest)
+        case ["--version", *_]:
+            from catoptra_server.version import describe_version
+
+            print(describe_version())
+            return 0
+        case [word, *_] if not word.startswith("-"):
+            print(f"catoptra-server: {_describe_unknown(word)}", file=sys.stderr)
+            return EXIT_USAGE
         case _:
-            return _serve(words)
+            return _serve(words, termination)
 
 
-def _serve(words: Sequence[str]) -> int:
-    termination = Termination()
-    with termination.handle_signals():
-        # Modules live as long as the process: collections while they are loaded find nothing.
-        gc.disable()
-        from catoptra_server.cli import main as serve
+def _describe_unknown(word: str) -> str:
+    """Message for a word that is no command."""
+    if word == "cost":
+        return "the cost study is `catoptra-studies cost`"
+    if word == "serve":
+        return "to serve needs no command: catoptra-server --robot FILE --world FILE"
+    from difflib import get_close_matches  # takes 10 ms to load
 
-        gc.freeze()
-        gc.enable()
-        return serve(words, termination)
+    close = get_close_matches(word, COMMANDS, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    return f"no command {word!r}: the commands are {', '.join(COMMANDS)}{hint}"
+
+
+def _serve(words: Sequence[str], termination: Termination) -> int:
+    # Modules live as long as the process: collections while they are loaded find nothing.
+    gc.disable()
+    from catoptra_server.cli import main as serve
+
+    gc.freeze()
+    gc.enable()
+    return serve(words, termination)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
 from catoptra_server.frames.frame_request import ViewRequest
@@ -177,7 +178,7 @@ def _start_pose(startup: StartupConfig) -> PlanarPose:
 
 
 def _build_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="catoptra-server explain",
         description="Report the effects that a robot's camera needs in a world, with their cost.",
     )

@@ -14,6 +14,7 @@ from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.world_file import read_world
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
+from catoptra_server.render.embreex_package import require_embreex
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
@@ -101,12 +102,23 @@ def _warn_unknown_keys(file: IniFile) -> None:
 
 
 def create_ray_caster(startup: StartupConfig) -> RayCaster:
-    """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle."""
+    """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle.
+
+    Raises:
+        EmbreexMissingError: a robot has such a sensor, and rays cannot be cast here.
+    """
     caster = _LazyRayCaster(startup.scene)
-    sensors = [sensor for robot in startup.robots for sensor in robot.sensors]
     # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if
     # ever: a server with cameras alone saves the time and memory.
-    return caster.build() if any(map(casts_rays, sensors)) else caster
+    for robot in startup.robots:
+        sensors = [sensor.name for sensor in robot.sensors if casts_rays(sensor)]
+        if sensors:
+            require_embreex(
+                f"{robot.class_name}, whose sensors cast rays ({', '.join(sensors)}),",
+                alternative="serve a robot without such sensors, such as --robot p2at_omni",
+            )
+            return caster.build()
+    return caster
 
 
 class _LazyRayCaster:
@@ -119,6 +131,9 @@ class _LazyRayCaster:
     def build(self) -> RayCaster:
         """The ray caster, built at the first call."""
         if self._caster is None:
+            require_embreex(
+                "a ray in the scene", alternative="request neither landmarks nor pixels in view"
+            )
             # Imported here, so that a server without such sensors runs without embree.
             from catoptra_server.render.trace.ray_caster import commit_ray_caster
 

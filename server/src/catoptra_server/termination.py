@@ -23,6 +23,10 @@ from typing import NamedTuple
 # 0.2 s at most were measured, while 600 000 triangles are loaded.
 GRACE_S = 0.7
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
+# Ctrl-C has the status that shells give it; SIGTERM is how service managers end a healthy server.
+_STATUS_OF_SIGNAL = {signal.SIGTERM: 0, signal.SIGINT: 130}
+_STDERR = 2
+_INTERRUPTED = b"catoptra-server: interrupted\n"
 
 
 class _Actions(NamedTuple):
@@ -42,7 +46,8 @@ class Termination:
 
     The first signal begins an orderly end, where one is registered (`call_on_signal`), for which
     the process has `grace_s`. After that time, at a second signal, or where none is registered, the
-    process ends at once with exit status 0.
+    process ends at once. The exit status is that of the first signal: 0 of SIGTERM, 130 of SIGINT,
+    which is also reported in a line on standard error.
 
     Args:
         exit_process: ends the process with a status.
@@ -56,6 +61,8 @@ class Termination:
         self._grace_s = grace_s
         self._lock = threading.Lock()
         self._actions = _END_AT_ONCE
+        self.status = 0
+        """Exit status by the first signal; 0 before."""
 
     @contextmanager
     def handle_signals(self) -> Iterator[None]:
@@ -108,11 +115,19 @@ class Termination:
             # The interpreter reports every signal that has a Python handler.
             if numbers[0] not in _SIGNALS:
                 continue
+            if end_s is None:
+                self._set_status(signal.Signals(numbers[0]))
             if end_s is not None or not self._begin_stop():
                 break
             end_s = time.monotonic() + self._grace_s
         self._actions.flush()
-        self._exit_process(0)
+        self._exit_process(self.status)
+
+    def _set_status(self, number: signal.Signals) -> None:
+        self.status = _STATUS_OF_SIGNAL[number]
+        # A pipe that nobody reads must not delay the end: select reports room for a short line.
+        if self.status and _has_room(_STDERR):
+            os.write(_STDERR, _INTERRUPTED)
 
     def _begin_stop(self) -> bool:
         """Begin the orderly end, and return whether there is one."""
@@ -122,6 +137,14 @@ class Termination:
                 return False
             self._actions.stop()
             return True
+
+
+def _has_room(descriptor: int) -> bool:
+    """Whether a short line can be written without a wait; False for a closed descriptor."""
+    try:
+        return bool(select.select([], [descriptor], [], 0.0)[1])
+    except (OSError, ValueError):
+        return False
 
 
 def _wait_until(descriptor: int, end_s: float | None) -> bool:

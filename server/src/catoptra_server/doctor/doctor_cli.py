@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator, Sequence
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import bundled_files, find_configuration
 from catoptra_server.doctor.finding import (
     Finding,
@@ -20,6 +21,7 @@ from catoptra_server.doctor.ports import check_ports, check_running_server, chec
 from catoptra_server.doctor.processors import check_processors
 from catoptra_server.doctor.renderer_devices import check_renderers
 from catoptra_server.doctor.subprocess_check import run_in_subprocess
+from catoptra_server.option_values import parse_port
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 
 _EXIT_STATUS_HELP = (
@@ -92,7 +94,7 @@ def _check_configurations(robots: Sequence[str], worlds: Sequence[str]) -> Itera
 
 
 def _build_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="catoptra-server doctor",
         description="Check whether the server can run on this machine with these files.",
         epilog=_EXIT_STATUS_HELP,
@@ -104,18 +106,11 @@ def _build_parser() -> argparse.ArgumentParser:
     add("--renderer", choices=RENDERER_NAMES, default=AUTO,
         help="renderer of the server; the other one is not checked")  # fmt: skip
     add("--host", default="127.0.0.1", help="address on which the server will listen")
-    add("--control-port", type=_parse_port, default=3000, metavar="PORT")
-    add("--image-port", type=_parse_port, default=5003, metavar="PORT")
-    add("--stream-port", type=_parse_port, default=5005, metavar="PORT")
-    add("--view", dest="view_port", type=_parse_port, metavar="PORT",
+    add("--control-port", type=parse_port, default=3000, metavar="PORT")
+    add("--image-port", type=parse_port, default=5003, metavar="PORT")
+    add("--stream-port", type=parse_port, default=5005, metavar="PORT")
+    add("--view", dest="view_port", type=parse_port, metavar="PORT",
         help="port of the live page (default: 5080, or a free one)")  # fmt: skip
     add("--probe", metavar="HOST", help="check only whether a server runs on this host")
     add("--json", action="store_true", help="print one JSON object instead of lines")
     return parser
-
-
-def _parse_port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port <= 65535:
-        raise argparse.ArgumentTypeError(f"a port is 0 to 65535, not {port}")
-    return port

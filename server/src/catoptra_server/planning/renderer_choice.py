@@ -26,6 +26,12 @@ from catoptra_server.planning.renderer_rule import (
     RendererRule,
     SceneLoad,
 )
+from catoptra_server.render.embreex_package import (
+    PACKAGE,
+    REMEDY,
+    has_embreex,
+    require_embreex,
+)
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES, RendererKind
 from catoptra_server.scene.scene_mesh import SceneMesh
@@ -100,8 +106,8 @@ def choose_renderer(
         The choice. Raster belongs to the calling thread.
 
     Raises:
-        RendererUnavailableError: Raster was requested and cannot run; the text names the missing
-            library and the packages to install.
+        RendererUnavailableError: The requested renderer cannot run, or none can; the text names
+            the missing library and the packages to install.
     """
     if requested not in RENDERER_NAMES:
         *others, last = RENDERER_NAMES
@@ -123,6 +129,8 @@ def create_renderer(
 
 
 def _create_trace(inputs: _Scene) -> TraceRenderer:
+    # Before the engines, which would report a missing kernel first.
+    require_embreex("the trace renderer", alternative="start with --renderer raster")
     from catoptra_server.render.trace import TraceRenderer
 
     return TraceRenderer(
@@ -151,6 +159,8 @@ def _choose_by_rule_alone(inputs: _Scene, image: ImageLoad) -> RendererChoice:
     # Whatever this machine has: the rates of the kernel and of software OpenGL.
     rule = _make_rule(inputs, RenderEngine.KERNEL)
     reason = f"by scene, camera and samples alone: {rule.explain(image)}"
+    if not has_embreex():
+        return _raster_choice_without_trace(inputs)
     if rule.find_fastest(image) is RendererKind.TRACE:
         return _trace_choice(inputs, reason)
     try:
@@ -167,6 +177,8 @@ def _choose_for_machine(inputs: _Scene, image: ImageLoad) -> RendererChoice:
         # The rule has no rates of a graphics processor.
         rule = RendererRule(inputs.load, {RendererKind.TRACE: RenderEngine.KERNEL})
         return _raster_choice(inputs, reason, rule=rule, device=device)
+    if not has_embreex():
+        return _raster_choice_without_trace(inputs)
     trace = _create_trace(inputs)
     rule = _make_rule(inputs, RenderEngine(trace.engine_name))
     reason = f"no graphics processor, by rule {rule.explain(image)}"
@@ -178,6 +190,19 @@ def _choose_for_machine(inputs: _Scene, image: ImageLoad) -> RendererChoice:
         return _trace_choice(inputs, str(error), renderer=trace)
     trace.close()
     return choice
+
+
+def _raster_choice_without_trace(inputs: _Scene) -> RendererChoice:
+    """Raster, where the package of trace is missing."""
+    reason = f"the package {PACKAGE}, which trace needs, is not installed"
+    factory = partial(_create_raster, inputs)
+    try:
+        renderer = factory()
+    except RendererUnavailableError as error:
+        raise RendererUnavailableError(
+            f"no renderer can run. Raster: {error}. Trace: {reason}: {REMEDY}"
+        ) from error
+    return RendererChoice(renderer, RendererKind.RASTER, reason, factory=factory)
 
 
 def _make_rule(inputs: _Scene, trace: RenderEngine) -> RendererRule:

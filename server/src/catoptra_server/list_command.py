@@ -1,0 +1,112 @@
+"""`catoptra-server list`: bundled robots, worlds and landmarks, and the classes that INIT can name.
+
+Robots, worlds and landmarks are described by the first sentence of the comment that heads their
+file; classes by what the server would build.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.command_parser import CommandParser
+from catoptra_server.config.bundled_files import BUNDLED_FOLDER, bundled_files
+from catoptra_server.config.robot_file import read_robots
+from catoptra_server.robot.robot_description import RobotDescription
+
+KINDS = ("robots", "worlds", "landmarks", "classes")
+# The comment at the head of an ini or csv file.
+_COMMENT = re.compile(r"(?:[;#].*\n?)+")
+_SENTENCE = re.compile(r"(.*?\.)(?:\s|$)")
+
+
+@dataclass(frozen=True, slots=True)
+class ListEntry:
+    """One name that a command or a client's INIT accepts."""
+
+    kind: str
+    """robots, worlds, landmarks or classes."""
+    name: str
+    description: str
+    path: str
+    """File that describes it."""
+
+    def __str__(self) -> str:
+        return f"  {self.name}\n      {self.description}\n      {self.path}"
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print the names of one kind or of all; the exit status is 0."""
+    parser = CommandParser(
+        prog="catoptra-server list",
+        description="List the bundled robots, worlds and landmarks, whose names --robot, --world "
+        "and --landmarks take, and the classes that INIT can spawn from each robot file.",
+    )
+    parser.add_argument("kind", nargs="?", choices=KINDS, metavar="robots|worlds|landmarks|classes",
+        help="default: all")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print a JSON list")
+    parsed = parser.parse_args(arguments)
+    entries = list(list_entries([parsed.kind] if parsed.kind else KINDS))
+    if parsed.json:
+        print(json.dumps([asdict(entry) for entry in entries], indent=2))
+        return 0
+    kind = ""
+    for entry in entries:
+        if entry.kind != kind:
+            kind = entry.kind
+            print(f"{kind}:")
+        print(entry)
+    return 0
+
+
+def list_entries(kinds: Sequence[str]) -> Iterator[ListEntry]:
+    """Yield the entries of each kind, sorted by name."""
+    for kind in kinds:
+        match kind:
+            case "robots" | "worlds":
+                yield from (_describe_file(kind, path) for path in bundled_files(kind))
+            case "landmarks":
+                files = sorted((BUNDLED_FOLDER / kind).glob("*.csv"))
+                yield from (_describe_file(kind, path) for path in files)
+            case _:
+                yield from sorted(_list_classes(), key=lambda entry: (entry.name, entry.path))
+
+
+def read_first_sentence(path: Path) -> str:
+    """First sentence of the comment at the head of a file; empty without one."""
+    comment = _COMMENT.match(path.read_text(encoding="utf-8"))
+    words = re.sub(r"\s*\n[;#]?\s*", " ", comment[0]).lstrip(";# ").strip() if comment else ""
+    sentence = _SENTENCE.match(words)
+    return sentence[1] if sentence else words
+
+
+def _describe_file(kind: str, path: Path) -> ListEntry:
+    return ListEntry(kind, path.stem, read_first_sentence(path), str(path))
+
+
+def _list_classes() -> Iterator[ListEntry]:
+    for path in bundled_files("robots"):
+        robots, _ = read_robots(path)
+        for robot in robots:
+            yield ListEntry(
+                "classes",
+                robot.class_name,
+                f"--robot {path.stem}: {describe_equipment(robot)}",
+                str(path),
+            )
+
+
+def describe_equipment(robot: RobotDescription) -> str:
+    """Cameras with their sizes, and sensors by kind with their number."""
+    cameras = [f"camera {c.name} {c.width_px} x {c.height_px} px" for c in robot.perspective_cameras]
+    if robot.omni_camera is not None:
+        size = robot.omni_camera.camera
+        cameras.insert(0, f"mirror camera {size.width_px} x {size.height_px} px")
+    kinds = Counter(type(sensor).__name__.removesuffix("Description") for sensor in robot.sensors)
+    sensors = [kind if number == 1 else f"{number} {kind}" for kind, number in kinds.items()]
+    return ", ".join((*(cameras or ["no camera"]), *(sensors or ["no sensor"])))
