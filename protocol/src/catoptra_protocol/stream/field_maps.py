@@ -208,9 +208,15 @@ _SCALAR_READERS: dict[Any, FieldReader] = {
 
 
 def _fields_from_dataclass(message: Any) -> dict[str, Any]:
-    fields = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
+    fields = {name: getattr(message, name) for name in _field_names(type(message))}
     # Readers reject NaN and infinity, so sending one would only move the failure to the peer.
     for name, value in fields.items():
         if isinstance(value, float) and not math.isfinite(value):
             raise LocalProtocolError(f"{type(message).__name__}.{name} is not finite: {value}")
     return fields
+
+
+# Once per class: dataclasses.fields checks and copies its list at each call.
+@cache
+def _field_names(dataclass_type: Any) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(dataclass_type))
