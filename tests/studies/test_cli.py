@@ -36,6 +36,22 @@ def test_command_when_unknown_is_answered_with_usage(
     assert "usage: catoptra-studies" in capsys.readouterr().err
 
 
+def test_command_when_unknown_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dmo"]) == EXIT_USAGE
+    assert "no command 'dmo'" in capsys.readouterr().err
+
+
+def test_command_when_interrupted_says_so_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(_: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("catoptra_studies.experiment.demo_command.main", interrupt)
+    assert main(["demo"]) == 130
+    assert capsys.readouterr().err == "catoptra-studies: interrupted\n"
+
+
 # A None in sys.modules makes every import of that name fail, as if it were not installed.
 WITHOUT_SERVER = """
 import importlib.util, sys

@@ -30,9 +30,12 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
 from catoptra_protocol.stream.requests import ImageEncoding
 
+# As shells report a process that SIGINT ended.
+EXIT_INTERRUPTED = 130
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; 0 on success, 1 after an error message on stderr."""
+    """Run a command; 0 on success, 1 after an error message on stderr, 130 after Ctrl-C."""
     parsed = _make_parser().parse_args(arguments)
     try:
         parsed.run(parsed)
@@ -41,7 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"catoptra-client: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        return 0
+        print("catoptra-client: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
     return 0
 
 
@@ -72,6 +76,7 @@ def _train(parsed: argparse.Namespace) -> None:
         landmarks=landmarks,
         num_frames=parsed.frames,
         seed=parsed.seed,
+        robot_class=parsed.robot_class,
         on_frame=lambda: _print_progress(next(frame_numbers), parsed.frames),
     )
     classifier = train(frames, theta=parsed.theta)
@@ -96,7 +101,7 @@ def _print_bearings(parsed: argparse.Namespace) -> None:
         RobotClient.connect(address.host, address.control_port) as robot,
         ImageClient.connect(address.host, address.image_port) as images,
     ):
-        robot.spawn(ROBOT_CLASS, start_pose=parsed.start)
+        robot.spawn(parsed.robot_class, start_pose=parsed.start)
         # The server's configuration has the exact camera model: nothing to calibrate.
         camera, height_m = robot.get_camera_and_height()
         detector = make_detector(
@@ -159,6 +164,12 @@ def _make_parser() -> argparse.ArgumentParser:
             default="four_legged_2006",
             metavar="CSV",
             help="file, or the name of a bundled one",
+        )
+        command.add_argument(
+            "--robot-class",
+            default=ROBOT_CLASS,
+            metavar="CLASS",
+            help="class to spawn, with a mirror camera (default: %(default)s)",
         )
         command.add_argument("--host", default="127.0.0.1")
         command.add_argument("--control-port", type=int, default=3000)

@@ -32,6 +32,7 @@ def capture_training_frames(
     num_frames: int,
     seed: int,
     on_frame: Callable[[], None],
+    robot_class: str = ROBOT_CLASS,
 ) -> Iterator[tuple[UInt8Array, UInt8Array]]:
     """Yield (h, w, 3) frames from random poses on the field, with their (h, w) labels.
 
@@ -41,6 +42,7 @@ def capture_training_frames(
         num_frames: number of frames.
         seed: seed of the random poses.
         on_frame: called after each frame, for progress.
+        robot_class: class to spawn, with a mirror camera.
     """
     generator = np.random.Generator(np.random.Philox(key=seed))
     for number in range(num_frames):
@@ -48,13 +50,16 @@ def capture_training_frames(
         y = float(generator.uniform(-_MAX_Y_M, _MAX_Y_M))
         yaw = float(generator.uniform(-math.pi, math.pi))
         # Unique names: the server may not have removed the previous robot yet.
-        yield _capture_training_frame(address, landmarks, pose=(x, y, yaw), name=f"Trainer{number}")
+        yield _capture_training_frame(
+            address, landmarks, robot_class, pose=(x, y, yaw), name=f"Trainer{number}"
+        )
         on_frame()
 
 
 def _capture_training_frame(
     address: ServerAddress,
     landmarks: tuple[Landmark, ...],
+    robot_class: str,
     *,
     pose: tuple[float, float, float],
     name: str,
@@ -64,7 +69,7 @@ def _capture_training_frame(
         RobotClient.connect(address.host, address.control_port) as robot,
         ImageClient.connect(address.host, address.image_port) as images,
     ):
-        robot.spawn(ROBOT_CLASS, name=name, location_m=(x, y, 0.0), rotation_rad=(0.0, 0.0, yaw))
+        robot.spawn(robot_class, name=name, location_m=(x, y, 0.0), rotation_rad=(0.0, 0.0, yaw))
         camera, height_m = robot.get_camera_and_height()
         # A server in real time may still hold a frame of the previous robot; the second is current.
         images.get_frame()

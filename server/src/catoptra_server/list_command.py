@@ -103,7 +103,10 @@ def _list_classes() -> Iterator[ListEntry]:
 
 def describe_equipment(robot: RobotDescription) -> str:
     """Cameras with their sizes, and sensors by kind with their number."""
-    cameras = [f"camera {c.name} {c.width_px} x {c.height_px} px" for c in robot.perspective_cameras]
+    cameras = [
+        f"camera {camera.name} {camera.width_px} x {camera.height_px} px"
+        for camera in robot.perspective_cameras
+    ]
     if robot.omni_camera is not None:
         size = robot.omni_camera.camera
         cameras.insert(0, f"mirror camera {size.width_px} x {size.height_px} px")

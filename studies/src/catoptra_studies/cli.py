@@ -12,6 +12,8 @@ import sys
 from collections.abc import Sequence
 
 EXIT_USAGE = 2
+# As shells report a process that SIGINT ended.
+EXIT_INTERRUPTED = 130
 
 _USAGE = """\
 usage: catoptra-studies {demo,seeds,live,cost,effects,figures} [options]
@@ -34,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Returns:
         The exit status of the subcommand: 0 after success, 2 for a wrong command line or for a
-        study that needs the server where none is installed.
+        study that needs the server where none is installed, 130 after Ctrl-C.
     """
     # Idle BLAS threads spin and nearly double a traced frame on two cores. NumPy reads the
     # variable when it is loaded, so no import of a study may come before this line.
@@ -42,6 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else [*arguments]
     try:
         return _run(words)
+    except KeyboardInterrupt:
+        print("catoptra-studies: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
     except ModuleNotFoundError as error:
         # Any other missing module is a broken installation and deserves its traceback.
         if (error.name or "").partition(".")[0] != "catoptra_server":
@@ -83,6 +88,9 @@ def _run(words: Sequence[str]) -> int:
         case ["-h" | "--help", *_]:
             print(_USAGE)
             return 0
+        case [word, *_] if not word.startswith("-"):
+            print(f"catoptra-studies: no command {word!r}\n{_USAGE}", file=sys.stderr)
+            return EXIT_USAGE
         case _:
             print(_USAGE, file=sys.stderr)
             return EXIT_USAGE

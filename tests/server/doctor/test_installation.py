@@ -11,6 +11,7 @@ from catoptra_server.doctor.installation import (
     Requirement,
     check_packages,
     check_python,
+    check_system,
     parse_release,
     read_requirements,
 )
@@ -42,6 +43,32 @@ def test_package_when_too_old_is_named_with_the_required_version(site: Path) -> 
     (problem,) = problems("whole")
     assert problem.message == "part is 2.0.9, part>=2.1 is required"
     assert problem.remedy == "pip install 'part>=2.1'"
+
+
+def test_package_of_some_systems_when_missing_is_a_warning_with_what_is_lost(site: Path) -> None:
+    marker = "; platform_machine == 'x86_64' or sys_platform == 'darwin'"
+    install_package(site, "whole", "1.0", f"never-there>=2.1{marker}")
+    (problem,) = problems("whole")
+    assert problem.level is Level.WARNING
+    assert problem.message.startswith("never-there is not installed: ")
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "level", "words"),
+    [
+        ("Linux", "x86_64", Level.OK, "trace by its native kernel, and raster; tested"),
+        ("Linux", "aarch64", Level.WARNING, "raster alone"),
+        ("Darwin", "arm64", Level.WARNING, "no raster"),
+        ("Plan9", "mips", Level.WARNING, "unknown to the server"),
+    ],
+)
+def test_system_is_named_with_what_is_supported_on_it(
+    system: str, machine: str, level: Level, words: str
+) -> None:
+    (found,) = check_system(system, machine)
+    assert found.level is level
+    assert f"{system} on {machine}: " in found.message
+    assert words in found.message
 
 
 def test_package_when_missing_is_named(site: Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import pytest
 
+from catoptra_server.doctor import renderer_devices
 from catoptra_server.doctor.finding import Finding, Level, exit_status
 from catoptra_server.doctor.renderer_devices import check_renderers
 from catoptra_server.doctor.subprocess_check import CheckResult
@@ -99,6 +100,22 @@ def test_trace_when_it_cannot_run_is_a_fault() -> None:
     )
     assert found.level is Level.FAULT
     assert "embreex" in found.remedy
+
+
+@pytest.mark.parametrize(("renderer", "status"), [("auto", 1), ("trace", 2), ("raster", 0)])
+def test_trace_without_embreex_is_a_fault_only_where_it_is_requested(
+    monkeypatch: pytest.MonkeyPatch, renderer: str, status: int
+) -> None:
+    monkeypatch.setattr(renderer_devices, "has_embreex", lambda: False)
+    trace = CheckResult(error="needs the package embreex")
+    run_check = fake_run_check(devices=ONE, trace=trace, raster=(GOOD_RESULT,))
+    assert exit_status(problems(renderer, run_check)) == status
+
+
+def test_neither_renderer_is_a_fault_for_auto(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(renderer_devices, "has_embreex", lambda: False)
+    run_check = fake_run_check(devices=CheckResult(error="x"), trace=CheckResult(error="y"))
+    assert exit_status(problems("auto", run_check)) == 2
 
 
 @pytest.mark.parametrize("renderer", ["trace", "raster"])

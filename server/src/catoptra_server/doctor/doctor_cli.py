@@ -16,7 +16,7 @@ from catoptra_server.doctor.finding import (
     fault,
     finding_from_dict,
 )
-from catoptra_server.doctor.installation import check_packages, check_python
+from catoptra_server.doctor.installation import check_packages, check_python, check_system
 from catoptra_server.doctor.ports import check_ports, check_running_server, check_view_port
 from catoptra_server.doctor.processors import check_processors
 from catoptra_server.doctor.renderer_devices import check_renderers
@@ -64,6 +64,7 @@ def _run_checks(parsed: argparse.Namespace) -> Iterator[Finding]:
         yield from check_running_server(parsed.probe, ports)
         return
     yield from check_python()
+    yield from check_system()
     yield from check_packages()
     yield from check_processors()
     yield from check_renderers(parsed.renderer)

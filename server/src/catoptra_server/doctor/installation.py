@@ -9,11 +9,21 @@ from collections.abc import Iterator
 from importlib import metadata
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.doctor.finding import Finding, fault, ok
+from catoptra_server.doctor.finding import Finding, fault, ok, warning
 
 DISTRIBUTION = "catoptra-server"
 _MIN_PYTHON = (3, 11)
 _TOPIC = "packages"
+# By optional package.
+_LOST_WITHOUT = {
+    "embreex": "no trace renderer, and robots whose sensors cast rays are refused",
+}
+_SYSTEMS = {
+    ("Linux", "x86_64"): "trace by its native kernel, and raster; tested",
+    ("Linux", "aarch64"): "raster alone, since embreex has no wheels; not tested",
+    ("Darwin", "arm64"): "trace by its slow reference, no raster (EGL); not tested",
+    ("Darwin", "x86_64"): "trace by its slow reference, no raster (EGL); not tested",
+}
 # The part of PEP 508 that the pyproject files use. `packaging` has all of it, but is a package that
 # may be missing itself.
 _REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:\[[^]]*\])?\s*(?:(==|>=)\s*([\w.]+))?\s*(?:;(.*))?")
@@ -29,6 +39,8 @@ class Requirement:
     """`==` for this version, `>=` for at least this version, empty for any."""
     version: str = ""
     """The version; empty without an operator."""
+    is_optional: bool = False
+    """Whether it is required on some systems only; the server starts without it on all."""
 
     def is_satisfied_by(self, version: str) -> bool:
         """Whether an installed version meets the requirement."""
@@ -58,6 +70,18 @@ def check_python(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> Iter
     else:
         remedy = "install Python 3.11 or newer, and create .venv again"
         yield fault("python", message, remedy=remedy)
+
+
+def check_system(
+    system: str = platform.system(), machine: str = platform.machine()
+) -> Iterator[Finding]:
+    """Yield what is supported on this operating system and processor."""
+    supported = _SYSTEMS.get((system, machine), "unknown to the server; not tested")
+    message = f"{system} on {machine}: {supported}"
+    if (system, machine) == ("Linux", "x86_64"):
+        yield ok("system", message)
+    else:
+        yield warning("system", message, remedy="Linux on x86_64 has all that is described")
 
 
 def check_packages(distribution: str = DISTRIBUTION) -> Iterator[Finding]:
@@ -91,7 +115,9 @@ def read_requirements(distribution: str) -> list[Requirement]:
     """
     matches = (_REQUIREMENT.fullmatch(line) for line in metadata.requires(distribution) or ())
     found = (match for match in matches if match and "extra" not in (match[4] or ""))
-    return [Requirement(match[1], match[2] or "", match[3] or "") for match in found]
+    return [
+        Requirement(match[1], match[2] or "", match[3] or "", bool(match[4])) for match in found
+    ]
 
 
 def _check_requirement(requirement: Requirement) -> Iterator[Finding]:
@@ -99,7 +125,11 @@ def _check_requirement(requirement: Requirement) -> Iterator[Finding]:
     try:
         version = metadata.version(requirement.name)
     except metadata.PackageNotFoundError:
-        yield fault(_TOPIC, f"{requirement.name} is not installed", remedy=remedy)
+        if requirement.is_optional:
+            message = f"{requirement.name} is not installed: {_LOST_WITHOUT.get(requirement.name, 'needed on some systems')}"
+            yield warning(_TOPIC, message, remedy=f"{remedy}, where it has wheels")
+        else:
+            yield fault(_TOPIC, f"{requirement.name} is not installed", remedy=remedy)
         return
     if not requirement.is_satisfied_by(version):
         message = f"{requirement.name} is {version}, {requirement} is required"

@@ -13,6 +13,7 @@ from pathlib import Path
 from catoptra_server.doctor.egl_devices import LIBRARY
 from catoptra_server.doctor.finding import Finding, fault, ok, warning
 from catoptra_server.doctor.subprocess_check import CheckResult, run_in_subprocess
+from catoptra_server.render.embreex_package import PACKAGE, has_embreex
 
 OPENGL_PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
 # Folders in which libglvnd, the dispatching libEGL, searches for drivers.
@@ -33,14 +34,20 @@ def check_renderers(renderer: str, run_check: RunCheck = run_in_subprocess) -> I
         run_check: runs a check in a process of its own.
     """
     if renderer != "raster":
+        # Without the package `auto` takes raster.
+        make_finding = _make_fault if renderer == "trace" or has_embreex() else _make_warning
         yield _make_self_test_finding(
-            "trace", "trace", run_check(*("self-test", "trace")), _make_fault, _REINSTALL_REMEDY
+            "trace", "trace", run_check(*("self-test", "trace")), make_finding, _REINSTALL_REMEDY
         )
     if renderer != "trace":
-        yield from _check_opengl(run_check, _make_fault if renderer == "raster" else _make_warning)
+        # Without the package of trace raster is the only renderer.
+        is_only = renderer == "raster" or not has_embreex()
+        yield from _check_opengl(run_check, _make_fault if is_only else _make_warning)
 
 
-_REINSTALL_REMEDY = "pip install --force-reinstall embreex, whose wheels are for x86-64 only"
+_REINSTALL_REMEDY = (
+    f"pip install --force-reinstall {PACKAGE} (wheels exist for x86-64 and for macOS)"
+)
 
 
 def _make_fault(topic: str, message: str, remedy: str) -> Finding:
