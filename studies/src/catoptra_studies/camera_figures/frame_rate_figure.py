@@ -84,7 +84,8 @@ def _caption(rows: Sequence[FrameRate], num_frames: int) -> FigureCaption:
             "the exact model (per pixel), or with a laser scanner LMS200. Medians of "
             f"{num_frames} frames on this machine, by the renderer trace on its processor. The "
             "paper found no influence of the number of polygons; here the slowest mesh takes "
-            f"{100 * spread:.0f} % more processor time than the fastest."
+            f"{100 * spread:.0f} % more processor time than the fastest. Other programs that "
+            "ran at the same time lower the bars."
         ),
         alt="Bars of frames a second: highest without a camera, and similar for all meshes.",
         metrics={"width_px": view.width_px, "height_px": view.height_px, "frames": num_frames},

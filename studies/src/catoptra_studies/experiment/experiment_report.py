@@ -23,7 +23,7 @@ _METRIC_LABELS = {
     "odometry_max_m": "odometry alone: largest error, m",
     "odometry_steps_above_1m": "odometry alone: steps with an error above 1 m",
     "ekf_max_m": "this filter: largest error, m",
-    "ekf_mean_m": "mean error, m",
+    "ekf_mean_m": "this filter: mean error, m",
     "ekf_mean_steps_9_to_23_m": "mean error in steps 9 to 23, before the first corner, m",
     "ekf_mean_steps_31_to_60_m": "mean error in steps 31 to 60, m",
     "ekf_max_steps_61_to_84_m": "largest error in steps 61 to 84, on the way back, m",

@@ -161,8 +161,8 @@ def draw_drive_figures(
             "Distance between true and estimated position (the paper's Figure 13)",
             "Errors of odometry alone and of the paper's filter. The bars count the landmarks "
             "that its gate accepted (up) and rejected (down) in each step. In real the filter "
-            "starts too certain: in such a run it relies on odometry and rejects, until the turn "
-            "at the first corner (steps 24 and 25) widens its covariance.",
+            "starts too certain; in some runs it then rejects most landmarks and relies on "
+            "odometry, until the turn at the first corner (steps 24 and 25) widens its covariance.",
             "Position error over the steps for odometry and filter",
         ),
         ReportFigure(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_studies import plot_style
 from catoptra_studies.experiment.drive_log import DriveLog, Positions, true_positions
 from catoptra_studies.experiment.filter_replay import FilterRun
@@ -27,11 +28,12 @@ def draw_trajectories(
         for axes, (title, drive_log, filter_run) in zip(row, panels, strict=True):
             draw_field(axes, landmarks)
             draw_paths(axes, drive_log, filter_run)
+            _widen_to_path(axes, filter_run.odometry)
             axes.set_title(title)
             axes.set_xlabel("y, m")
         row[0].set_ylabel("x, m")
         handles, labels = row[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        figure.legend(handles, labels, loc="outside lower center", ncols=3, borderaxespad=1.0)
 
 
 def draw_paths(axes: plot_style.Axes, drive_log: DriveLog, filter_run: FilterRun) -> None:
@@ -87,6 +89,15 @@ def draw_field(axes: plot_style.Axes, landmarks: Sequence[Landmark]) -> None:
     axes.set_aspect("equal")
     axes.set_xlim(-2.7, 2.7)
     axes.set_ylim(-3.3, 3.5)
+
+
+def _widen_to_path(axes: plot_style.Axes, odometry: Floats) -> None:
+    """Move the limits where odometry leaves the surroundings of the field."""
+    for (low, high), move, values in (
+        (axes.get_xlim(), axes.set_xlim, odometry[:, 1]),
+        (axes.get_ylim(), axes.set_ylim, odometry[:, 0]),
+    ):
+        move(min(low, values.min() - 0.1), max(high, values.max() + 0.1))
 
 
 def _first_label(landmark: Landmark, landmarks: Sequence[Landmark]) -> str | None:
