@@ -126,7 +126,8 @@ def _check_requirement(requirement: Requirement) -> Iterator[Finding]:
         version = metadata.version(requirement.name)
     except metadata.PackageNotFoundError:
         if requirement.is_optional:
-            message = f"{requirement.name} is not installed: {_LOST_WITHOUT.get(requirement.name, 'needed on some systems')}"
+            lost = _LOST_WITHOUT.get(requirement.name, "required on some systems")
+            message = f"{requirement.name} is not installed: {lost}"
             yield warning(_TOPIC, message, remedy=f"{remedy}, where it has wheels")
         else:
             yield fault(_TOPIC, f"{requirement.name} is not installed", remedy=remedy)
