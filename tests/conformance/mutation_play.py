@@ -10,8 +10,12 @@ from conformance.mutation import ConnectionMutation, Mutation
 from conformance.mutation_proxy import run_mutation_proxy
 from conformance.suite import Outcome, RowResult, applicable_checks, play_check
 
-UNMUTATED = Mutation("unmutated", "control", ConnectionMutation)
-"""The proxy of the control port alone."""
+UNMUTATED_NAME = "unmutated"
+
+
+def make_unmutated(port: str) -> Mutation:
+    """The proxy of a port alone."""
+    return Mutation(UNMUTATED_NAME, port, ConnectionMutation)
 
 
 def play_rows(mutation: Mutation, server: ServerUnderTest, names: Sequence[str]) -> list[RowResult]:

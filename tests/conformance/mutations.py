@@ -20,8 +20,8 @@ from rich.table import Table
 from conformance.check import ServerUnderTest
 from conformance.control_mutations import CONTROL_MUTATIONS
 from conformance.mutation import Mutation
-from conformance.mutation_play import UNMUTATED, find_failures
-from conformance.parallel_play import run_parallel_player
+from conformance.mutation_play import UNMUTATED_NAME, find_failures, make_unmutated
+from conformance.parallel_play import places_of, run_parallel_player
 from conformance.server_setup import server_under_test
 from conformance.suite import applicable_checks, read_conversations
 from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
@@ -42,16 +42,23 @@ class MutationResult:
         return bool(self.conversations or self.checks)
 
 
-def play_control_mutations(
-    server: ServerUnderTest, mutations: Sequence[Mutation]
+def play_mutations(
+    port: str, mutations: Sequence[Mutation], places: Sequence[ServerUnderTest]
 ) -> list[MutationResult]:
-    """Rows of the control port that notice each mutation; the cells of the world work in turn."""
-    rows = [check.name for check in applicable_checks(server) if check.port == "control"]
-    with run_parallel_player(server, CELL_POSES) as player:
-        futures = {one.name: [player.start(one, row) for row in rows] for one in mutations}
+    """Rows of a port that fail without a mutation, first, and through each mutation.
+
+    Args:
+        port: Port of the mutations.
+        mutations: Mutations.
+        places: Servers, or spawn poses of one, that play in turn.
+    """
+    rows = [check.name for check in applicable_checks(places[0]) if check.port == port]
+    played = [make_unmutated(port), *mutations]
+    with run_parallel_player(places) as player:
+        futures = [[player.start(one, row) for row in rows] for one in played]
         return [
-            _result(one, find_failures(future.result() for future in futures[one.name]))
-            for one in mutations
+            _result(one, find_failures(future.result() for future in rows_of_one))
+            for one, rows_of_one in zip(played, futures, strict=True)
         ]
 
 
@@ -79,11 +86,14 @@ def main() -> int:
         folder = Path(name)
         robot, world = write_sensor_robot(folder), write_cell_world(folder)
         with start_server(folder, robot=robot, world=world) as running:
-            server = server_under_test(running)
-            unmutated, *results = play_control_mutations(server, [UNMUTATED, *CONTROL_MUTATIONS])
-    Console().print(matrix_table([unmutated, *results]))
-    print(summarize(results))
-    return 0 if all(one.is_noticed for one in results) and not unmutated.is_noticed else 1
+            places = places_of(server_under_test(running), CELL_POSES)
+            results = play_mutations("control", CONTROL_MUTATIONS, places)
+    Console().print(matrix_table(results))
+    mutated = [one for one in results if one.mutation.name != UNMUTATED_NAME]
+    unmutated = [one for one in results if one.mutation.name == UNMUTATED_NAME]
+    print(summarize(mutated))
+    is_right = all(one.is_noticed for one in mutated) and not any(x.is_noticed for x in unmutated)
+    return 0 if is_right else 1
 
 
 def _result(mutation: Mutation, failures: dict[str, str]) -> MutationResult:

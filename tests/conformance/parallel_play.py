@@ -20,14 +20,11 @@ from conformance.suite import RowResult
 class ParallelPlayer:
     """Threads that play rows, as many as there are places."""
 
-    def __init__(
-        self, server: ServerUnderTest, poses: Sequence[str], executor: ThreadPoolExecutor
-    ) -> None:
-        self._server = server
+    def __init__(self, places: Sequence[ServerUnderTest], executor: ThreadPoolExecutor) -> None:
         self._executor = executor
-        self._free_poses: SimpleQueue[str] = SimpleQueue()
-        for pose in poses:
-            self._free_poses.put(pose)
+        self._free_places: SimpleQueue[ServerUnderTest] = SimpleQueue()
+        for place in places:
+            self._free_places.put(place)
 
     def start(self, mutation: Mutation, row: str) -> Future[RowResult]:
         """Play a row through a mutation, in the next free place."""
@@ -38,21 +35,25 @@ class ParallelPlayer:
         return [future.result() for future in [self.start(mutation, row) for row in rows]]
 
     def _play(self, mutation: Mutation, row: str) -> RowResult:
-        pose = self._free_poses.get()
+        place = self._free_places.get()
         try:
-            server = dataclasses.replace(self._server, spawn_pose=pose)
-            return play_rows(mutation, server, [row])[0]
+            return play_rows(mutation, place, [row])[0]
         finally:
-            self._free_poses.put(pose)
+            self._free_places.put(place)
 
 
 @contextmanager
-def run_parallel_player(server: ServerUnderTest, poses: Sequence[str]) -> Iterator[ParallelPlayer]:
+def run_parallel_player(places: Sequence[ServerUnderTest]) -> Iterator[ParallelPlayer]:
     """Play rows for the length of a block, which ends when all are played.
 
     Args:
-        server: Server; its spawn pose is replaced.
-        poses: Blocks of INIT of places whose robots neither see nor touch each other.
+        places: One server with spawn poses whose robots neither see nor touch each other, or
+            several servers.
     """
-    with ThreadPoolExecutor(len(poses)) as executor:
-        yield ParallelPlayer(server, poses, executor)
+    with ThreadPoolExecutor(len(places)) as executor:
+        yield ParallelPlayer(places, executor)
+
+
+def places_of(server: ServerUnderTest, poses: Sequence[str]) -> list[ServerUnderTest]:
+    """A server at each of these spawn poses (blocks of INIT)."""
+    return [dataclasses.replace(server, spawn_pose=pose) for pose in poses]

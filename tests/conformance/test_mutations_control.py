@@ -13,8 +13,8 @@ import pytest
 
 from conformance.control_mutations import CONTROL_MUTATIONS
 from conformance.mutation import Mutation
-from conformance.mutation_play import UNMUTATED, find_failures
-from conformance.parallel_play import run_parallel_player
+from conformance.mutation_play import UNMUTATED_NAME, find_failures, make_unmutated
+from conformance.parallel_play import places_of, run_parallel_player
 from conformance.server_setup import server_under_test
 from conformance.suite import Outcome, RowResult
 from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
@@ -33,10 +33,11 @@ def plays(
     robot, world = write_sensor_robot(folder), write_cell_world(folder)
     selected = [one for one in CONTROL_MUTATIONS if _is_selected(one, request)]
     pairs = [(mutation, row) for mutation in selected for row in mutation.noticed_by]
-    pairs += [(UNMUTATED, row) for row in sorted({row for _, row in pairs})]
+    unmutated = make_unmutated("control")
+    pairs += [(unmutated, row) for row in sorted({row for _, row in pairs})]
     with (
         start_server(folder, robot=robot, world=world) as server,
-        run_parallel_player(server_under_test(server), CELL_POSES) as player,
+        run_parallel_player(places_of(server_under_test(server), CELL_POSES)) as player,
     ):
         yield {(one.name, row): player.start(one, row) for one, row in pairs}
 
@@ -46,7 +47,7 @@ def test_mutation_when_played_fails_rows_that_pass_without_it(
     mutation: Mutation, plays: Plays
 ) -> None:
     for row in mutation.noticed_by:
-        unmutated, mutated = (plays[name, row].result() for name in ("unmutated", mutation.name))
+        unmutated, mutated = (plays[name, row].result() for name in (UNMUTATED_NAME, mutation.name))
         assert unmutated.outcome is Outcome.PASSED, unmutated.reason
         assert row in find_failures([mutated])
 

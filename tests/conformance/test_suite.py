@@ -14,9 +14,9 @@ from conformance import stream_player, tcp_player
 from conformance.check import Check, CheckFailed, CheckSkipped, ServerUnderTest
 from conformance.conversation_file import Address, read_conversation
 from conformance.mutation import ConnectionMutation, Mutation
-from conformance.mutation_play import UNMUTATED
+from conformance.mutation_play import make_unmutated
 from conformance.mutation_proxy import run_mutation_proxy
-from conformance.parallel_play import ParallelPlayer, run_parallel_player
+from conformance.parallel_play import ParallelPlayer, places_of, run_parallel_player
 from conformance.server_setup import server_under_test
 from conformance.suite import (
     CHECKS,
@@ -36,6 +36,7 @@ from helpers.configs import WORLDS
 from helpers.server_process import start_server
 
 ALL_CONVERSATIONS = read_conversations()
+UNMUTATED = make_unmutated("control")
 CHECKS_BY_NAME = {check.name: check for check in CHECKS}
 SERVER = ServerUnderTest({"control": ("127.0.0.1", 0)}, "Class", "{Start S}", "ut2004", False)
 
@@ -70,7 +71,7 @@ def test_our_server_when_all_rows_are_played_passes(tmp_path: Path) -> None:
         server = server_under_test(running, spawn_pose=CELL_POSES[0])
         for port in ("image", "stream"):
             assert describe_failures(play_port(server, port)) == []
-        with run_parallel_player(server, CELL_POSES) as player:
+        with run_parallel_player(places_of(server, CELL_POSES)) as player:
             results = play_control_rows(player, server)
             assert describe_failures(results) == []
             # With all sensors no row may go unplayed.
@@ -88,7 +89,7 @@ def test_our_server_when_it_speaks_udk_passes(tmp_path: Path) -> None:
     with start_server(tmp_path, *options, robot=robot, world=world) as running:
         server = server_under_test(running, spawn_pose=CELL_POSES[0], dialect="udk")
         assert describe_failures(play_port(server, "image")) == []
-        with run_parallel_player(server, CELL_POSES) as player:
+        with run_parallel_player(places_of(server, CELL_POSES)) as player:
             results = play_control_rows(player, server)
     assert describe_failures(results) == []
     assert skipped_rows(results) == ["battery"]
@@ -115,7 +116,7 @@ def test_our_server_with_another_class_passes(
     path, world = write_sensor_robot(tmp_path, robot), write_cell_world(tmp_path)
     with start_server(tmp_path, robot=path, world=world) as running:
         server = server_under_test(running, robot_class=robot_class)
-        with run_parallel_player(server, CELL_POSES) as player:
+        with run_parallel_player(places_of(server, CELL_POSES)) as player:
             results = play_control_rows(player, server)
     assert describe_failures(results) == []
     assert skipped_rows(results) == skipped
@@ -123,11 +124,11 @@ def test_our_server_with_another_class_passes(
 
 def test_our_server_with_another_world_passes(tmp_path: Path) -> None:
     # Two rooms and a corridor, whose robots do not see each other.
-    places = ("{Start WestEnd}", "{Location 3.1,-3.2,0}", "{Location -1.2,-2.3,0}")
+    poses = ("{Start WestEnd}", "{Location 3.1,-3.2,0}", "{Location -1.2,-2.3,0}")
     robot = write_sensor_robot(tmp_path)
     with start_server(tmp_path, robot=robot, world=WORLDS / "corridor.ini") as running:
         server = server_under_test(running)
-        with run_parallel_player(server, places) as player:
+        with run_parallel_player(places_of(server, poses)) as player:
             assert describe_failures(play_control_rows(player, server)) == []
 
 
