@@ -4,17 +4,11 @@
  */
 
 import { chooseCylinder } from "../camera_table.js";
-import { drawLabel, drawLandmarks } from "../landmarks.js";
-import { drawOnDemand, isShown } from "../panel.js";
-import {
-  aimFromDirection,
-  cursorDirection,
-  landmarkPlaces,
-  reasonForNoUnwarping,
-  windowOutline,
-} from "./directions.js";
+import { drawLabel } from "../landmarks.js";
+import { aimFromDirection, cursorDirection, windowOutline } from "./directions.js";
 import { watchGestures } from "./gestures.js";
-import { drawCrosshair, strokeOutlined, tracePolyline, ViewCanvases } from "./view_canvases.js";
+import { UnwarpedView } from "./unwarped_view.js";
+import { strokeOutlined, tracePolyline } from "./view_canvases.js";
 
 const MAX_COLUMNS = 1440;
 const AZIMUTH_LABELS_DEG = [-135, -90, -45, 0, 45, 90, 135];
@@ -26,56 +20,33 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
 
 /** Create the view. */
 export function create(section, context) {
-  const view = new PanoramaView(section, context);
-  context.on("frame", () => {
-    if (isShown(section)) view.draw();
-  });
-  // Only the reason why nothing is shown: to unwarp the same picture again takes time.
-  context.on("state", () => {
-    if (context.frame === null) view.requestDraw();
-  });
-  for (const event of ["selection", "table", "unwarper"]) {
-    context.on(event, view.requestDraw);
-  }
-  for (const event of ["cursor", "window", "landmarks"]) context.on(event, view.requestOverlay);
+  new PanoramaView(section, context);
 }
 
 class PanoramaView {
   #context;
-  #canvases;
+  #view;
 
   constructor(section, context) {
     this.#context = context;
-    this.requestDraw = drawOnDemand(section, () => this.draw());
-    this.requestOverlay = drawOnDemand(section, () => this.#drawOverlay());
-    this.#canvases = new ViewCanvases(section, "Panorama", HELP, this.requestDraw);
-    const { overlay } = this.#canvases;
-    watchGestures(overlay, {
-      hover: (x, y) => this.#hover([x, y]),
-      leave: () => {
-        if (!context.cursor.isHeld) context.setCursor(null);
-      },
-      tap: (x, y) => this.#place(this.#directionFromPosition([x, y]), true),
+    this.#view = new UnwarpedView(section, context, {
+      label: "Panorama",
+      help: HELP,
+      drawEvents: ["selection", "table", "unwarper"],
+      markEvents: ["cursor", "window", "landmarks"],
+      geometry: () => this.#cylinder(),
+      drawMarks: (pen) => this.#drawMarks(pen),
+      onKey: (event) => this.#onKey(event),
+    });
+    watchGestures(this.#view.canvases.overlay, {
+      ...this.#view.cursorGestures((position) => this.#directionFromPosition(position)),
       aim: (x, y) => this.#aim(this.#directionFromPosition([x, y])),
     });
-    overlay.addEventListener("keydown", (event) => this.#onKey(event));
-  }
-
-  draw() {
-    const reason = reasonForNoUnwarping(this.#context);
-    this.#canvases.setMessage(reason);
-    if (reason) {
-      this.#drawOverlay();
-    } else {
-      // Together with its picture: marks lie on what they name.
-      const onDrawn = () => this.#drawOverlay();
-      this.#context.unwarper.draw(this.#canvases.picture, this.#cylinder(), onDrawn);
-    }
   }
 
   /** The cylinder at the resolution of the screen. */
   #cylinder() {
-    const { width, scale } = this.#canvases;
+    const { width, scale } = this.#view.canvases;
     const { table, unwarper } = this.#context;
     const columns = Math.min(Math.round(width * scale * unwarper.detail), MAX_COLUMNS);
     return chooseCylinder(table, Math.max(columns, 1));
@@ -84,16 +55,14 @@ class PanoramaView {
   /** Where style.css (object-fit: contain) places the picture, in CSS pixels. */
   #placement() {
     const cylinder = this.#cylinder();
-    const { width, height } = this.#canvases;
+    const { width, height } = this.#view.canvases;
     const scale = Math.min(width / cylinder.columns, height / cylinder.rows);
     const left = 0.5 * (width - cylinder.columns * scale);
     const top = 0.5 * (height - cylinder.rows * scale);
     return { cylinder, scale, left, top };
   }
 
-  #drawOverlay() {
-    const pen = this.#canvases.clear(this.#canvases.overlay);
-    if (reasonForNoUnwarping(this.#context)) return;
+  #drawMarks(pen) {
     const placement = this.#placement();
     const { cylinder, scale, left, top } = placement;
     const project = (direction) => positionFromDirection(placement, direction);
@@ -103,13 +72,9 @@ class PanoramaView {
     pen.clip();
     this.#drawScale(pen, placement);
     const outline = windowOutline(this.#context.window).map(project);
-    tracePolyline(pen, outline, 0.5 * this.#canvases.width);
+    tracePolyline(pen, outline, 0.5 * this.#view.canvases.width);
     strokeOutlined(pen, "#ff9de1");
-    const places = landmarkPlaces(this.#context, project);
-    drawLandmarks(pen, places, this.#canvases.width);
-    const cursor = cursorDirection(this.#context);
-    const position = cursor && project(cursor);
-    if (position) drawCrosshair(pen, position, this.#context.cursor.isHeld);
+    this.#view.drawDirections(pen, project);
     pen.restore();
   }
 
@@ -138,6 +103,7 @@ class PanoramaView {
   }
 
   #directionFromPosition([x, y]) {
+    if (!this.#context.table) return null;
     const { cylinder, scale, left, top } = this.#placement();
     const { columns, rows, top_slope, bottom_slope, seam_azimuth_rad } = cylinder;
     const [column, row] = [(x - left) / scale, (y - top) / scale];
@@ -147,33 +113,18 @@ class PanoramaView {
     return [Math.cos(azimuth_rad), Math.sin(azimuth_rad), slope];
   }
 
-  #hover(position) {
-    if (reasonForNoUnwarping(this.#context) || this.#context.cursor.isHeld) return;
-    this.#place(this.#directionFromPosition(position), false);
-  }
-
-  #place(direction, isHeld) {
-    const { table } = this.#context;
-    if (!table) return;
-    const pixel = direction && table.pixelFromDirection(direction);
-    this.#context.setCursor(pixel && table.contains(pixel) ? pixel : null, isHeld);
-  }
-
   #aim(direction) {
     if (direction) this.#context.setWindow(aimFromDirection(direction));
   }
 
   #onKey(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
     const { cursor } = this.#context;
     const arrow = ARROWS[event.key];
     if (arrow) this.#moveCursor(arrow, event.shiftKey ? 10 : 1);
     else if (event.key === "Enter") this.#context.setCursor(cursor.pixel, !cursor.isHeld);
-    else if (event.key === "Escape") this.#context.setCursor(null);
     else if (event.key === "l" || event.key === "L") this.#aim(cursorDirection(this.#context));
-    else return;
-    event.preventDefault();
-    event.stopPropagation();
+    else return false;
+    return true;
   }
 
   /** From its present direction, or from straight ahead. */
@@ -182,7 +133,7 @@ class PanoramaView {
     if (!table) return;
     const start = cursorDirection(this.#context);
     if (!start) {
-      this.#place([1, 0, 0], true);
+      this.#view.placeCursor([1, 0, 0], true);
       return;
     }
     const { theta_rad, azimuth_rad } = table.anglesFromPixel(this.#context.cursor.pixel);

@@ -1,11 +1,9 @@
 /** The perspective view: a pinhole camera at the viewpoint, turned by hand. */
 
-import { drawLandmarks } from "../landmarks.js";
-import { drawOnDemand, isShown, make, toolsOf } from "../panel.js";
+import { make, toolsOf } from "../panel.js";
 import { viewAxes } from "../transforms.js";
-import { cursorDirection, landmarkPlaces, reasonForNoUnwarping } from "./directions.js";
 import { watchGestures } from "./gestures.js";
-import { drawCrosshair, ViewCanvases } from "./view_canvases.js";
+import { UnwarpedView } from "./unwarped_view.js";
 
 const MIN_FOV_RAD = 0.1;
 const MAX_FOV_RAD = 2.4;
@@ -19,59 +17,38 @@ const AHEAD = { yaw_rad: 0, pitch_rad: -0.2, fov_rad: 1.3 };
 
 /** Create the view. */
 export function create(section, context) {
-  const view = new PerspectiveView(section, context);
-  context.on("frame", () => {
-    if (isShown(section)) view.draw();
-  });
-  // Only the reason why nothing is shown: to unwarp the same picture again takes time.
-  context.on("state", () => {
-    if (context.frame === null) view.requestDraw();
-  });
-  for (const event of ["selection", "table", "unwarper", "window"]) {
-    context.on(event, view.requestDraw);
-  }
-  for (const event of ["cursor", "landmarks"]) context.on(event, view.requestOverlay);
+  new PerspectiveView(section, context);
 }
 
 class PerspectiveView {
   #context;
-  #canvases;
-  #values;
+  #view;
+  #values = make("span", { className: "quiet" });
 
   constructor(section, context) {
     this.#context = context;
-    this.requestDraw = drawOnDemand(section, () => this.draw());
-    this.requestOverlay = drawOnDemand(section, () => this.#drawOverlay());
-    this.#canvases = new ViewCanvases(section, "Perspective view", HELP, () => this.#resize());
-    this.#values = make("span", { className: "quiet" });
+    this.#view = new UnwarpedView(section, context, {
+      label: "Perspective view",
+      help: HELP,
+      drawEvents: ["selection", "table", "unwarper", "window"],
+      markEvents: ["cursor", "landmarks"],
+      geometry: () => this.#geometry(),
+      drawMarks: (pen) => this.#view.drawDirections(pen, (direction) => this.#project(direction)),
+      onKey: (event) => this.#onKey(event),
+      onDraw: () => this.#showValues(),
+      onResize: () => this.#resize(),
+    });
     const ahead = make("button", { type: "button", className: "button small" }, "Ahead");
     ahead.addEventListener("click", () => context.setWindow(AHEAD));
     toolsOf(section).append(this.#values, ahead);
-    const { overlay } = this.#canvases;
-    watchGestures(overlay, {
+    watchGestures(this.#view.canvases.overlay, {
+      ...this.#view.cursorGestures((position) => this.#directionFromPosition(position)),
       drag: (dx, dy) => this.#drag(dx, dy),
       zoom: (factor) => this.#zoom(factor),
-      hover: (x, y) => {
-        if (!context.cursor.isHeld) this.#placeCursor([x, y], false);
-      },
-      leave: () => {
-        if (!context.cursor.isHeld) context.setCursor(null);
-      },
-      tap: (x, y) => this.#placeCursor([x, y], true),
     });
-    overlay.addEventListener("keydown", (event) => this.#onKey(event));
   }
 
-  draw() {
-    const reason = reasonForNoUnwarping(this.#context);
-    this.#canvases.setMessage(reason);
-    if (reason) {
-      this.#drawOverlay();
-    } else {
-      // Together with its picture: marks lie on what they name.
-      const onDrawn = () => this.#drawOverlay();
-      this.#context.unwarper.draw(this.#canvases.picture, this.#view(), onDrawn);
-    }
+  #showValues() {
     const { yaw_rad, pitch_rad, fov_rad } = this.#context.window;
     const degrees = (angle_rad) => `${Math.round((angle_rad * 180) / Math.PI)}\u00b0`;
     const text = `${degrees(yaw_rad)}, ${degrees(pitch_rad)}, ${degrees(fov_rad)} wide`;
@@ -79,8 +56,8 @@ class PerspectiveView {
   }
 
   /** The view at the resolution of the screen. */
-  #view() {
-    const { width, height, scale } = this.#canvases;
+  #geometry() {
+    const { width, height, scale } = this.#view.canvases;
     const { detail } = this.#context.unwarper;
     const reduction = Math.min(scale * detail, MAX_SIDE_PX / Math.max(width, height));
     return {
@@ -91,17 +68,7 @@ class PerspectiveView {
   }
 
   get #focalLength() {
-    return (0.5 * this.#canvases.width) / Math.tan(0.5 * this.#context.window.fov_rad);
-  }
-
-  #drawOverlay() {
-    const pen = this.#canvases.clear(this.#canvases.overlay);
-    if (reasonForNoUnwarping(this.#context)) return;
-    const places = landmarkPlaces(this.#context, (direction) => this.#project(direction));
-    drawLandmarks(pen, places, this.#canvases.width);
-    const cursor = cursorDirection(this.#context);
-    const position = cursor && this.#project(cursor);
-    if (position) drawCrosshair(pen, position, this.#context.cursor.isHeld);
+    return (0.5 * this.#view.canvases.width) / Math.tan(0.5 * this.#context.window.fov_rad);
   }
 
   /** Position of a direction in CSS pixels; null behind the view. */
@@ -110,7 +77,7 @@ class PerspectiveView {
     const { forward, right, down } = viewAxes(yaw_rad, pitch_rad);
     const along = dot(forward, direction);
     if (along <= 0) return null;
-    const { width, height } = this.#canvases;
+    const { width, height } = this.#view.canvases;
     const scale = this.#focalLength / along;
     return [
       0.5 * width + scale * dot(right, direction),
@@ -118,19 +85,16 @@ class PerspectiveView {
     ];
   }
 
-  #placeCursor([x, y], isHeld) {
-    const { table, window: perspective } = this.#context;
-    if (!table) return;
-    const { forward, right, down } = viewAxes(perspective.yaw_rad, perspective.pitch_rad);
-    const { width, height } = this.#canvases;
+  #directionFromPosition([x, y]) {
+    const { yaw_rad, pitch_rad } = this.#context.window;
+    const { forward, right, down } = viewAxes(yaw_rad, pitch_rad);
+    const { width, height } = this.#view.canvases;
     const [across, along] = [x - 0.5 * width, y - 0.5 * height].map((px) => px / this.#focalLength);
-    const direction = forward.map((value, i) => value + across * right[i] + along * down[i]);
-    const pixel = table.pixelFromDirection(direction);
-    this.#context.setCursor(pixel && table.contains(pixel) ? pixel : null, isHeld);
+    return forward.map((value, i) => value + across * right[i] + along * down[i]);
   }
 
   #resize() {
-    this.#context.setWindow({ aspect: this.#canvases.width / this.#canvases.height });
+    this.#context.setWindow({ aspect: this.#view.canvases.width / this.#view.canvases.height });
   }
 
   /** What is grabbed follows the pointer. */
@@ -153,17 +117,14 @@ class PerspectiveView {
   }
 
   #onKey(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
     const arrow = ARROWS[event.key];
     const step_rad = this.#context.window.fov_rad / (event.shiftKey ? 4 : 20);
     if (arrow) this.#turn(arrow[0] * step_rad, arrow[1] * step_rad);
     else if (event.key === "+" || event.key === "=") this.#zoom(ZOOM_STEP);
     else if (event.key === "-") this.#zoom(1 / ZOOM_STEP);
     else if (event.key === "0") this.#context.setWindow(AHEAD);
-    else if (event.key === "Escape") this.#context.setCursor(null);
-    else return;
-    event.preventDefault();
-    event.stopPropagation();
+    else return false;
+    return true;
   }
 }
 

@@ -1,0 +1,91 @@
+/** What panorama and perspective view share: when they are drawn, their marks, the cursor's keys. */
+
+import { drawLandmarks } from "../landmarks.js";
+import { drawOnDemand, isShown } from "../panel.js";
+import { cursorDirection, landmarkPlaces, reasonForNoUnwarping } from "./directions.js";
+import { drawCrosshair, ViewCanvases } from "./view_canvases.js";
+
+/** Canvases of a view that the unwarper draws, with marks above. */
+export class UnwarpedView {
+  #context;
+  #view;
+
+  /**
+   * @param {HTMLElement} section
+   * @param {Object} context
+   * @param {Object} view label, help; drawEvents that change the picture, markEvents; functions:
+   *   geometry() for the unwarper, drawMarks(pen), onKey(event) which returns whether it is a key
+   *   of the view, and perhaps onDraw(), onResize()
+   */
+  constructor(section, context, view) {
+    this.#context = context;
+    this.#view = view;
+    const requestDraw = drawOnDemand(section, () => this.draw());
+    const requestMarks = drawOnDemand(section, () => this.#drawOverlay());
+    const onResize = view.onResize ?? requestDraw;
+    this.canvases = new ViewCanvases(section, view.label, view.help, onResize);
+    this.canvases.overlay.addEventListener("keydown", (event) => this.#onKey(event));
+    context.on("frame", () => {
+      if (isShown(section)) this.draw();
+    });
+    // Only the reason why nothing is shown: to unwarp the same picture again takes time.
+    context.on("state", () => {
+      if (context.frame === null) requestDraw();
+    });
+    for (const event of view.drawEvents) context.on(event, requestDraw);
+    for (const event of view.markEvents) context.on(event, requestMarks);
+  }
+
+  draw() {
+    const reason = reasonForNoUnwarping(this.#context);
+    this.canvases.setMessage(reason);
+    // Together with its picture: marks lie on what they name.
+    const onDrawn = () => this.#drawOverlay();
+    if (reason) onDrawn();
+    else this.#context.unwarper.draw(this.canvases.picture, this.#view.geometry(), onDrawn);
+    this.#view.onDraw?.();
+  }
+
+  #drawOverlay() {
+    const pen = this.canvases.clear(this.canvases.overlay);
+    if (!reasonForNoUnwarping(this.#context)) this.#view.drawMarks(pen);
+  }
+
+  /** Draw landmarks and cursor; `project` gives the position of a direction, null outside. */
+  drawDirections(pen, project) {
+    drawLandmarks(pen, landmarkPlaces(this.#context, project), this.canvases.width);
+    const cursor = cursorDirection(this.#context);
+    const position = cursor && project(cursor);
+    if (position) drawCrosshair(pen, position, this.#context.cursor.isHeld);
+  }
+
+  /** Gestures that move the cursor; `direction` of a position, null outside the view. */
+  cursorGestures(direction) {
+    return {
+      hover: (x, y) => {
+        if (!this.#context.cursor.isHeld) this.placeCursor(direction([x, y]), false);
+      },
+      leave: () => {
+        if (!this.#context.cursor.isHeld) this.#context.setCursor(null);
+      },
+      tap: (x, y) => this.placeCursor(direction([x, y]), true),
+    };
+  }
+
+  /** Place the cursor at a direction; null and directions that the mirror hides remove it. */
+  placeCursor(direction, isHeld) {
+    const { table } = this.#context;
+    if (!table) return;
+    const pixel = direction && table.pixelFromDirection(direction);
+    this.#context.setCursor(pixel && table.contains(pixel) ? pixel : null, isHeld);
+  }
+
+  #onKey(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.key === "Escape") this.#context.setCursor(null);
+    else if (!this.#view.onKey(event)) return;
+    event.preventDefault();
+    // Driving keys are the page's; here they belong to the view.
+    event.stopPropagation();
+  }
+}
