@@ -28,6 +28,8 @@ class Context {
   selected = { robot: "", camera: "" };
   /** Name of the robot that this page has spawned; empty for none. */
   own = "";
+  /** Whether this page drives a robot at present. */
+  isDriving = false;
   /** Newest frame, {header, file, bitmap, received_ms}; its bitmap lives until the next one. */
   frame = null;
   /** Newest state, {reply, readings, notes}. */

@@ -36,6 +36,7 @@ class DrivePanel {
     this.#section = section;
     this.#context = context;
     this.#control = new DriveControl(context, () => {
+      context.isDriving = this.#control.isMoving;
       this.#show();
       this.#stepAlong();
     });
