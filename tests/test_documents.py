@@ -70,7 +70,7 @@ def test_ini_block_of_the_effects_page_is_a_part_of_a_robot_file(tmp_path: Path)
     assert robot.omni_camera is not None
     assert plain.omni_camera is not None
     assert robot.omni_camera.effects != plain.omni_camera.effects
-    unknown = {entry.key for entry in file.unknown_entries()}
+    unknown = {entry.key for entry in file.unknown_names()}
     assert unknown.isdisjoint(re.findall(r"^(\w+)=", block, re.MULTILINE))
 
 

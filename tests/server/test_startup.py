@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from pathlib import Path
 
 import numpy as np
@@ -26,14 +27,28 @@ def add_image_server(robot: Path, *lines: str) -> Path:
     return robot
 
 
-def test_startup_with_unknown_keys_warns_with_their_lines(
+def test_startup_with_an_unknown_key_of_our_section_is_an_error_with_its_line(
+    tmp_path: Path,
+) -> None:
+    world = write_small_world(tmp_path, "Bakground=(R=1)")
+    expected = re.escape(
+        f"{world}:3: Catoptra.World.Bakground='(R=1)': expected a known key; "
+        "did you mean Background?"
+    )
+    with pytest.raises(ConfigError, match=expected):
+        read_startup_config([write_small_robot(tmp_path)], world)
+
+
+def test_startup_with_an_unknown_key_of_another_section_warns_or_is_strict(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    world = write_small_world(tmp_path, "Colour=(R=1)")
+    robot, world = write_small_robot(tmp_path), write_small_world(tmp_path)
+    robot.write_text(robot.read_text().replace("Mass=", "bDebug=true\nMass="))
     with caplog.at_level(logging.WARNING):
-        startup = read_startup_config([write_small_robot(tmp_path)], world)
-    assert f"{world}:3: key Colour is unknown and has no effect" in caplog.text
-    assert len(startup.scene) == 12
+        read_startup_config([robot], world)
+    assert "key bDebug is unknown and has no effect" in caplog.text
+    with pytest.raises(ConfigError, match="bDebug"):
+        read_startup_config([robot], world, is_strict=True)
 
 
 def test_startup_with_a_broken_file_raises(tmp_path: Path) -> None:

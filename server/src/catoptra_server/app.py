@@ -87,7 +87,11 @@ def _read_startup_config(options: Options) -> StartupConfig:
     """Content of the configuration files, all of whose cameras fit into memory."""
     limit_bytes = options.memory_limit_mib * MIB
     startup = read_startup_config(
-        options.robot_files, options.world_file, options.server_file, limit_bytes=limit_bytes
+        options.robot_files,
+        options.world_file,
+        options.server_file,
+        limit_bytes=limit_bytes,
+        is_strict=options.is_strict,
     )
     settings = resolve_settings(startup.server_options, options.server_options)
     require_tiles_fit(startup.robots, settings.multi_view, limit_bytes=limit_bytes)

@@ -44,6 +44,8 @@ class Options:
     processor's, for the same bytes on several machines."""
     clock: ClockMode = ClockMode.REALTIME
     """Real time, or lockstep with the commands of clients."""
+    is_strict: bool = False
+    """Whether unknown keys of all sections of files are errors."""
     seed: int = 0
     """Seed of all random numbers."""
     max_error_px: float | None = None

@@ -81,6 +81,9 @@ def _build_parser() -> argparse.ArgumentParser:
         help="world ini, or the name of a bundled one, such as four_legged_2006")  # fmt: skip
     add("--server-ini", type=Path, metavar="FILE",
         help="ini with UDK's [USARBotAPI.*]; a robot's file may have them too")  # fmt: skip
+    add("--strict", action="store_true",
+        help="unknown keys are errors in all sections of files; else in [Catoptra.*] alone, and "
+        "warnings elsewhere")  # fmt: skip
     add("--host", default="127.0.0.1", help="address to listen on (default: loopback only)")
     add("--control-port", type=parse_port, metavar="PORT", help="default 3000; 0 = any free one")
     add("--image-port", type=parse_port, metavar="PORT", help="default 5003; 0 = any free one")
@@ -153,6 +156,7 @@ def _make_options(parsed: argparse.Namespace) -> tuple[Options, int]:
         threads=parsed.threads,
         instruction_set=parsed.instruction_set,
         clock=ClockMode(parsed.clock),
+        is_strict=parsed.strict,
         seed=parsed.seed,
         max_error_px=parsed.max_error_px,
         budget_ms=parsed.budget_ms,

@@ -12,6 +12,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
+from catoptra_server.config.unknown_names import report_unknown_names
 from catoptra_server.config.world_file import read_world
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.render.embreex_package import require_embreex
@@ -44,6 +45,7 @@ def read_startup_config(
     server: Path | None = None,
     *,
     limit_bytes: int = DEFAULT_LIMIT_BYTES,
+    is_strict: bool = False,
 ) -> StartupConfig:
     """Read all configuration files, and log their unknown keys.
 
@@ -52,6 +54,7 @@ def read_startup_config(
         world: the world file.
         server: file with the server's own sections, which overrides those of robot files.
         limit_bytes: memory that each camera's view may take, and the scene as a whole.
+        is_strict: reject unknown keys of USARSim's sections, too, not of our own alone.
 
     Raises:
         ConfigError: with file, line, key, value and the expected form.
@@ -65,7 +68,7 @@ def read_startup_config(
         options.update(read_server_options(file))
     # After every reader: a key is unknown if no reader has read it.
     for file in (*robot_files, world_file, *server_files):
-        _warn_unknown_keys(file)
+        report_unknown_names(file.unknown_names(), is_strict=is_strict)
     descriptions = _drop_repeated_classes([one for robot, _ in contents for one in robot])
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
     return StartupConfig(descriptions, world_description, scene, options)
@@ -94,11 +97,6 @@ def _read_server_file(path: Path) -> IniFile:
             "%s has no settings of the server: no section %s", path, ", ".join(SERVER_SECTIONS)
         )
     return file
-
-
-def _warn_unknown_keys(file: IniFile) -> None:
-    for entry in file.unknown_entries():
-        log.warning("%s: key %s is unknown and has no effect", entry.where, entry.key)
 
 
 def create_ray_caster(startup: StartupConfig) -> RayCaster:

@@ -49,7 +49,7 @@ def test_real_robot_when_read_names_every_effect_in_optical_order() -> None:
 
 
 def test_real_robot_when_read_leaves_no_key_unknown() -> None:
-    assert read_robot(REAL)[1].unknown_entries() == []
+    assert read_robot(REAL)[1].unknown_names() == []
 
 
 def test_number_when_several_effects_share_it_reaches_all(tmp_path: Path) -> None:

@@ -86,4 +86,4 @@ def test_file_when_its_base_is_missing_names_the_line(tmp_path: Path) -> None:
 def test_unknown_keys_of_a_section_never_used_are_not_reported(tmp_path: Path) -> None:
     file = IniFile(write_file(tmp_path, "x.ini", "[A]", "K=1", "Typo=2", "[Other]", "K=1"))
     file.get_section("A").get_float("K")
-    assert [entry.key for entry in file.unknown_entries()] == ["Typo"]
+    assert [entry.key for entry in file.unknown_names()] == ["Typo"]

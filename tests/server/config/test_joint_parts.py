@@ -28,7 +28,7 @@ def read_robot_section(folder: Path, text: str) -> RobotDescription:
     path = folder / "robot.ini"
     path.write_text("[USARBot.P2AT]\n" + text, encoding="utf-8")
     robot, file = read_robot(path)
-    assert file.unknown_entries() == []
+    assert file.unknown_names() == []
     return robot
 
 
@@ -90,7 +90,7 @@ def test_joint_when_impossible_is_rejected(tmp_path: Path, text: str, expected: 
 
 def test_kenaf_when_read_has_four_flippers_and_nothing_unknown() -> None:
     robot, file = read_robot(ROBOTS / "kenaf.ini")
-    assert file.unknown_entries() == []
+    assert file.unknown_names() == []
     assert robot.chassis_joints is not None
     assert [link.name for link in robot.chassis_joints.links] == [
         "FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper",

@@ -121,7 +121,7 @@ def test_texture_clients_when_a_sixth_is_written_are_six(tmp_path: Path) -> None
 def test_stride_of_earlier_versions_when_written_is_an_unknown_key(tmp_path: Path) -> None:
     path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("Samples=2", "TraceStride=1"))
     _, file = read_robot(path)
-    assert [entry.key for entry in file.unknown_entries()] == ["TraceStride"]
+    assert [entry.key for entry in file.unknown_names()] == ["TraceStride"]
 
 
 def test_accuracy_target_when_written_is_read(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ def read(name: str) -> tuple[RobotDescription, IniFile]:
 
 
 def unknown_keys(file: IniFile) -> list[str]:
-    return [entry.key for entry in file.unknown_entries()]
+    return [entry.key for entry in file.unknown_names()]
 
 
 def ignored_classes(caplog: pytest.LogCaptureFixture) -> list[str]:

@@ -44,7 +44,7 @@ def write_file(folder: Path, text: str) -> Path:
 def test_bundled_robot_when_read_has_no_unknown_key(path: Path) -> None:
     robot, file = read_robot(path)
     assert (robot.omni_camera is not None) == ("omni" in path.name)
-    assert file.unknown_entries() == []
+    assert file.unknown_names() == []
 
 
 def test_p2at_when_read_has_the_reference_base() -> None:

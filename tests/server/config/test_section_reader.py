@@ -169,7 +169,7 @@ def test_unknown_when_keys_and_members_were_not_read_lists_them() -> None:
     section = make_section("A=1", "B=2", "S=(X=1,W=2)")
     section.get_float("A")
     section.get_vector("S")
-    assert [entry.key for entry in section.unknown_entries()] == ["B", "W"]
+    assert [entry.key for entry in section.unknown_names()] == ["B", "W"]
 
 
 @pytest.mark.parametrize(
@@ -187,15 +187,15 @@ def test_unknown_when_a_key_was_read_omits_the_key(
 ) -> None:
     section = make_section("A=1")
     read(section)
-    assert section.unknown_entries() == []
+    assert section.unknown_names() == []
 
 
 def test_keys_when_ignored_are_not_reported() -> None:
     section = make_section("A=1", "B=2")
     section.get_float("A")
-    assert [entry.key for entry in section.unknown_entries()] == ["B"]
+    assert [entry.key for entry in section.unknown_names()] == ["B"]
     section.ignore_all()
-    assert section.unknown_entries() == []
+    assert section.unknown_names() == []
 
 
 @pytest.mark.parametrize("text", ["1e10", "-1e10", "1e308"])

@@ -56,7 +56,7 @@ def test_options_when_of_udk_s_own_sections_are_complete(tmp_path: Path) -> None
         legacy_images=False,
         multi_view=multi_view_layout(2, 2, width_px=320, height_px=240),
     )
-    assert not file.unknown_entries()
+    assert not file.unknown_names()
 
 
 def test_limits_of_connections_are_read(tmp_path: Path) -> None:
@@ -68,7 +68,7 @@ def test_limits_of_connections_are_read(tmp_path: Path) -> None:
     settings = resolve_settings(read_server_options(file))
     assert (settings.max_connections, settings.max_image_connections) == (8, 16)
     assert (settings.handshake_timeout_s, settings.idle_timeout_s) == (60.0, 0.0)
-    assert not file.unknown_entries()
+    assert not file.unknown_names()
 
 
 def test_options_when_a_file_has_no_such_section_are_empty(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_value_when_impossible_is_rejected_with_file_line_and_key(
 def test_key_when_unknown_is_reported_also_as_the_only_one(tmp_path: Path, section: str) -> None:
     file = write_file(tmp_path, f"[USARBotAPI.{section}]\nListenPorts=1\n")
     read_server_options(file)
-    assert [entry.key for entry in file.unknown_entries()] == ["ListenPorts"]
+    assert [entry.key for entry in file.unknown_names()] == ["ListenPorts"]
 
 
 def test_tiles_when_partly_stated_are_udk_s_for_the_rest(tmp_path: Path) -> None:

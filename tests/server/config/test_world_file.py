@@ -48,7 +48,7 @@ def read_world_text(folder: Path, *lines: str) -> World:
 @pytest.mark.parametrize("path", sorted(WORLDS.glob("*.ini")), ids=lambda path: path.name)
 def test_bundled_world_when_read_has_no_unknown_key(path: Path) -> None:
     world, file = read_world(path)
-    assert file.unknown_entries() == []
+    assert file.unknown_names() == []
     scene = build_scene(world)
     assert len(scene) > 0
     assert np.isfinite(scene.corners).all()
@@ -111,7 +111,7 @@ def test_lights_of_a_mesh_with_its_own_material_are_switched_by_the_world(
     world, file = read_world(path)
     assert world.items[-1].material is None
     assert world.items[-1].unlit is unlit
-    assert file.unknown_entries() == []
+    assert file.unknown_names() == []
 
 
 def test_unlit_beside_a_colour_belongs_to_the_material(tmp_path: Path) -> None:
@@ -235,7 +235,7 @@ def test_landmark_when_its_row_is_broken_names_the_csv_and_its_line(tmp_path: Pa
 def test_member_when_misspelt_is_reported_as_unknown(tmp_path: Path) -> None:
     path = write_small_world(tmp_path, "Boxes=(Size=(X=1,Y=1,Z=1,W=1),Color=(R=255))", "Nmae=x")
     _, file = read_world(path)
-    assert sorted(entry.key for entry in file.unknown_entries()) == ["Color", "Nmae", "W"]
+    assert sorted(entry.key for entry in file.unknown_names()) == ["Color", "Nmae", "W"]
 
 
 _VALUES = st.one_of(

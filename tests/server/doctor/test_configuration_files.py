@@ -29,7 +29,13 @@ def test_world_when_its_mesh_is_missing_is_a_fault(tmp_path: Path) -> None:
     assert "none.glb" in found.message
 
 
-def test_key_when_misspelt_is_a_warning(tmp_path: Path) -> None:
+def test_key_when_misspelt_is_a_fault_in_our_sections_and_a_warning_in_others(
+    tmp_path: Path,
+) -> None:
     found = list(check_configurations([], [write_small_world(tmp_path, "Bxoes=()")]))
+    assert [f.level for f in found] == [Level.OK, Level.FAULT]
+    assert "Bxoes is unknown and has no effect; did you mean Boxes?" in found[1].message
+    robot = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("msgTimer", "msgTimr"))
+    found = list(check_configurations([robot], []))
     assert [f.level for f in found] == [Level.OK, Level.WARNING]
-    assert "Bxoes" in found[1].message
+    assert "did you mean msgTimer?" in found[1].message

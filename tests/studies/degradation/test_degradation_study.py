@@ -78,7 +78,7 @@ def test_levels_when_read_by_the_server_select_their_effects(
     for level in sweep.levels:
         (tmp_path / "level.ini").write_text(degraded_robot_ini(sweep, level, ROBOTS))
         robot, file = read_robot(tmp_path / "level.ini")
-        assert file.unknown_entries() == []
+        assert file.unknown_names() == []
         assert robot.omni_camera is not None
         assert clean.omni_camera is not None
         modes = {setting.mode for setting in robot.omni_camera.effects.settings}

@@ -6,10 +6,14 @@ from pathlib import Path
 
 from catoptra_protocol.errors import SourceLocation
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.config.unreal_ini import Entry, Section, read_sections
+from catoptra_server.config.unknown_names import UnknownName, is_own_section, suggest_name
+from catoptra_server.config.unreal_ini import Section, read_sections
 
 # Robots of UDK are five files deep. Each further file is read at start as a whole.
 MAX_BASE_FILES = 16
+
+# Names of sections begin alike: [USARBot.SICKLMS] is no misspelt [USARBot.SICKLMS200].
+_MIN_SIMILARITY = 0.9
 
 _Sections = dict[str, SectionReader]  # by lower-case name
 
@@ -26,6 +30,7 @@ class IniFile:
         """
         self.path = path
         self._sections: _Sections = {}
+        self._absent: dict[str, str] = {}  # names of requested sections, by lower-case name
         # Bases first: each file overrides those it is based on.
         for sections in reversed(_read_chain(path)):
             self._apply(sections)
@@ -39,9 +44,11 @@ class IniFile:
 
     def get_section(self, name: str) -> SectionReader:
         """Section by name; for an absent one an empty reader whose errors name the file."""
-        return self._sections.get(name.lower()) or SectionReader(
-            name, SourceLocation(str(self.path)), ()
-        )
+        found = self._sections.get(name.lower())
+        if found is not None:
+            return found
+        self._absent[name.lower()] = name
+        return SectionReader(name, SourceLocation(str(self.path)), ())
 
     def has_section(self, name: str) -> bool:
         """Whether the file, or one it is based on, has the section."""
@@ -51,16 +58,18 @@ class IniFile:
         """Names of all sections as written, those of base files first."""
         return [settings.name for settings in self._sections.values()]
 
-    def unknown_entries(self) -> list[Entry]:
-        """Entries with unknown keys, in sections that were read."""
+    def unknown_names(self) -> list[UnknownName]:
+        """Unknown keys of sections that were read, and sections that should have been."""
         # A section that no reader opened belongs to a class without meaning here, such as another
         # robot's sensors in a real USARBot.ini: warnings for all keys would hide a misspelt one.
-        return [
-            entry
-            for settings in self._sections.values()
-            if settings.is_used
-            for entry in settings.unknown_entries()
-        ]
+        unknown: list[UnknownName] = []
+        for section in self._sections.values():
+            suggestion = suggest_name(section.name, self._absent.values(), _MIN_SIMILARITY)
+            if section.is_used:
+                unknown += section.unknown_names()
+            elif suggestion or is_own_section(section.name):
+                unknown.append(UnknownName("", "", section.where, section.name, suggestion))
+        return unknown
 
 
 def _read_chain(path: Path) -> list[_Sections]:

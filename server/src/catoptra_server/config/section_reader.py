@@ -1,8 +1,7 @@
 """Typed values of an ini section or a struct literal, with located errors.
 
 An error names file, line, key, value and the expected form. A reader records the keys that were
-read, so that the rest can be reported as unknown: a misspelt key is the commonest mistake, and a
-silent default the hardest to find.
+read, so that the rest can be reported as unknown (`unknown_names`).
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from pathlib import Path
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.limits import MAX_NAME_CHARS
 from catoptra_server.config.entry_list import EntryList
+from catoptra_server.config.unknown_names import UnknownName, suggest_name
 from catoptra_server.config.unreal_ini import Entry, parse_struct, unquote
 
 Vector = tuple[float, float, float]
@@ -40,7 +40,8 @@ class SectionReader:
         self._entries: dict[str, EntryList] = {}
         # Parsed once, so that all readers of a struct record their keys in the same object.
         self._structs: dict[str, list[SectionReader]] = {}
-        self._used_keys: set[str] = set()
+        # As readers spell them, by lower-case key.
+        self._used_keys: dict[str, str] = {}
         for entry in entries:
             self.apply(entry)
 
@@ -71,18 +72,26 @@ class SectionReader:
 
     def ignore_all(self) -> None:
         """Count every key as read, for a section that has no effect or was reported as a whole."""
-        self._used_keys.update(self._entries)
+        self._used_keys.update({key: key for key in self._entries})
 
-    def unknown_entries(self) -> list[Entry]:
-        """Entries whose key was not read, those of structs included."""
+    def unknown_names(self, section: str = "") -> list[UnknownName]:
+        """Keys that were not read, those of structs included.
+
+        Args:
+            section: Name of the section that a struct is in; this reader's own by default.
+        """
+        section = section or self.name
+        known = self._used_keys.values()
         own = [
-            entry
+            UnknownName(
+                entry.key, entry.value, entry.where, section, suggest_name(entry.key, known)
+            )
             for key, entries in self._entries.items()
             if key not in self._used_keys
             for entry in entries
         ]
         structs = (struct for structs in self._structs.values() for struct in structs)
-        return [*own, *(entry for struct in structs for entry in struct.unknown_entries())]
+        return [*own, *(name for struct in structs for name in struct.unknown_names(section))]
 
     def _last_entry(self, key: str, expected: str) -> Entry:
         entries = self._use_entries(key)
@@ -96,7 +105,7 @@ class SectionReader:
         return entries.last
 
     def _use_entries(self, key: str) -> EntryList:
-        self._used_keys.add(key.lower())
+        self._used_keys[key.lower()] = key
         return self._entries.get(key.lower(), EntryList())
 
     def get_str(self, key: str, default: str | None = None) -> str:

@@ -32,10 +32,11 @@ def _check_file(
         yield fault(topic, str(error), remedy=remedy)
         return
     yield ok(topic, summary)
-    # A warning, not a fault: real files carry keys of the engine, and the server starts with them.
-    for entry in file.unknown_entries():
-        message = f"{entry.where}: key {entry.key} is unknown and has no effect"
-        yield warning(topic, message, remedy="correct its spelling, or remove it")
+    # A warning outside our sections: real files carry keys of the engine, and the server starts.
+    for name in file.unknown_names():
+        message, remedy = f"{name.where}: {name.describe()}", "correct its spelling, or remove it"
+        finding = fault if name.is_error else warning
+        yield finding(topic, message, remedy=remedy)
 
 
 def _read_robot_names(path: Path) -> tuple[str, IniFile]:
