@@ -19,26 +19,38 @@ export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(READY) ## Make the virtual environment .venv with everything pinned in constraints.txt
+setup: $(READY) ## Make the virtual environment .venv with everything pinned in constraints.txt, 1 to 2 minutes
 
 # A changed source is compiled without installing anything again. Without a library there is no
 # stamp: the reason is printed again with the next target.
 $(READY): $(INSTALLED) server/build_kernel.py $(wildcard $(KERNEL)/src $(KERNEL)/src/*.[ch])
+	@echo "3 of 3: the kernel of the trace renderer, unless it is newer than its sources"
 	$(BIN)/python server/build_kernel.py
-	test ! -f $(KERNEL)/libcatoptra_trace.so || touch $@
+	@test ! -f $(KERNEL)/libcatoptra_trace.so || touch $@
+
+# One line for each package that pip collects; its whole output is in the log, its status is kept.
+INSTALL_LOG := $(VENV)/install.log
+define show_packages
+{ $(1) --disable-pip-version-check --progress-bar off 2>&1; echo "status $$?"; } | tee -a $(INSTALL_LOG) | awk ' \
+  /^Collecting / { print "  " $$2 } /^Installing collected/ { print "  unpacking " NF - 3 " packages" } \
+  /ERROR|error:/ { print } /^status / { status = $$2 } { fflush() } END { exit status }'
+endef
 
 # The compiler (411 MB) is unpacked once, into .venv, instead of anew for every build of the server.
 $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml server/setup.py client/pyproject.toml studies/pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Catoptra needs Python 3.11 or newer, this is " + sys.version)'
+	@echo "Setting up $(VENV), one to two minutes and 1 GB; details are in $(INSTALL_LOG)"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt setuptools \
-	  "ziglang; sys_platform == 'linux' and platform_machine == 'x86_64'"
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-build-isolation \
+	@echo "1 of 3: the compiler of the kernel"
+	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt setuptools \
+	  "ziglang; sys_platform == 'linux' and platform_machine == 'x86_64'")
+	@echo "2 of 3: Catoptra and the packages that it needs"
+	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt --no-build-isolation \
 	  --editable protocol --editable server --editable client --editable 'studies[server]' \
-	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff
+	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff)
 	touch $@
 
-demo: $(READY) ## Repeat the paper's experiment with servers as processes; writes out/demo/report.html: [SEED=0]
+demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0]
 	$(BIN)/catoptra-studies demo --output out/demo --seed $(or $(SEED),0)
 
 experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 minutes on two cores; writes out/experiment-seeds: [SEEDS=50]
@@ -48,7 +60,7 @@ experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 mi
 live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080]
 	$(BIN)/catoptra-studies live --output out/live $(if $(PORT),--view $(PORT))
 
-test: $(READY) ## Run all tests
+test: $(READY) ## Run all tests, 7 minutes on two cores with set-up
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile tests
 
 # The tests end with the way to install Chromium where it is missing.
