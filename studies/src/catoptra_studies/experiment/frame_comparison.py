@@ -57,7 +57,8 @@ def _capture_turning(config: ExperimentConfig, robot_file: str) -> UInt8Array:
             extra_arguments=config.server_arguments,
         ) as address,
         RobotClient.connect(address.host, address.control_port) as robot,
-        ImageClient.connect(address.host, address.image_port) as images,
+        # The first frame with all effects takes a second, and many on a busy machine.
+        ImageClient.connect(address.host, address.image_port, config.timeout_s) as images,
     ):
         robot.spawn(
             ROBOT_CLASS, name="Run0", location_m=(x_m, y_m, 0.0), rotation_rad=(0.0, 0.0, yaw_rad)

@@ -10,7 +10,11 @@ from catoptra_studies import plot_style
 from catoptra_studies.experiment.drive_log import DriveLog
 from catoptra_studies.experiment.filter_replay import FilterRun
 from catoptra_studies.experiment.plots.classifier_plot import draw_bearings
-from catoptra_studies.experiment.plots.trajectory_plot import draw_field, draw_paths
+from catoptra_studies.experiment.plots.trajectory_plot import (
+    draw_field,
+    draw_paths,
+    widen_to_path,
+)
 
 
 def draw_overview(
@@ -37,6 +41,7 @@ def draw_overview(
         left.set_title("frame of the mirror camera, with the landmarks found")
         draw_field(right, detector.landmarks)
         draw_paths(right, drive_log, filter_run)
+        widen_to_path(right, filter_run.odometry)
         right.set_title("localized by them on a drive of 100 steps")
         # The figure is shown small; the axes in metres are those of trajectories.png.
         right.set_xticks([])

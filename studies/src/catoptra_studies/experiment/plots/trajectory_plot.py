@@ -24,16 +24,20 @@ def draw_trajectories(
 ) -> None:
     """Write a map for each panel, with the world's x up and y to the right."""
     with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 5.4)) as figure:
-        row = figure.subplots(1, len(panels), squeeze=False)[0]
+        row = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
         for axes, (title, drive_log, filter_run) in zip(row, panels, strict=True):
             draw_field(axes, landmarks)
             draw_paths(axes, drive_log, filter_run)
-            _widen_to_path(axes, filter_run.odometry)
             axes.set_title(title)
             axes.set_xlabel("y, m")
         row[0].set_ylabel("x, m")
+        # After all fields, since each sets the common limits.
+        for axes, (_, _, filter_run) in zip(row, panels, strict=True):
+            widen_to_path(axes, filter_run.odometry)
         handles, labels = row[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3, borderaxespad=1.0)
+        figure.legend(handles, labels, loc="lower center", ncols=3)
+        # Below the axes: a legend outside counts as high as axes of equal scale leave it.
+        figure.get_layout_engine().set(rect=(0.0, 0.13, 1.0, 0.87))
 
 
 def draw_paths(axes: plot_style.Axes, drive_log: DriveLog, filter_run: FilterRun) -> None:
@@ -91,7 +95,7 @@ def draw_field(axes: plot_style.Axes, landmarks: Sequence[Landmark]) -> None:
     axes.set_ylim(-3.3, 3.5)
 
 
-def _widen_to_path(axes: plot_style.Axes, odometry: Floats) -> None:
+def widen_to_path(axes: plot_style.Axes, odometry: Floats) -> None:
     """Move the limits where odometry leaves the surroundings of the field."""
     for (low, high), move, values in (
         (axes.get_xlim(), axes.set_xlim, odometry[:, 1]),
