@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 
 from conformance.conversation_file import Address
 from conformance.mutation import ConnectionMutation, MutateBytes
+from conformance.stream_zmtp import ZmtpSplitter
 
 # Splits the bytes that arrived into whole messages and the rest.
 SplitMessages = Callable[[bytes], tuple[list[bytes], bytes]]
@@ -59,10 +60,11 @@ def split_nothing(data: bytes) -> tuple[list[bytes], bytes]:
     return [data], b""
 
 
-# Of each port: messages of the client, messages of the server.
-SPLITTERS: dict[str, tuple[SplitMessages, SplitMessages]] = {
-    "control": (split_commands, split_lines),
-    "image": (split_nothing, split_frames),
+# Of each port: messages of the client, messages of the server, for a new connection.
+SPLITTERS: dict[str, Callable[[], tuple[SplitMessages, SplitMessages]]] = {
+    "control": lambda: (split_commands, split_lines),
+    "image": lambda: (split_nothing, split_frames),
+    "stream": lambda: (split_nothing, ZmtpSplitter()),
 }
 
 
@@ -73,7 +75,7 @@ def run_mutation_proxy(
     """Address of a proxy in front of a server, for the length of a block.
 
     Args:
-        port: `control` or `image`: how messages are split.
+        port: `control`, `image` or `stream`: how messages are split.
         server: Address of the server.
         connect: Mutation of a new connection.
     """
@@ -134,7 +136,7 @@ def _relay(
 ) -> None:
     for end in (client, upstream):
         end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    split_requests, split_replies = SPLITTERS[port]
+    split_requests, split_replies = SPLITTERS[port]()
     directions = {
         client: _Direction(client, upstream, split_requests, mutation.mutate_request),
         upstream: _Direction(

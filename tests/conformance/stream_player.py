@@ -152,7 +152,8 @@ def _send_parts(session: StreamSession, step: StepSpec) -> None:
 def _expect_heartbeats(session: StreamSession, step: StepSpec) -> None:
     """`heartbeats`: minimum number of unsolicited heartbeats in `timeout_s` seconds."""
     messages = session.connect().iter_messages(step["timeout_s"])
-    count = sum(fields["kind"] == "heartbeat" for fields in messages)
+    heartbeats = (fields for fields in messages if fields["kind"] == "heartbeat")
+    count = len(list(itertools.islice(heartbeats, step["heartbeats"])))
     if count < step["heartbeats"]:
         raise StepFailedError(f"{count} heartbeats in {step['timeout_s']} s")
 

@@ -15,6 +15,8 @@ from conformance import stream_player, tcp_player
 from conformance.check import Check, CheckFailed, CheckSkipped, ServerUnderTest
 from conformance.control_checks import CONTROL_CHECKS, SPAWN_CHECK
 from conformance.conversation_file import Address, Conversation, read_conversation
+from conformance.image_checks import IMAGE_CHECKS
+from conformance.stream_checks import STREAM_CHECKS
 
 CONVERSATIONS = Path(__file__).parent / "data/conversations"
 
@@ -30,7 +32,7 @@ STEP_KEYS: dict[str, Iterable[str]] = {
     "image": _TCP_STEP_KEYS,
     "stream": {*stream_player.STEP_HANDLERS, *stream_player.STEP_OPTIONS},
 }
-CHECKS: tuple[Check, ...] = CONTROL_CHECKS
+CHECKS: tuple[Check, ...] = (*CONTROL_CHECKS, *IMAGE_CHECKS, *STREAM_CHECKS)
 
 
 class Outcome(Enum):

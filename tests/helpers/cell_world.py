@@ -23,7 +23,9 @@ CELL_POSES = tuple(f"{{Start Cell{cell}}}" for cell in range(_NUM_CELLS))
 
 def write_cell_world(folder: Path) -> Path:
     """Write the world, and return the path of its file."""
-    lines = ["[Catoptra.World]", "Name=Cells"]
+    # Light for the cameras: pictures of a dark world are black.
+    light = "Lights=(Type=Hemisphere,Up=(R=200,G=200,B=200),Down=(R=150,G=150,B=150))"
+    lines = ["[Catoptra.World]", "Name=Cells", light]
     lines += [line for cell in range(_NUM_CELLS) for line in _cell_lines(cell)]
     path = folder / "cells.ini"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

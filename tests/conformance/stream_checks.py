@@ -1,0 +1,10 @@
+"""All checks of the stream."""
+
+from __future__ import annotations
+
+from conformance.check import Check
+from conformance.stream_camera_checks import CAMERA_CHECKS
+from conformance.stream_motion_checks import MOTION_CHECKS
+from conformance.stream_picture_checks import PICTURE_CHECKS
+
+STREAM_CHECKS: tuple[Check, ...] = (*PICTURE_CHECKS, *CAMERA_CHECKS, *MOTION_CHECKS)
