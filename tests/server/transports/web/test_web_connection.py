@@ -7,9 +7,11 @@ import logging
 
 import pytest
 
-from catoptra_protocol.stream.requests import GetStatusRequest
+from catoptra_protocol.stream.requests import GetStateRequest, GetStatusRequest
+from catoptra_server.transports.loop_share import LoopShare
 from catoptra_server.transports.web.page_socket import PageSocket
 from catoptra_server.transports.web.web_connection import WebConnection
+from helpers.fake_simulation import FakeSimulation
 from helpers.live_page import PageSession, serve_fake_page
 from helpers.loopback import run_scenario, wait_until
 
@@ -25,6 +27,24 @@ def test_dialogue_is_never_held_back() -> None:
             for number in range(1, 400):
                 await page.request(GetStatusRequest(number))
                 assert only_connection(session)._hold is None
+
+    run_scenario(scenario())
+
+
+def test_request_of_one_of_eight_pages_with_two_pending_does_not_wait(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # As with many pages, whose prices for one request are above the burst; a wait would not end.
+    monkeypatch.setattr(LoopShare, "remaining_wait_s", lambda *_: 60.0)
+    # Reading goes on: only the wait before a request is tested.
+    monkeypatch.setattr(WebConnection, "_hold_back", lambda _: None)
+    simulation = FakeSimulation(renders_frames=False)
+
+    async def scenario() -> None:
+        async with serve_fake_page(simulation) as session, session.open_socket() as page:
+            await page.request_frame()
+            await page.send(GetStateRequest(next(page.ids), ""))
+            await page.request(GetStatusRequest(next(page.ids)))
 
     run_scenario(scenario())
 

@@ -113,6 +113,7 @@ class PageSocket:
                 self.peer.send_reply(Error(0, "a binary message: requests are JSON text"))
             case WSMsgType.PING:
                 await self._websocket.pong(message.data)
+                self._connection.note_reply()
         return True
 
     def _handle_text(self, text: str) -> None:

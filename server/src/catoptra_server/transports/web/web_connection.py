@@ -20,6 +20,9 @@ log = logging.getLogger(__name__)
 # Time of the loop for a read beside the parser's, and for a request with its reply.
 _READ_COST_S = 50e-6
 _REQUEST_COST_S = 0.4e-3
+# Requests of a page on their way at any time: frame, state and landmarks. Each waits for the reply
+# to the last one of its kind, so together they are no flood.
+_MAX_DIALOGUE = 3
 # All bytes of a request: browsers send some hundred, and the cookies of all ports of the host.
 _MAX_REQUEST_BYTES = 64 * 1024
 _MAX_LINE_BYTES = 4 * 1024
@@ -70,14 +73,14 @@ class WebConnection(web.RequestHandler):
         self._hold: asyncio.TimerHandle | None = None
         self._num_request_bytes = 0
         self._num_messages = 0
-        self._has_replied = True
+        self._num_unanswered = 0
 
     def data_received(self, data: bytes) -> None:
         """Parse input, and read no more for a while once too much of the loop was used."""
-        if self._has_replied and self._num_messages <= 1:
-            # A peer that waits for each reply occupies the loop with one request at any time.
+        if self._is_dialogue:
+            # A peer that waits for replies occupies the loop with few requests at any time.
             self._account.write_off()
-        self._has_replied, self._num_messages = False, 0
+        self._num_messages = 0
         self._num_request_bytes += len(data)
         if not self.is_websocket and self._num_request_bytes > _MAX_REQUEST_BYTES:
             log.info("web connection of %s closed: its request has no end", self.address)
@@ -91,14 +94,22 @@ class WebConnection(web.RequestHandler):
     async def begin_request(self) -> None:
         """Charge a request or a message, and wait until the connection may use the loop again."""
         self._num_messages += 1
+        self._num_unanswered += 1
         self._num_request_bytes = 0
         self._account.charge(_REQUEST_COST_S)
-        self._hold_back()
-        await self._account.wait()
+        # With eight pages the price of one request, 36 ms of waiting, is above the burst already.
+        if not self._is_dialogue:
+            self._hold_back()
+            await self._account.wait()
 
     def note_reply(self) -> None:
         """Record that something was sent."""
-        self._has_replied = True
+        self._num_unanswered = max(self._num_unanswered - 1, 0)
+
+    @property
+    def _is_dialogue(self) -> bool:
+        """Whether the peer waits for replies; one may be sent that is not noted yet."""
+        return self._num_unanswered <= _MAX_DIALOGUE + 1 and self._num_messages <= _MAX_DIALOGUE
 
     @property
     def is_closing(self) -> bool:
