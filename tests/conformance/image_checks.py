@@ -25,14 +25,14 @@ from conformance.check import (
     ServerUnderTest,
     check_from_function,
 )
-from conformance.control_drive import Drive, describe, drive_turn
-from conformance.control_readings import read_drive_base, read_number
+from conformance.control_drive import Drive, describe, drive_until
+from conformance.control_readings import DriveBase, read_drive_base, read_number
 from conformance.control_session import ControlSession, spawn_robot
-from conformance.image_panorama import Pixels, panorama_from_picture, require_turn
+from conformance.image_panorama import Pixels, choose_turn, panorama_from_picture, require_turn
 from conformance.image_session import ImageSession, connect_images
 
-# Far enough for the sense to show, less than the view of an ordinary camera.
-_TURN_RAD = 0.4
+# Wheel speed of a turn, of the maximum.
+_TURN_FRACTION = 0.25
 # Of 2 % of the values of two codings of one picture, blurred: measured in the bundled worlds, 12 by
 # JPEG of quality 10, at least 35 by exchanged colours, 76 by a flipped picture.
 _CODING_LEVELS = 20.0
@@ -100,7 +100,7 @@ def check_turn(server: ServerUnderTest) -> None:
         camera = _read_camera(control, images)
         base = read_drive_base(control)
         before = panorama_from_picture(_get_camera_picture(images, camera), camera)
-        drive = drive_turn(control, base, -1.0, _TURN_RAD)
+        drive = _turn_right(control, base, choose_turn(camera))
         after = panorama_from_picture(_get_camera_picture(images, camera), camera)
     require_turn(before, after, _median_turn(drive), describe(drive.motions()))
 
@@ -180,6 +180,18 @@ def _read_camera(control: ControlSession, images: ImageSession) -> OmniCamera | 
 def _get_camera_picture(images: ImageSession, camera: OmniCamera | PerspectiveCamera) -> Pixels:
     """Picture of the camera: with tiles the first one, which is that of the first robot."""
     return images.get_picture()[: camera.height_px, : camera.width_px]
+
+
+def _turn_right(control: ControlSession, base: DriveBase, turn_rad: float) -> Drive:
+    """Turn on the place, so slowly that an ordinary camera still sees a part of its old view."""
+    spin = _TURN_FRACTION * base.max_speed_rad_s
+    turn_rate = 2.0 * spin * base.wheel_radius_m / base.wheel_separation_m
+    return drive_until(
+        control,
+        f"DRIVE {{Left {spin:.4f}}} {{Right {-spin:.4f}}}",
+        lambda motion: abs(motion.yaw_rad) >= turn_rad,
+        turn_rad / turn_rate,
+    )
 
 
 def _median_turn(drive: Drive) -> float:

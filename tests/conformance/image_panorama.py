@@ -25,6 +25,8 @@ _NUM_COLUMNS = 180
 _COLUMN_RAD = math.tau / _NUM_COLUMNS
 # Above the floor next to the robot, and below the rim of usual mirrors.
 _ELEVATIONS_RAD = np.radians(np.linspace(-35.0, 15.0, 26))
+# Far enough for the sense to show, in tenths of a second.
+_TURN_RAD = 0.4
 # Of the angle turned, for the parallax of what is near; the opposite sense differs by 2.
 _TURN_TOLERANCE = 0.4
 # Two columns of the panorama.
@@ -92,6 +94,13 @@ def project_directions(
     return camera.pixel_from_direction(directions)
 
 
+def choose_turn(camera: OmniCamera | PerspectiveCamera) -> float:
+    """Angle in radians that shows in pictures: far, but most of the view stays in view."""
+    if isinstance(camera, OmniCamera):
+        return _TURN_RAD
+    return min(_TURN_RAD, 0.3 * camera.horizontal_fov_rad)
+
+
 def require_turn(before: Panorama, after: Panorama, yaw_rad: float, evidence: str) -> None:
     """Fail where the pictures of a robot contradict a turn between them.
 
@@ -106,7 +115,10 @@ def require_turn(before: Panorama, after: Panorama, yaw_rad: float, evidence: st
         CheckSkipped: Several shifts explain them.
     """
     expected = -yaw_rad / _COLUMN_RAD
-    if _shift_costs(before, before).get(round(expected) % _NUM_COLUMNS, 0.0) < _MIN_TURN_LEVELS:
+    own_cost = _shift_costs(before, before).get(round(expected) % _NUM_COLUMNS)
+    if own_cost is None:
+        raise CheckSkipped(f"after a turn of {math.degrees(yaw_rad):.0f} deg all is out of view")
+    if own_cost < _MIN_TURN_LEVELS:
         raise CheckSkipped("the surroundings look alike in all directions")
     costs = _shift_costs(before, after)
     width = _TURN_TOLERANCE * abs(expected) + _COLUMN_TOLERANCE
@@ -118,8 +130,9 @@ def require_turn(before: Panorama, after: Panorama, yaw_rad: float, evidence: st
         raise CheckSkipped("the surroundings look alike before and after a turn")
     seen_deg = math.degrees(_COLUMN_RAD * math.remainder(best, _NUM_COLUMNS))
     raise CheckFailed(
-        f"the robot turned by {math.degrees(yaw_rad):.0f} deg to the right ({evidence}): what the "
-        f"camera sees must move by as much to the left, it moved by {seen_deg:.0f} deg to the right"
+        f"the robot turned by {math.degrees(yaw_rad):.0f} deg to the right ({evidence}): in its "
+        f"picture the surroundings must move by {-math.degrees(yaw_rad):.0f} deg, to the left; "
+        f"they moved by {seen_deg:.0f} deg"
     )
 
 

@@ -22,7 +22,13 @@ from catoptra_protocol.vectors import Vector3
 from conformance.check import CheckFailed, CheckSkipped, ServerUnderTest, check_from_function
 from conformance.control_session import spawn_robot
 from conformance.image_panorama import project_directions
-from conformance.stream_session import StreamRobot, connect_stream, pose_of, spawn_on_stream
+from conformance.stream_session import (
+    StreamRobot,
+    camera_of,
+    connect_stream,
+    pose_of,
+    spawn_on_stream,
+)
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,6 +37,7 @@ _PIXEL_TOLERANCE_PX = 0.25
 # Of numbers with at least four decimals, in pixels, radians and metres.
 _CONF_TOLERANCE = 1e-3
 _HEIGHT_TOLERANCE_M = 0.02
+_RAY_TOLERANCE_RAD = 0.01
 # Distance to a beacon from which its bands are several pixels wide.
 _VIEW_DISTANCE_M = 0.8
 # Half a band must be this large in the image for the middle of its colour to be seen.
@@ -143,8 +150,9 @@ def check_pixel_rays(server: ServerUnderTest) -> None:
             reply = robot.client.get_pixel(*one.pixel, robot=robot.name)
             x, y, z = _direction_in_camera(frame, _band_points(one.landmark)[1])
             expected = math.atan2(math.hypot(x, y), z), math.atan2(y, x)
-            observed = reply.theta_rad, reply.azimuth_rad
-            if None in observed or math.dist(observed, expected) > 0.01:
+            angles = reply.theta_rad, reply.azimuth_rad
+            observed = [math.nan if angle is None else angle for angle in angles]
+            if not math.dist(observed, expected) <= _RAY_TOLERANCE_RAD:
                 raise CheckFailed(
                     f"get_pixel at {one.landmark.name}: incidence angle and azimuth {observed}, "
                     f"by the poses {_format(expected)} rad"
@@ -207,9 +215,7 @@ def _project(frame: Frame, landmark: Landmark) -> tuple[float, float] | None:
 
 
 def _project_points(frame: Frame, points: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    camera = frame.camera
-    if camera is None:
-        raise CheckFailed(f"frame {frame.sequence} of one camera has no camera model")
+    camera = camera_of(frame)
     pixels, valid = project_directions(camera, _direction_in_camera(frame, points))
     inside = (pixels >= 0.0).all(axis=1) & (pixels <= (camera.width_px, camera.height_px)).all(1)
     return pixels, valid & inside

@@ -14,6 +14,14 @@ from dataclasses import dataclass
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.frame_decoding import pose_from_transform
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_protocol.errors import (
+    CatoptraError,
+    ConnectionLostError,
+    DeadlineExceededError,
+    RemoteProtocolError,
+)
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.grammar import parse_message
@@ -147,8 +155,13 @@ def spawn_on_stream(
                 f"a robot of {server.robot_class} was spawned, but the state has none"
             )
         robot = StreamRobot(client, robots[-1])
-        if robot.get_frame().camera is None:
-            raise CheckSkipped(f"{server.robot_class} has no camera")
+        try:
+            robot.get_frame()
+        except (RemoteProtocolError, ConnectionLostError, DeadlineExceededError):
+            raise
+        # What is left is an error reply: the conversations fail where it is none about the camera.
+        except CatoptraError as error:
+            raise CheckSkipped(f"{server.robot_class} has no camera: {error}") from error
         yield robot
 
 
@@ -179,3 +192,14 @@ def planar_pose(pose: Pose) -> PlanarPose:
     """Place and heading of a pose."""
     x, y, _ = map(float, pose.translation)
     return PlanarPose(x, y, math.atan2(float(pose.rotation[1, 0]), float(pose.rotation[0, 0])))
+
+
+def camera_of(frame: Frame) -> OmniCamera | PerspectiveCamera:
+    """Camera model in a frame of one camera.
+
+    Raises:
+        CheckFailed: The frame has none.
+    """
+    if frame.camera is None:
+        raise CheckFailed(f"frame {frame.sequence} of one camera has no camera model")
+    return frame.camera
