@@ -8,10 +8,13 @@ the server without a mutation passes.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -19,13 +22,19 @@ from rich.table import Table
 
 from conformance.check import ServerUnderTest
 from conformance.control_mutations import CONTROL_MUTATIONS
+from conformance.image_mutations import IMAGE_MUTATIONS
 from conformance.mutation import Mutation
 from conformance.mutation_play import UNMUTATED_NAME, find_failures, make_unmutated
 from conformance.parallel_play import places_of, run_parallel_player
 from conformance.server_setup import server_under_test
+from conformance.stream_mutations import STREAM_MUTATIONS
 from conformance.suite import applicable_checks, read_conversations
 from helpers.cell_world import CELL_POSES, write_cell_world, write_sensor_robot
+from helpers.configs import OMNI_ROBOT
 from helpers.server_process import start_server
+
+# A row waits for most of its time.
+_NUM_PICTURE_SERVERS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,20 +89,42 @@ def summarize(results: Sequence[MutationResult]) -> str:
     )
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Play the matrix; exit status."""
+    parser = argparse.ArgumentParser(description="Play the suite through deliberate faults.")
+    parser.add_argument("ports", nargs="*", help="control, image, stream; default: all")
+    ports = parser.parse_args(arguments).ports or list(PLAYERS)
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        robot, world = write_sensor_robot(folder), write_cell_world(folder)
-        with start_server(folder, robot=robot, world=world) as running:
-            places = places_of(server_under_test(running), CELL_POSES)
-            results = play_mutations("control", CONTROL_MUTATIONS, places)
+        results = [one for port in ports for one in PLAYERS[port](Path(name) / port)]
     Console().print(matrix_table(results))
     mutated = [one for one in results if one.mutation.name != UNMUTATED_NAME]
     unmutated = [one for one in results if one.mutation.name == UNMUTATED_NAME]
     print(summarize(mutated))
     is_right = all(one.is_noticed for one in mutated) and not any(x.is_noticed for x in unmutated)
     return 0 if is_right else 1
+
+
+def _play_control_mutations(folder: Path) -> list[MutationResult]:
+    """In the cells of one world, since robots there do not disturb each other."""
+    folder.mkdir()
+    robot, world = write_sensor_robot(folder), write_cell_world(folder)
+    with start_server(folder, robot=robot, world=world) as running:
+        places = places_of(server_under_test(running), CELL_POSES)
+        return play_mutations("control", CONTROL_MUTATIONS, places)
+
+
+def _play_picture_mutations(
+    port: str, mutations: Sequence[Mutation], folder: Path
+) -> list[MutationResult]:
+    """With several servers, since the image port shows the first robot alone."""
+    with ExitStack() as stack:
+        places = []
+        for number in range(_NUM_PICTURE_SERVERS):
+            own = folder / f"server{number}"
+            own.mkdir(parents=True)
+            running = stack.enter_context(start_server(own, robot=OMNI_ROBOT))
+            places.append(server_under_test(running, spawn_pose="{Start Centre}"))
+        return play_mutations(port, mutations, places)
 
 
 def _result(mutation: Mutation, failures: dict[str, str]) -> MutationResult:
@@ -104,6 +135,13 @@ def _result(mutation: Mutation, failures: dict[str, str]) -> MutationResult:
         tuple(sorted(failures.keys() - conversations)),
     )
 
+
+PLAYERS: dict[str, Callable[[Path], list[MutationResult]]] = {
+    "control": _play_control_mutations,
+    "image": partial(_play_picture_mutations, "image", IMAGE_MUTATIONS),
+    "stream": partial(_play_picture_mutations, "stream", STREAM_MUTATIONS),
+}
+"""Player of the mutations of each port; its files go into a folder."""
 
 if __name__ == "__main__":
     sys.exit(main())
