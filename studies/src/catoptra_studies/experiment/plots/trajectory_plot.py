@@ -23,7 +23,7 @@ def draw_trajectories(
     path: Path, panels: Sequence[TrajectoryPanel], landmarks: Sequence[Landmark]
 ) -> None:
     """Write a map for each panel, with the world's x up and y to the right."""
-    with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 5.4)) as figure:
+    with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 6.0)) as figure:
         row = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
         for axes, (title, drive_log, filter_run) in zip(row, panels, strict=True):
             draw_field(axes, landmarks)
@@ -36,8 +36,8 @@ def draw_trajectories(
             widen_to_path(axes, filter_run.odometry)
         handles, labels = row[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="lower center", ncols=3)
-        # Below the axes: a legend outside counts as high as axes of equal scale leave it.
-        figure.get_layout_engine().set(rect=(0.0, 0.13, 1.0, 0.87))
+        # The automatic layout counts neither legend nor titles of axes of equal scale.
+        figure.get_layout_engine().set(rect=(0.0, 0.12, 1.0, 0.84))
 
 
 def draw_paths(axes: plot_style.Axes, drive_log: DriveLog, filter_run: FilterRun) -> None:
