@@ -304,7 +304,7 @@ def mirrors_without_parameters(names: Iterable[str]) -> list[str]:
 
 def mirrors_not_configurable(names: Iterable[str]) -> list[str]:
     """Mirrors that no robot file can name."""
-    section = text_of(SERVER / "config/omni_camera_section.py")
+    section = text_of(SERVER / "config/mirror_section.py")
     return [name for name in names if f'"{name}mirror"' not in section]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.robot_file import read_robots
+from catoptra_server.config.robot_file import find_unserved_robots, read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.unknown_names import report_unknown_names
 from catoptra_server.config.world_file import read_world
@@ -69,9 +69,22 @@ def read_startup_config(
     # After every reader: a key is unknown if no reader has read it.
     for file in (*robot_files, world_file, *server_files):
         report_unknown_names(file.unknown_names(), is_strict=is_strict)
+    for file in robot_files:
+        _warn_unserved_robots(file)
     descriptions = _drop_repeated_classes([one for robot, _ in contents for one in robot])
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
     return StartupConfig(descriptions, world_description, scene, options)
+
+
+def _warn_unserved_robots(file: IniFile) -> None:
+    names = find_unserved_robots(file)
+    if names:
+        log.warning(
+            "%s: not served: %s; a robot has SteeringType=SkidSteered, or the name of a class of "
+            "USARSim with four wheels or two",
+            file.path,
+            ", ".join(names),
+        )
 
 
 def _drop_repeated_classes(

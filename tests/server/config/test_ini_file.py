@@ -27,7 +27,7 @@ def test_section_when_absent_is_empty_and_its_errors_name_the_file(tmp_path: Pat
     path = write_file(tmp_path, "x.ini", "[A]")
     file = IniFile(path)
     assert not file.has_section("B")
-    with pytest.raises(ConfigError, match=r"x\.ini: B\.K=''.*it is missing"):
+    with pytest.raises(ConfigError, match=r"x\.ini: B\.K=''.*there is no section"):
         file.get_section("B").get_float("K")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from pathlib import Path
 
@@ -118,6 +119,51 @@ def test_texture_clients_when_a_sixth_is_written_are_six(tmp_path: Path) -> None
     assert camera.render_settings.face_size_px == 512
 
 
+@pytest.mark.parametrize(
+    "left_out", [",Position=(X=0,Y=0,Z=0.2321)", "Direction=(X=0,Y=1.5708,Z=3.1416)"]
+)
+def test_capture_camera_without_a_pose_looks_up_from_the_pinhole(
+    tmp_path: Path, left_out: str
+) -> None:
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit(left_out, ""))
+    assert read_camera(path).camera == read_camera(OMNI_ROBOT).camera
+
+
+@pytest.mark.parametrize("c", ["2.321", "1.5"])
+def test_capture_camera_without_a_position_follows_the_focus(tmp_path: Path, c: str) -> None:
+    edits = (Edit(",Position=(X=0,Y=0,Z=0.2321)", ""), Edit("C=2.321", f"C={c}"))
+    mirror = read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, *edits)).camera.mirror
+    assert mirror.pinhole_distance_m == pytest.approx(0.1 * float(c))
+
+
+def test_camera_without_a_viewpoint_is_an_error_that_shows_its_line(tmp_path: Path) -> None:
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("CamTexActors=(", ";CamTexActors=("))
+    with pytest.raises(ConfigError) as caught:
+        read_robot(path)
+    assert caught.value.key == "USARBot.OmniP2AT.CamTexActors"
+    assert 'OmniMirror of StaticMeshes is mounted on, such as (ItemName="OmniCam"' in str(
+        caught.value
+    )
+
+
+def test_texture_client_without_a_section_is_named_in_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    section = "[USARBot.USARCameraTextureClientE]"
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit(section, section.replace("tE]", "tEast]")))
+    with caplog.at_level(logging.WARNING):
+        _, file = read_robot(path)
+    assert f"no section {section} of a texture client" in caplog.text
+    (unknown,) = file.unknown_names()
+    assert unknown.suggestion == section.strip("[]")
+
+
+def test_mirror_section_when_misspelt_is_named(tmp_path: Path) -> None:
+    edit = Edit("[Catoptra.HyperbolicMirror]", "[Catoptra.HyperbolicMiror]")
+    with pytest.raises(ConfigError, match=r"is \[Catoptra.HyperbolicMiror\] meant to be it\?"):
+        read_robot(write_edited_copy(OMNI_ROBOT, tmp_path, edit))
+
+
 def test_stride_of_earlier_versions_when_written_is_an_unknown_key(tmp_path: Path) -> None:
     path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("Samples=2", "TraceStride=1"))
     _, file = read_robot(path)
@@ -141,7 +187,7 @@ BROKEN = [
     (Edit("RimAngle=120", "RimAngle=156"), "Catoptra.HyperbolicMirror.RimAngle", "below 155.405"),
     (Edit("RimAngle=120", "RimAngle=0"), "RimAngle", "from 1 to 179"),
     (Edit("'Catoptra.HyperbolicMirror'", "'Catoptra.Cone'"), "StaticMeshes.ItemClass", "Parabolic"),
-    (Edit("Z=0.2321)", "Z=0.2322)"), "Cameras.Position", "second focus; it is 0.1 mm off"),
+    (Edit("Z=0.2321)", "Z=0.2322)"), "Cameras.Position", "or no Position; it is 0.1 mm off"),
     (Edit("Z=0.2321)", "X=0.001,Z=0.2321)"), "Cameras.Position", "it is 1 mm off"),
     (Edit("Y=1.5708,Z=3.1416", "Y=1.5,Z=3.1416"), "Cameras.Direction", "looking up"),
     (Edit("Y=1.5708,Z=3.1416", "Y=-1.5708,Z=0"), "Cameras.Direction", "looking up"),
@@ -150,13 +196,16 @@ BROKEN = [
         "USARBot.OmniP2AT.StaticMeshes",
         "item",
     ),
-    (Edit("(X=0,Y=0,Z=-0.4543)", "(X=0,Y=0,Z=abc)"), "Z", "a number"),
+    (Edit("(X=0,Y=0,Z=-0.4543)", "(X=0,Y=0,Z=abc)"), "Position.Z", "a number"),
     (Edit("ResolutionX=360", "ResolutionX=0"), "ResolutionX", "from 1 to 8192"),
     (Edit("ResolutionX=360", "ResolutionX=10000"), "ResolutionX", "from 1 to 8192"),
-    (Edit("Samples=2", "Samples=17"), "Samples", "from 0 to 16"),
+    (Edit("Samples=2", "Samples=17"), "Samples", "from 1 to 16"),
+    (Edit("Samples=2", "Samples=0"), "Samples", "from 1 to 16"),
     (Edit("Samples=2", "MaxErrorPx=-1"), "MaxErrorPx", "from 0 to 1000"),
     (Edit("Samples=2", "BudgetMs=soon"), "BudgetMs", "a number"),
     (Edit("Polygons=0", "Polygons=3"), "Catoptra.HyperbolicMirror.Polygons", "at least 4"),
+    (Edit("Polygons=0", "Polygons=17"), "Catoptra.HyperbolicMirror.Polygons", "such as 16"),
+    (Edit("Polygons=0", "Polygons=1009"), "Catoptra.HyperbolicMirror.Polygons", "such as 1008"),
     (Edit("Polygons=0", "Rings=0\nSectors=8"), "Catoptra.HyperbolicMirror.Sectors", "at least 3"),
     (Edit("Interpolation=uv", "Interpolation=cubic"), "Interpolation", "one of uv, position"),
     (Edit('"OmniCamPillar_Link4"', '"Omni Cam"'), "Cameras.ItemName", "one word"),

@@ -13,6 +13,7 @@ from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import (
     MAX_ITEMS,
     MAX_ROBOT_CLASSES,
+    find_unserved_robots,
     read_robot,
     read_robots,
 )
@@ -93,7 +94,7 @@ def test_struct_when_followed_by_the_pseudo_comment_of_a_real_file_is_read(tmp_p
         (Edit("SteeringType=Skid", "SteeringType=Ackermann"), "SteeringType", "SkidSteered"),
         (Edit("WheelRadius=0.13", "WheelRadius=0"), "WheelRadius", "from 0.001 to 10"),
         (Edit("WheelSeparation=0.4712", "WheelSeparation=wide"), "WheelSeparation", "a number"),
-        (Edit("(X=0.5238,Y=0.4968,", "(X=0.5238,Y=-1,"), "Y", "from 0.001 to 100"),
+        (Edit("(X=0.5238,Y=0.4968,", "(X=0.5238,Y=-1,"), "Dimensions.Y", "from 0.001 to 100"),
         (Edit("(X=0.5238,Y=0.4968,Z=0.2913)", "(X=0.5238"), "Dimensions", "a struct such as"),
         (Edit("TurnSlip=0.03", "TurnSlip=1.5"), "TurnSlip", "from 0 to 0.9"),
         (Edit("msgTimer=0.2", "msgTimer=0"), "msgTimer", "from 0.01 to 60"),
@@ -243,3 +244,25 @@ def test_robot_when_arbitrary_is_read_near_itself_or_rejected(
         links = [link.position_m for p in robot.mission_packages for link in p.links]
         positions = np.array([*cameras, *links, robot.drive.dimensions_m])
         assert np.abs(positions).max() <= 100.0
+
+
+def test_robots_that_are_not_served_are_found(tmp_path: Path) -> None:
+    path = tmp_path / "robots.ini"
+    path.write_text(
+        OMNI_ROBOT.read_text(encoding="utf-8")
+        + "[USARBot.Talon]\nSensors=(ItemClass=class'USARBot.Sonar',ItemName=\"S\")\n"
+        + "[USARBot.P2DX]\nbatteryLife=100\n[USARBot.Sonar]\nMaxRange=5\n"
+    )
+    robots, file = read_robots(path)
+    assert [robot.class_name for robot in robots] == ["USARBot.OmniP2AT", "USARBot.P2DX"]
+    assert find_unserved_robots(file) == ["USARBot.Talon"]
+
+
+def test_robot_may_be_based_on_a_bundled_name(tmp_path: Path) -> None:
+    path = tmp_path / "mine.ini"
+    path.write_text("[Configuration]\nBasedOn=p2at_omni\n[USARBot.OmniP2AT]\nMass=20\n")
+    robot, _ = read_robot(path)
+    assert (robot.class_name, robot.drive.mass_kg) == ("USARBot.OmniP2AT", 20.0)
+    path.write_text("[Configuration]\nBasedOn=p2at_omnii\n")
+    with pytest.raises(ConfigError, match="bundled robots: kenaf, legacy"):
+        read_robot(path)

@@ -99,7 +99,7 @@ def test_vector_when_malformed_is_rejected_with_its_line(text: str) -> None:
 
 
 def test_vector_when_a_member_is_out_of_bounds_names_the_member() -> None:
-    with pytest.raises(ConfigError, match=r"x\.ini:2: Z='-1': expected a number from 0 to 9"):
+    with pytest.raises(ConfigError, match=r"x\.ini:2: K\.Z='-1': expected a number from 0 to 9"):
         make_section("K=(X=1,Z=-1)").get_vector("K", min_value=0.0, max_value=9.0)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.memory_budget import MemoryBudget
 from catoptra_server.scene.facets import facet_normals
@@ -14,6 +15,7 @@ from catoptra_server.scene.item_loader import ItemLoader, ItemPart
 from catoptra_server.scene.world_description import Box, Item, Material, MeshFile
 from helpers.mesh_file_samples import export_mesh, make_coloured_square, write_unlit_glb
 
+WORLD_LINE = SourceLocation("house.ini", 12)
 TURNED = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
 
 
@@ -65,3 +67,46 @@ def test_material_of_the_item_replaces_all_of_the_file(tmp_path: Path) -> None:
     parts = load(make_item(write_unlit_glb(tmp_path), material=grey))
     assert [part.appearance.unlit for part in parts] == [False, False]
     np.testing.assert_array_equal(np.concatenate([p.appearance.albedo for p in parts]), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "key", "expected"),
+    [
+        (
+            "cut.glb",
+            b"glTF\x02\0\0\0\xff\0\0\0rest",
+            "house.File",
+            "it is cut off: 16 of 255 bytes",
+        ),
+        ("empty.glb", b"", "house.File", "it is empty"),
+        ("points.obj", b"v 0 0 0\nv 1 0 0\n", "house.File", "at least one triangle"),
+        ("part.step", b"ISO-10303", "house.File", "a known format"),
+        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "house.File", "at least one tri"),
+        (
+            "bare.gltf",
+            b'{"asset":{"version":"2.0"},"buffers":[{"uri":"none.bin","byteLength":12}]}',
+            "house.File",
+            "refers to none.bin, and there is no such file beside it",
+        ),
+    ],
+)
+def test_mesh_that_is_unusable_names_the_line_of_the_world(
+    tmp_path: Path, name: str, content: bytes, key: str, expected: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    item = Item("house", MeshFile(tmp_path / name), Pose.identity(), None, where=WORLD_LINE)
+    with pytest.raises(ConfigError) as caught:
+        list(ItemLoader("world", MemoryBudget()).load_parts(0, item))
+    assert (caught.value.location, caught.value.key) == (WORLD_LINE, key)
+    assert expected in caught.value.expected
+    assert str(tmp_path / name) in str(caught.value)
+
+
+def test_texture_that_is_unusable_names_the_line_of_the_world(tmp_path: Path) -> None:
+    image = tmp_path / "wall.png"
+    image.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
+    material = Material((1.0, 1.0, 1.0), texture=image)
+    item = Item("wall", Box((1.0, 1.0, 1.0)), Pose.identity(), material, where=WORLD_LINE)
+    with pytest.raises(ConfigError) as caught:
+        list(ItemLoader("world", MemoryBudget()).load_parts(0, item))
+    assert (caught.value.location, caught.value.key) == (WORLD_LINE, "wall.Texture")

@@ -10,12 +10,19 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 # In the repository a link to configs/, so that one copy exists; in a wheel a folder of real files.
 BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
 
-FileKind = Literal["robots", "worlds"]
+FileKind = Literal["robots", "worlds", "landmarks"]
+_SUFFIXES = {"robots": ".ini", "worlds": ".ini", "landmarks": ".csv"}
 
 
 def bundled_files(kind: FileKind) -> tuple[Path, ...]:
-    """Bundled ini files of a kind, sorted by name."""
-    return tuple(sorted((BUNDLED_FOLDER / kind).glob("*.ini")))
+    """Bundled files of a kind, sorted by name."""
+    return tuple(sorted((BUNDLED_FOLDER / kind).glob(f"*{_SUFFIXES[kind]}")))
+
+
+def find_bundled_file(kind: FileKind, name: str) -> Path | None:
+    """Bundled file of a bare name; None for the text of a path, or where there is none."""
+    path = BUNDLED_FOLDER / kind / f"{name}{_SUFFIXES[kind]}"
+    return path if len(Path(name).parts) == 1 and path.is_file() else None
 
 
 def find_configuration(kind: FileKind, path_or_name: str) -> Path:

@@ -37,6 +37,5 @@ def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSett
         p.field: section.get_float(p.key, p.default, min_value=p.min_value, max_value=p.max_value)
         for p in kind.parameters
     }
-    if not section.has_key(kind.name):
-        return None
-    return EffectSetting(kind.factory(**values), EffectMode(section.get_choice(kind.name, _MODES)))
+    mode = section.get_choice(kind.name, _MODES, "")
+    return EffectSetting(kind.factory(**values), EffectMode(mode)) if mode else None

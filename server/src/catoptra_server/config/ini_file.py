@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from catoptra_protocol.errors import SourceLocation
+from catoptra_server.config.bundled_files import FileKind
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unknown_names import UnknownName, is_own_section, suggest_name
 from catoptra_server.config.unreal_ini import Section, read_sections
@@ -21,8 +22,12 @@ _Sections = dict[str, SectionReader]  # by lower-case name
 class IniFile:
     """Sections of a file and of the files it is based on, merged by name regardless of case."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, kind: FileKind = "robots") -> None:
         """Read the file and the files it is based on ([Configuration] BasedOn=, as in UDK).
+
+        Args:
+            path: the file.
+            kind: kind of bundled files that it may be based on by their name alone.
 
         Raises:
             ConfigError: for an unreadable file, a line outside the grammar, files that are based on
@@ -32,7 +37,7 @@ class IniFile:
         self._sections: _Sections = {}
         self._absent: dict[str, str] = {}  # names of requested sections, by lower-case name
         # Bases first: each file overrides those it is based on.
-        for sections in reversed(_read_chain(path)):
+        for sections in reversed(_read_chain(path, kind)):
             self._apply(sections)
 
     def _apply(self, sections: _Sections) -> None:
@@ -48,7 +53,10 @@ class IniFile:
         if found is not None:
             return found
         self._absent[name.lower()] = name
-        return SectionReader(name, SourceLocation(str(self.path)), ())
+        absence = f"there is no section [{name}]"
+        if misspelt := suggest_name(name, self.section_names(), _MIN_SIMILARITY):
+            absence += f"; is [{misspelt}] meant to be it?"
+        return SectionReader(name, SourceLocation(str(self.path)), (), absence=absence)
 
     def has_section(self, name: str) -> bool:
         """Whether the file, or one it is based on, has the section."""
@@ -72,13 +80,13 @@ class IniFile:
         return unknown
 
 
-def _read_chain(path: Path) -> list[_Sections]:
+def _read_chain(path: Path, kind: FileKind) -> list[_Sections]:
     """Sections of a file, then those of each file that the one before is based on."""
     chain = [_merge_sections(read_sections(path))]
     # Resolved, since a link or a relative path would hide a cycle.
     seen = {path.resolve()}
     while (configuration := chain[-1].get("configuration")) and configuration.has_key("BasedOn"):
-        path = configuration.get_path("BasedOn", path.parent)
+        path = configuration.get_path("BasedOn", path.parent, bundled=kind)
         if path.resolve() in seen:
             raise configuration.make_error("BasedOn", expected="a file that is not based on this")
         if len(chain) > MAX_BASE_FILES:

@@ -11,39 +11,28 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cube_map import Face
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import CentralMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.effect_settings import read_effect_settings
 from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.mirror_section import PINHOLE_TOLERANCE_M, read_mirror, read_surface
 from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.config.texture_client_sections import read_texture_clients
+from catoptra_server.config.unknown_names import is_own_section
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.planning.explicit_plan import requested_samples
 from catoptra_server.planning.view_size import omni_view_size
-from catoptra_server.robot.render_settings import (
-    AccuracyTarget,
-    MirrorSurface,
-    PerPixel,
-    RenderSettings,
-)
+from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.robot.robot_description import OmniCameraDescription, TextureClient
-from catoptra_server.scene.mirror_mesh import (
-    Interpolation,
-    Tessellation,
-    tessellation_from_polygon_count,
-)
 
-# The paper's meshes end at 4096. A million take 0.3 GB while they are drawn into the lookup map.
-_MAX_POLYGONS = 1_000_000
 # 8192^2 raw pixels are 201 MB for a frame; the largest texture of OpenGL devices is not far above.
 _MAX_SIDE_PX = 8192
-# A capture camera so far off the pinhole (metres) displaces the image by 0.04 px at 360 px. Beyond
-# that the camera is no longer central, which is the effect Misalignment, not a camera model.
-_PINHOLE_TOLERANCE_M = 5e-5
 # Directions in real files have four digits: 1.5708 for a right angle.
 _AXIS_TOLERANCE_RAD = 1e-3
+# Up into the mirror, forward at the top of the image.
+_LOOKING_UP = (0.0, 1.5708, 3.1416)
 
 
 def read_omni_camera(
@@ -62,6 +51,7 @@ def read_omni_camera(
     """
     clients = section.get_structs("CamTexActors")
     if not clients:
+        _require_no_parts(section)
         return None
     if not clients[0].get_str("ItemName"):  # as in USARSim: no name, no camera
         clients[0].ignore_all()
@@ -75,20 +65,35 @@ def read_omni_camera(
     capture_item = _find_child(section, "Cameras", viewpoint)
     mirror_settings = file.get_section(mirror_item.get_str("ItemClass"))
     capture = file.get_section(capture_item.get_str("ItemClass"))
-    mirror = _read_mirror(mirror_item, mirror_settings)
+    mirror = read_mirror(mirror_item, mirror_settings)
     camera = _read_camera_model(mirror, mirror_settings, capture, capture_item)
+    texture_clients = read_texture_clients(file)
     description = OmniCameraDescription(
         name=capture_item.get_wire_name("ItemName"),
         camera=camera,
         robot_from_mirror=_read_viewpoint_pose(viewpoint),
-        texture_clients=_read_texture_clients(file),
-        render_settings=_read_render_settings(file, mirror_settings, capture),
+        texture_clients=texture_clients,
+        render_settings=_read_render_settings(texture_clients, mirror_settings, capture),
         min_frame_interval_s=capture.get_float("FrameInterval", 0.0, min_value=0.0, max_value=60.0),
         capture_fov_rad=_capture_fov(camera),
         effects=read_effect_settings(capture),
     )
     _reserve_view(description, capture, MemoryBudget(limit_bytes))
     return description
+
+
+def _require_no_parts(section: SectionReader) -> None:
+    """Raise ConfigError for a mirror or a capture camera without a viewpoint to be mounted on."""
+    for key in ("StaticMeshes", "Cameras"):
+        for item in section.get_structs(key):
+            if is_own_section(item.get_str("ItemClass", "")):
+                viewpoint = item.get_str("Parent", "") or "OmniCam"
+                raise section.make_error(
+                    "CamTexActors",
+                    expected=f"the viewpoint that {item.get_str('ItemName', 'an item')} of {key} "
+                    f'is mounted on, such as (ItemName="{viewpoint}",Position=(X=0,Y=0,Z=-0.45)); '
+                    "it is missing",
+                )
 
 
 def _reserve_view(
@@ -126,36 +131,6 @@ def _read_viewpoint_pose(viewpoint: SectionReader) -> Pose:
     return Pose.from_rpy(position, direction)
 
 
-def _read_mirror(item: SectionReader, settings: SectionReader) -> CentralMirror:
-    # The mesh's origin is the mirror's focus, which is the effective viewpoint.
-    if any(
-        abs(value) > _PINHOLE_TOLERANCE_M for value in item.get_vector("Position", (0.0, 0.0, 0.0))
-    ):
-        raise item.make_error(
-            "Position", expected="(X=0,Y=0,Z=0): the viewpoint has the mesh's position"
-        )
-    item.get_vector("Direction", (0.0, 0.0, 0.0))
-    item.get_str("ItemName")
-    metres = settings.get_float("MetresPerUnit", 0.1, min_value=1e-9)
-    match settings.name.rpartition(".")[2].lower():
-        case "hyperbolicmirror":
-            k = settings.get_float("K", min_value=2.0)
-            c_m = settings.get_float("C", min_value=0.0) * metres
-            # The bounds above are closed, the mirror's domain is open: K=2 and C=0 fail here.
-            try:
-                return HyperbolicMirror(k, c_m)
-            except DomainError as error:
-                raise settings.make_error(
-                    "K" if k <= 2.0 else "C", expected=f"a possible value: {error}"
-                ) from error
-        case "parabolicmirror":
-            radius = settings.get_float("HorizonRadius", min_value=1e-9)
-            return ParabolicMirror(radius * metres)
-    raise item.make_error(
-        "ItemClass", expected="Catoptra.HyperbolicMirror or Catoptra.ParabolicMirror with a section"
-    )
-
-
 def _read_camera_model(
     mirror: CentralMirror, settings: SectionReader, capture: SectionReader, item: SectionReader
 ) -> OmniCamera:
@@ -175,6 +150,12 @@ def _read_camera_model(
 
 def _require_at_pinhole(mirror: CentralMirror, item: SectionReader) -> None:
     """Raise ConfigError for a capture camera off the pinhole or the axis, which is not central."""
+    direction = item.get_vector("Direction", _LOOKING_UP)
+    forward = Pose.from_rpy((0, 0, 0), direction).rotation[:, 0]
+    if np.linalg.norm(forward - (0.0, 0.0, -1.0)) > _AXIS_TOLERANCE_RAD:
+        raise item.make_error("Direction", expected="a pitch Y=1.5708, looking up into the mirror")
+    if not item.has_key("Position"):  # at the pinhole, then
+        return
     position = np.asarray(item.get_vector("Position"))
     # A parabolic mirror's pinhole is at infinity: an orthographic camera anywhere on the axis.
     if math.isinf(mirror.pinhole_distance_m):
@@ -183,18 +164,17 @@ def _require_at_pinhole(mirror: CentralMirror, item: SectionReader) -> None:
     else:
         off = float(np.linalg.norm(position - (0.0, 0.0, mirror.pinhole_distance_m)))
         pinhole = f"(X=0,Y=0,Z={mirror.pinhole_distance_m:g}), the mirror's second focus"
-    if off > _PINHOLE_TOLERANCE_M:
+    if off > PINHOLE_TOLERANCE_M:
         raise item.make_error(
-            "Position", expected=f"the pinhole {pinhole}; it is {1e3 * off:.3g} mm off"
+            "Position",
+            expected=f"the pinhole {pinhole}, or no Position; it is {1e3 * off:.3g} mm off",
         )
-    forward = Pose.from_rpy((0, 0, 0), item.get_vector("Direction")).rotation[:, 0]
-    if np.linalg.norm(forward - (0.0, 0.0, -1.0)) > _AXIS_TOLERANCE_RAD:
-        raise item.make_error("Direction", expected="a pitch Y=1.5708, looking up into the mirror")
 
 
 def _image_up_azimuth(item: SectionReader) -> float:
     """Azimuth in the mirror frame, radians, of the direction at the top of the image."""
-    rotation = Pose.from_rpy((0, 0, 0), item.get_vector("Direction")).rotation
+    direction = item.get_vector("Direction", _LOOKING_UP)
+    rotation = Pose.from_rpy((0, 0, 0), direction).rotation
     up = -rotation[:, 2]
     azimuth = math.atan2(float(up[1]), float(up[0]))
     # 1.5708 in a file means a quarter turn exactly: the residual of 4e-6 rad would rotate the image
@@ -213,67 +193,18 @@ def _capture_fov(camera: OmniCamera) -> float:
     return 2.0 * math.atan2(float(r), camera.mirror.pinhole_distance_m - float(z))
 
 
-def _read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
-    """Texture clients N, E, S, W, C, as USARSim spawns them, and U where the file has one."""
-    clients = []
-    for face in Face:
-        section = file.get_section(f"USARBot.USARCameraTextureClient{face.name}")
-        if face is Face.U and not file.has_section(section.name):
-            continue
-        # USARSim's key; another value than 90 leaves gaps between the faces or lets them overlap.
-        fov = section.get_float("FOV", 90.0)
-        if abs(fov - 90.0) > 1e-6:
-            raise section.make_error("FOV", expected="90: the faces of a cube")
-        clients.append(
-            TextureClient(
-                face=face,
-                texture=section.get_str("DestTexture", f"OmniCam{face.name}"),
-                fov_rad=math.radians(fov),
-                size_px=section.get_int("TextureSize", 0, max_value=_MAX_SIDE_PX),
-            )
-        )
-    return tuple(clients)
-
-
 def _read_render_settings(
-    file: IniFile, mirror: SectionReader, capture: SectionReader
+    texture_clients: tuple[TextureClient, ...], mirror: SectionReader, capture: SectionReader
 ) -> RenderSettings:
     return RenderSettings(
-        surface=_read_surface(mirror),
-        samples=capture.get_int("Samples", 0, max_value=16),
+        surface=read_surface(mirror),
+        # Without a key the plan's default, which is no number of samples that a file could state.
+        samples=capture.get_int("Samples", 0, min_value=1, max_value=16),
         # Faces share an atlas and one size; 0 lets the plan choose sizes by density.
-        face_size_px=max(client.size_px for client in _read_texture_clients(file)),
-        face_samples=capture.get_int("FaceSamples", 0, max_value=8),
+        face_size_px=max(client.size_px for client in texture_clients),
+        face_samples=capture.get_int("FaceSamples", 0, min_value=1, max_value=8),
         accuracy_target=AccuracyTarget(
             max_error_px=capture.get_float("MaxErrorPx", 0.0, min_value=0.0, max_value=1000.0),
             budget_ms=capture.get_float("BudgetMs", 0.0, min_value=0.0, max_value=60_000.0),
         ),
     )
-
-
-def _read_surface(mirror: SectionReader) -> MirrorSurface:
-    """Mirror surface: Polygons=N, or Sectors= and Rings=; 0 = the exact surface in each pixel."""
-    name = mirror.get_choice(
-        "Interpolation", [i.value for i in Interpolation], Interpolation.UV.value
-    )
-    interpolation = Interpolation(name)
-    polygons = mirror.get_int("Polygons", 0, max_value=_MAX_POLYGONS)
-    sectors = mirror.get_int("Sectors", 0, max_value=10_000)
-    rings = mirror.get_int("Rings", 0, max_value=10_000)
-    # An explicit grid wins over a polygon count, which only suggests one.
-    if sectors or rings:
-        if sectors < 3 or rings < 1:
-            raise mirror.make_error(
-                "Sectors", expected="Sectors of at least 3 with Rings of at least 1"
-            )
-        if 2 * sectors * rings > _MAX_POLYGONS:
-            raise mirror.make_error(
-                "Sectors",
-                expected=f"at most {_MAX_POLYGONS} polygons, two for each sector and ring",
-            )
-        return Tessellation(sectors, rings, interpolation)
-    if not polygons:
-        return PerPixel()
-    if polygons < 4:
-        raise mirror.make_error("Polygons", expected="0 for the exact mirror, or at least 4")
-    return tessellation_from_polygon_count(polygons, interpolation)

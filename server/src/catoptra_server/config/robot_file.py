@@ -35,6 +35,8 @@ from catoptra_server.robot.standard_bases import STANDARD_BASES
 
 # UT2004 has a list for sensors; UDK has one for items of all kinds.
 _ITEM_LISTS = ("Sensors", "AddParts")
+# A section with one of these describes a robot.
+_ROBOT_KEYS = (*_ITEM_LISTS, "Cameras", "CamTexActors", "MisPkgs", "JointParts", "batteryLife")
 # UT2004's file has 24 robots; the camera of each class is prepared at start.
 MAX_ROBOT_CLASSES = 256
 # The longest list of a real file has 26 items. Each is a sensor in every tick, and hinges are
@@ -89,6 +91,18 @@ def _find_robot_sections(file: IniFile) -> Iterator[SectionReader]:
                     section.where, key="section", value=name, expected=WIRE_NAME_EXPECTED
                 )
             yield section
+
+
+def find_unserved_robots(file: IniFile) -> list[str]:
+    """Sections that describe robots, but none that this server can drive."""
+    sections = [file.get_section(name) for name in file.section_names()]
+    return [
+        section.name
+        for section in sections
+        if any(map(section.has_key, _ROBOT_KEYS))
+        and not section.has_key("SteeringType")
+        and _find_known_base(section) is None
+    ]
 
 
 def _find_known_base(section: SectionReader) -> DriveBase | None:

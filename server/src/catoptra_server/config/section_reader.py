@@ -13,11 +13,15 @@ from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.limits import MAX_NAME_CHARS
+from catoptra_server.config.bundled_files import FileKind, bundled_files, find_bundled_file
 from catoptra_server.config.entry_list import EntryList
 from catoptra_server.config.unknown_names import UnknownName, suggest_name
 from catoptra_server.config.unreal_ini import Entry, parse_struct, unquote
 
 Vector = tuple[float, float, float]
+
+# A key that was not read so far may be read later: WheelBase is no misspelt WheelRadius.
+_MIN_SIMILARITY = 0.75
 
 # Bound of all numbers: squares and products of a few stay finite in float32, too. A
 # robot's battery of 30 years has 1e9 s; no length, mass or angle of a real file is near.
@@ -31,9 +35,28 @@ WIRE_NAME_EXPECTED = "one word without spaces and braces: it is sent to clients"
 class SectionReader:
     """Entries of one section or struct, by lower-case key, in the order of the file."""
 
-    def __init__(self, name: str, where: SourceLocation, entries: Iterable[Entry]) -> None:
+    def __init__(
+        self,
+        name: str,
+        where: SourceLocation,
+        entries: Iterable[Entry],
+        *,
+        is_struct: bool = False,
+        absence: str = "",
+    ) -> None:
+        """Read entries.
+
+        Args:
+            name: Name of the section, or key of the struct.
+            where: First line.
+            entries: Lines of the section, or members of the struct.
+            is_struct: Whether errors name the struct beside its member.
+            absence: For an absent section, what errors say of that.
+        """
         self.name = name
         self.where = where
+        self._is_struct = is_struct
+        self._absence = absence
         # The lines as written: a derived section is replayed line by line over its base, operators
         # included, which the resulting values alone would no longer show.
         self._lines: list[Entry] = []
@@ -95,14 +118,19 @@ class SectionReader:
 
     def _last_entry(self, key: str, expected: str) -> Entry:
         entries = self._use_entries(key)
-        if not entries:
-            raise ConfigError(
-                self.where,
-                key=f"{self.name}.{key}",
-                value="",
-                expected=f"{expected}; it is missing",
-            )
-        return entries.last
+        if entries:
+            return entries.last
+        reason = self._absence or "it is missing"
+        unread = [k for k in self._entries if k not in self._used_keys]
+        if misspelt := suggest_name(key, unread, _MIN_SIMILARITY):
+            reason += f"; is {self._entries[misspelt].last.key} meant to be it?"
+        raise ConfigError(
+            self.where, key=f"{self.name}.{key}", value="", expected=f"{expected}; {reason}"
+        )
+
+    def _value_error(self, entry: Entry, expected: str) -> ConfigError:
+        key = f"{self.name}.{entry.key}" if self._is_struct else entry.key
+        return ConfigError(entry.where, key=key, value=entry.value, expected=expected)
 
     def _use_entries(self, key: str) -> EntryList:
         self._used_keys[key.lower()] = key
@@ -121,13 +149,32 @@ class SectionReader:
             raise self.make_error(key, expected=WIRE_NAME_EXPECTED)
         return text
 
-    def get_path(self, key: str, folder: Path) -> Path:
-        """Path of an existing file; a relative path is resolved against the folder."""
+    def get_path(
+        self,
+        key: str,
+        folder: Path,
+        *,
+        bundled: FileKind | None = None,
+    ) -> Path:
+        """Path of an existing file.
+
+        Args:
+            key: the key, in any case.
+            folder: folder that a relative path is resolved against.
+            bundled: kind of bundled files whose bare names are accepted, too.
+        """
         # UT2004's files are written on Windows.
-        path = folder / self.get_str(key).replace("\\", "/")
-        if not path.is_file():
-            raise self.make_error(key, expected=f"a file that exists; there is no {path}")
-        return path
+        text = self.get_str(key).replace("\\", "/")
+        path = folder / text
+        if path.is_file():
+            return path
+        found = find_bundled_file(bundled, text) if bundled else None
+        if found is None:
+            names = ", ".join(file.stem for file in bundled_files(bundled)) if bundled else ""
+            or_name = f", or one of the bundled {bundled}: {names}" if bundled else ""
+            problem = f"{path} is a folder" if path.is_dir() else f"there is no {path}"
+            raise self.make_error(key, expected=f"a file that exists{or_name}; {problem}")
+        return found
 
     def get_float(
         self,
@@ -152,9 +199,9 @@ class SectionReader:
         value = _parse_float(entry.value)
         if value is not None and abs(value) > MAX_NUMBER:
             expected += f", not beyond {MAX_NUMBER:g}"
-            raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
+            raise self._value_error(entry, expected)
         if value is None or not min_value <= value <= max_value:
-            raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
+            raise self._value_error(entry, expected)
         return value
 
     def get_int(
@@ -167,7 +214,7 @@ class SectionReader:
         entry = self._last_entry(key, expected)
         value = _parse_float(entry.value)
         if value is None or value != int(value) or not min_value <= value <= max_value:
-            raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
+            raise self._value_error(entry, expected)
         return int(value)
 
     def get_bool(self, key: str, default: bool) -> bool:
@@ -177,9 +224,7 @@ class SectionReader:
         entry = self._last_entry(key, "true or false")
         words = {"true": True, "1": True, "false": False, "0": False}
         if entry.value.lower() not in words:
-            raise ConfigError(
-                entry.where, key=entry.key, value=entry.value, expected="true or false"
-            )
+            raise self._value_error(entry, "true or false")
         return words[entry.value.lower()]
 
     def get_choice(self, key: str, allowed: Sequence[str], default: str | None = None) -> str:
@@ -191,7 +236,7 @@ class SectionReader:
         for word in allowed:
             if unquote(entry.value).lower() == word.lower():
                 return word
-        raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
+        raise self._value_error(entry, expected)
 
     def get_vector(
         self,
@@ -258,12 +303,13 @@ def is_wire_name(text: str) -> bool:
 def _parse_struct(entry: Entry) -> SectionReader:
     members = parse_struct(entry.value)
     if members is None:
-        raise ConfigError(
-            entry.where, key=entry.key, value=entry.value, expected="a struct such as (X=0,Y=0,Z=0)"
-        )
+        is_open = entry.value.count("(") != entry.value.count(")")
+        hint = "; a parenthesis is missing" if is_open else ""
+        expected = f"a struct such as (X=0,Y=0,Z=0){hint}"
+        raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
     # Members share the line of their struct: one struct is one line of the file.
     inner = (Entry(name, text, "", entry.where) for name, text in members)
-    return SectionReader(entry.key, entry.where, inner)
+    return SectionReader(entry.key, entry.where, inner, is_struct=True)
 
 
 def _parse_float(text: str) -> float | None:

@@ -26,6 +26,7 @@ from catoptra_protocol.usarsim.reports import (
 )
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader, Vector
+from catoptra_server.config.unknown_names import suggest_name
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.world_description import (
     Box,
@@ -64,10 +65,12 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     Raises:
         ConfigError: with file, line, key, value and the expected form.
     """
-    file = IniFile(path)
+    file = IniFile(path, "worlds")
     section = file.get_section(_SECTION)
     if not file.has_section(_SECTION):
-        raise section.make_error("section", expected=f"a section [{_SECTION}]")
+        misspelt = suggest_name(_SECTION, file.section_names())
+        hint = f"; is [{misspelt}] meant to be it?" if misspelt else ""
+        raise section.make_error("section", expected=f"a section [{_SECTION}]{hint}")
     name = section.get_str("Name", path.stem)
     starts = tuple(_read_start(start) for start in section.get_structs("PlayerStarts"))
     _require_sendable(section, "Name", Greeting("", name))
@@ -110,7 +113,9 @@ def _require_sendable(section: SectionReader, key: str, report: Report) -> None:
 
 def _load_landmarks(section: SectionReader, folder: Path) -> tuple[Landmark, ...]:
     file_name = section.get_str("Landmarks", "")
-    return read_landmarks(section.get_path("Landmarks", folder)) if file_name else ()
+    if not file_name:
+        return ()
+    return read_landmarks(section.get_path("Landmarks", folder, bundled="landmarks"))
 
 
 def _read_landmark_albedos(section: SectionReader) -> dict[str, Rgb]:
@@ -210,7 +215,7 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
     material = None if has_own_material else _read_material(struct, folder)
     unlit = _read_unlit(struct) if has_own_material else None
     name, casts_shadows = struct.get_str("Name", default_name), struct.get_bool("CastShadow", True)
-    return Item(name, shape, pose, material, casts_shadows, unlit)
+    return Item(name, shape, pose, material, casts_shadows, unlit, struct.where)
 
 
 def _read_unlit(struct: SectionReader) -> bool | None:

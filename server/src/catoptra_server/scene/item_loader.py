@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.errors import SourceLocation
+from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -73,6 +73,20 @@ class ItemLoader:
         Raises:
             ConfigError: A mesh or texture file is missing or unusable, or the budget is exceeded.
         """
+        try:
+            yield from self._load_parts(index, item)
+        except ConfigError as error:
+            if item.where is None:
+                raise
+            # The line that names the file: a mesh may be one of fifty, and refer to others.
+            raise ConfigError(
+                item.where,
+                key=f"{item.name}.{error.key}",
+                value=error.value,
+                expected=f"{error.expected}; {error.location}",
+            ) from error
+
+    def _load_parts(self, index: int, item: Item) -> Iterator[ItemPart]:
         if isinstance(item.shape, MeshFile):
             yield from self._load_mesh_file(index, item, item.shape)
             return

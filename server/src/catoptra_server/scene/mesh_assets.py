@@ -50,7 +50,7 @@ class MeshAssets:
             path = (self._folder / candidate).resolve()
             if path.is_relative_to(self._folder) and path.is_file():
                 return path
-        raise FileNotFoundError(name)
+        raise FileNotFoundError(f"it refers to {name}, and there is no such file beside it")
 
     def _read(self, path: Path) -> bytes:
         where = SourceLocation(str(path))

@@ -126,7 +126,9 @@ def _read_scene(path: Path, memory: MemoryBudget) -> Any:
     where = SourceLocation(str(path))
     assets = MeshAssets(path.parent, memory)
     if path.suffix.lower() in _GLTF_SUFFIXES:
-        reserve_gltf(path.read_bytes(), memory, where, assets.get)
+        data = path.read_bytes()
+        _require_whole(data)
+        reserve_gltf(data, memory, where, assets.get)
     try:
         # process=False: no merging of vertices, which would change texture coordinates at seams.
         return trimesh.load_scene(path, resolver=assets, process=False)
@@ -134,6 +136,15 @@ def _read_scene(path: Path, memory: MemoryBudget) -> Any:
         # trimesh logs an image that it cannot read, and goes on without.
         if assets.rejection is not None:
             raise assets.rejection
+
+
+def _require_whole(data: bytes) -> None:
+    """Raise ValueError for a GLB file that is shorter than it states."""
+    if not data:
+        raise ValueError("it is empty")
+    stated = int.from_bytes(data[8:12], "little")
+    if data[:4] == b"glTF" and len(data) < stated:
+        raise ValueError(f"it is cut off: {len(data)} of {stated} bytes")
 
 
 def _convert_scene(scene: Any, shape: MeshFile, memory: MemoryBudget) -> Iterator[LoadedMesh]:

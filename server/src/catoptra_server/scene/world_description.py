@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import field
 from pathlib import Path
 
-from catoptra_protocol.errors import DomainError
+from catoptra_protocol.errors import DomainError, SourceLocation
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -108,6 +108,8 @@ class Item:
     unlit: bool | None = None
     """Whether a mesh file is shown at its albedo, whatever the lights; None: as file or material
     say."""
+    where: SourceLocation | None = None
+    """Line of the world's file, for errors of its mesh and texture; None for an item of no file."""
 
 
 @dataclass(frozen=True, slots=True)
