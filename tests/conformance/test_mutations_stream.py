@@ -8,15 +8,13 @@ from functools import cache
 import pytest
 
 from conformance.check import ServerUnderTest
-from conformance.mutation import ConnectionMutation, Mutation
-from conformance.mutation_play import find_failures, play_rows
+from conformance.mutation import Mutation
+from conformance.mutation_play import find_failures, make_unmutated, play_rows
 from conformance.server_setup import server_under_test
 from conformance.stream_mutations import STREAM_MUTATIONS
 from conformance.suite import Outcome, RowResult
 from helpers.configs import OMNI_ROBOT
 from helpers.server_process import start_server
-
-UNMUTATED = Mutation("unmutated", "stream", ConnectionMutation)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +27,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerUnderTest
 @pytest.fixture(scope="module")
 def play_unmutated(server: ServerUnderTest) -> Callable[[str], RowResult]:
     """Result of a row through the proxy alone, played once."""
-    return cache(lambda row: play_rows(UNMUTATED, server, [row])[0])
+    return cache(lambda row: play_rows(make_unmutated("stream"), server, [row])[0])
 
 
 @pytest.mark.parametrize("mutation", STREAM_MUTATIONS, ids=lambda mutation: mutation.name)
