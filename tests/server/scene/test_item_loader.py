@@ -76,7 +76,7 @@ def test_material_of_the_item_replaces_all_of_the_file(tmp_path: Path) -> None:
             "cut.glb",
             b"glTF\x02\0\0\0\xff\0\0\0rest",
             "house.File",
-            "it is cut off: 16 of 255 bytes",
+            "cut off: 16 of 255 bytes",
         ),
         ("empty.glb", b"", "house.File", "it is empty"),
         ("points.obj", b"v 0 0 0\nv 1 0 0\n", "house.File", "at least one triangle"),
