@@ -121,10 +121,12 @@ def level_robot_ini(level: AccuracyLevel, size_px: int) -> str:
         size_px: Width and height of the image.
     """
     settings = level.render_settings
+    numbers = {"Samples": settings.samples, "FaceSamples": settings.face_samples}
+    # 0 is the default's number, which a file states by leaving the key out.
+    stated = "".join(f"{key}={number}\n" for key, number in numbers.items() if number)
     return (
         f"[Catoptra.HyperbolicMirror]\n{_surface_ini(settings)}"
-        f"[Catoptra.OmniCaptureCamera]\nResolutionX={size_px}\nResolutionY={size_px}\n"
-        f"Samples={settings.samples}\nFaceSamples={settings.face_samples}\n"
+        f"[Catoptra.OmniCaptureCamera]\nResolutionX={size_px}\nResolutionY={size_px}\n{stated}"
         f"[USARBot.USARCameraTextureClientN]\nTextureSize={settings.face_size_px}\n"
     )
 
