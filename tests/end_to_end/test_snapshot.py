@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_client.__main__ import main
+from catoptra_client.cli import main
 from catoptra_client.frame import Pixels, rgb_from_image_bytes
 from catoptra_client.frame_pictures import make_panorama
 from catoptra_client.frame_sources.frame_source import open_frame_source

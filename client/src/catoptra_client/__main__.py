@@ -1,180 +1,23 @@
-"""Command line: save a `snapshot`, `train` a colour classifier, print `bearings` of landmarks."""
+"""Entry point of `catoptra-client`: Ctrl-C ends every command with one line, loading included."""
 
 from __future__ import annotations
 
-import argparse
-import math
 import sys
 from collections.abc import Sequence
-from itertools import count, islice
-from pathlib import Path
 
-from catoptra_client.bundled_landmarks import find_landmark_file
-from catoptra_client.frame_pictures import make_panorama, write_image
-from catoptra_client.frame_sources.frame_source import open_frame_source
-from catoptra_client.frame_sources.image_client import ImageClient
-from catoptra_client.landmarks import (
-    DEFAULT_THETA,
-    Detection,
-    Viewpoint,
-    detect,
-    load_classifier,
-    make_detector,
-    save_classifier,
-    train,
-)
-from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
-from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
-from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.landmarks import read_landmarks
-from catoptra_protocol.stream.requests import ImageEncoding
-
-# As shells report a process that SIGINT ended.
 EXIT_INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; 0 on success, 1 after an error message on stderr, 130 after Ctrl-C."""
-    parsed = _make_parser().parse_args(arguments)
+    """Run a command, and return the exit status of the process."""
     try:
-        parsed.run(parsed)
-    # Expected failures only; a programming error keeps its traceback.
-    except (CatoptraError, OSError) as error:
-        print(f"catoptra-client: {error}", file=sys.stderr)
-        return 1
+        # NumPy and OpenCV take most of a second, in which a user may have second thoughts.
+        from catoptra_client.cli import main as run
+
+        return run(arguments)
     except KeyboardInterrupt:
         print("catoptra-client: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
-    return 0
-
-
-def _save_snapshot(parsed: argparse.Namespace) -> None:
-    """Save one frame of a robot's camera, or its panorama, as an image file."""
-    host = f"[{parsed.host}]" if ":" in parsed.host else parsed.host
-    with open_frame_source(
-        f"zmq://{host}:{parsed.stream_port}",
-        robot=parsed.robot,
-        camera=parsed.camera,
-        encoding=ImageEncoding.PNG,
-    ) as source:
-        frame = source.get_frame()
-    if frame.camera is None and not frame.rgb.any():
-        raise CatoptraError("nothing to save: no robot with a camera has been spawned")
-    image = make_panorama(frame) if parsed.panorama else frame.rgb
-    write_image(parsed.output, image)
-    height, width = image.shape[:2]
-    print(f"{parsed.output}: {width} x {height} px, {frame.camera_name or 'image port'}")
-
-
-def _train(parsed: argparse.Namespace) -> None:
-    """Train a classifier on labelled frames from random poses on the field."""
-    landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
-    frame_numbers = count(1)
-    frames = capture_training_frames(
-        _server_address(parsed),
-        landmarks=landmarks,
-        num_frames=parsed.frames,
-        seed=parsed.seed,
-        robot_class=parsed.robot_class,
-        on_frame=lambda: _print_progress(next(frame_numbers), parsed.frames),
-    )
-    classifier = train(frames, theta=parsed.theta)
-    parsed.output.parent.mkdir(parents=True, exist_ok=True)
-    save_classifier(classifier, parsed.output)
-    print(f"classifier written to {parsed.output}, threshold {parsed.theta:g}")
-
-
-def _print_progress(number: int, total: int) -> None:
-    """Overwrite one line of stderr; stdout carries results alone."""
-    print(f"\rlabelled frame {number} of {total}", end="", file=sys.stderr, flush=True)
-    if number == total:
-        print(file=sys.stderr)
-
-
-def _print_bearings(parsed: argparse.Namespace) -> None:
-    """Print the landmarks of every frame."""
-    landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
-    classifier = load_classifier(parsed.classifier)
-    address = _server_address(parsed)
-    with (
-        RobotClient.connect(address.host, address.control_port) as robot,
-        ImageClient.connect(address.host, address.image_port) as images,
-    ):
-        robot.spawn(parsed.robot_class, start_pose=parsed.start)
-        # The server's configuration has the exact camera model: nothing to calibrate.
-        camera, height_m = robot.get_camera_and_height()
-        detector = make_detector(
-            camera, classifier, landmarks=landmarks, viewpoint=Viewpoint(height_m)
-        )
-        # islice has no end for None: --frames 0 runs until interrupted.
-        for frame in islice(images.iter_frames(), parsed.frames or None):
-            print(f"frame {frame.sequence}")
-            for detection in detect(detector, frame.rgb):
-                print("  " + _format_detection(detection))
-
-
-def _format_detection(detection: Detection) -> str:
-    bearing = f"{math.degrees(detection.bearing_rad):+7.2f} deg"
-    # Goals and landmarks near the horizon have a bearing alone.
-    range_ = f"{detection.range_m:6.3f} m" if detection.has_range else "   ?    "
-    return f"{detection.name:22} {bearing}  {range_}"
-
-
-def _server_address(parsed: argparse.Namespace) -> ServerAddress:
-    return ServerAddress(parsed.host, parsed.control_port, parsed.image_port)
-
-
-def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="catoptra-client", description=__doc__)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    snapshot_parser = commands.add_parser(
-        "snapshot", help="save one frame of a robot's camera as an image file"
-    )
-    snapshot_parser.set_defaults(run=_save_snapshot)
-    snapshot_parser.add_argument("output", type=Path, metavar="OUT.png", help="PNG or JPEG file")
-    snapshot_parser.add_argument("--robot", help="name of the robot; the image port's picture")
-    snapshot_parser.add_argument("--camera", help="name of the camera; the robot's first one")
-    snapshot_parser.add_argument(
-        "--panorama", action="store_true", help="the panorama instead of the camera's image"
-    )
-    snapshot_parser.add_argument("--host", default="127.0.0.1")
-    snapshot_parser.add_argument("--stream-port", type=int, default=5005)
-    train_parser = commands.add_parser(
-        "train", help="train the colour classifier from labelled frames"
-    )
-    train_parser.set_defaults(run=_train)
-    train_parser.add_argument("--output", type=Path, default=Path("out/classifier.npz"))
-    train_parser.add_argument(
-        "--theta", type=float, default=DEFAULT_THETA, help="threshold of Eq. 3"
-    )
-    train_parser.add_argument("--seed", type=int, default=1, help="of the random poses")
-    train_parser.add_argument("--frames", type=int, default=30)
-    bearings_parser = commands.add_parser(
-        "bearings", help="print the landmarks in the robot's frames"
-    )
-    bearings_parser.set_defaults(run=_print_bearings)
-    bearings_parser.add_argument("--classifier", type=Path, default=Path("out/classifier.npz"))
-    bearings_parser.add_argument("--start", default="Centre", help="start pose of the robot")
-    bearings_parser.add_argument("--frames", type=int, default=0, help="0 = until interrupted")
-    # On each subcommand rather than the parent, so that options may follow the command.
-    for command in (train_parser, bearings_parser):
-        command.add_argument(
-            "--landmarks",
-            default="four_legged_2006",
-            metavar="CSV",
-            help="file, or the name of a bundled one",
-        )
-        command.add_argument(
-            "--robot-class",
-            default=ROBOT_CLASS,
-            metavar="CLASS",
-            help="class to spawn, with a mirror camera (default: %(default)s)",
-        )
-        command.add_argument("--host", default="127.0.0.1")
-        command.add_argument("--control-port", type=int, default=3000)
-        command.add_argument("--image-port", type=int, default=5003)
-    return parser
 
 
 if __name__ == "__main__":
