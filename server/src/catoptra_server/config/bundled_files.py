@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_server.config.unknown_names import suggest_name
 
 # In the repository a link to configs/, so that one copy exists; in a wheel a folder of real files.
 BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
@@ -45,10 +46,12 @@ def find_configuration(kind: FileKind, path_or_name: str) -> Path:
     bundled = {file.stem: file for file in bundled_files(kind)}
     if path_or_name not in bundled:
         names = ", ".join(bundled)
+        suggestion = suggest_name(path_or_name, bundled)
+        hint = f"; did you mean {suggestion}?" if suggestion else ""
         raise ConfigError(
             SourceLocation(path_or_name),
             key="file",
             value=path_or_name,
-            expected=f"an ini file, or one of the bundled {kind}: {names}",
+            expected=f"an ini file, or one of the bundled {kind}: {names}{hint}",
         )
     return bundled[path_or_name]
