@@ -93,7 +93,7 @@ def _shift_region(request: bytes) -> bytes:
     if request[:1] != b"U":
         return request
     word, x, *rest = _REGION.unpack(request)
-    return _REGION.pack(word, x + 9, *rest)
+    return _REGION.pack(word, (x + 9) % 2**32, *rest)
 
 
 def _with_type(type_: int) -> MutateBytes:
