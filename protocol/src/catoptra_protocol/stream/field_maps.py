@@ -208,7 +208,8 @@ _SCALAR_READERS: dict[Any, FieldReader] = {
 
 
 def _fields_from_dataclass(message: Any) -> dict[str, Any]:
-    fields = {name: getattr(message, name) for name in _field_names(type(message))}
+    key: Any = type(message)  # hashable, which type[Any] does not promise to the cache below
+    fields = {name: getattr(message, name) for name in _field_names(key)}
     # Readers reject NaN and infinity, so sending one would only move the failure to the peer.
     for name, value in fields.items():
         if isinstance(value, float) and not math.isfinite(value):
