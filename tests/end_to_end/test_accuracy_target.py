@@ -44,7 +44,11 @@ def test_tolerance_when_set_is_met_by_the_next_frame(
     assert plan.cost_ms is not None
     assert plan.faster is None or plan.faster.error_bound_px > tolerance_px
     frame = client.get_frame(encoding=ImageEncoding.RAW)
-    assert frame.error_bound_px == plan.error_bound_px is not None
+    assert plan.error_bound_px is not None
+    assert frame.error_bounds is not None
+    scene_px = frame.error_bounds["scene_px"]
+    assert 0.0 < scene_px < 0.01
+    assert frame.error_bound_px == pytest.approx(plan.error_bound_px + scene_px)
     assert plan.error_bound_px <= tolerance_px
     assert frame.plan == plan.plan
 

@@ -24,7 +24,8 @@ from helpers.server_process import DEADLINE_S, RunningServer, start_server
 README = REPOSITORY / "README.md"
 CLIENT_README = REPOSITORY / "client/README.md"
 MAX_LINES = 6
-POSE = re.compile(r"\[\s*(\S+)\s+(\S+)\s+(\S+)\]")
+# NumPy pads short numbers by spaces, in front of the bracket too.
+POSE = re.compile(r"\[\s*(\S+)\s+(\S+)\s+(\S+?)\s*\]")
 
 
 @pytest.fixture(scope="module")
