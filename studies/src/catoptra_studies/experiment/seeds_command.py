@@ -10,8 +10,8 @@ import argparse
 import json
 import os
 import signal
+import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
@@ -87,18 +87,22 @@ def _run_seeds(
     config: ExperimentConfig, seeds: Sequence[int], num_processes: int
 ) -> list[SeedResult]:
     results = []
-    # Spawned, since a fork copies the locks of the display's thread. Ctrl-C is for this process,
-    # which then cancels the seeds that have not begun.
-    pool = ProcessPoolExecutor(
-        num_processes, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
-    )
+    # Spawned, since a fork copies the locks of the display's thread. Leaving the block ends the
+    # processes, after an error or Ctrl-C with the seeds that have not ended.
+    pool = get_context("spawn").Pool(num_processes, _end_by_signal)
     with open_progress() as progress, pool:
         advance = progress.add_task("seeds", len(seeds))
-        # In the order of the seeds; the first that fails ends the command and cancels the rest.
-        for result in pool.map(partial(evaluate_experiment, config), seeds):
+        # In the order of the seeds; the first that fails ends the command.
+        for result in pool.imap(partial(evaluate_experiment, config), seeds):
             results.append(result)
             advance()
     return results
+
+
+def _end_by_signal() -> None:
+    """Let SIGTERM end a process with its servers; Ctrl-C is for the process that started it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
 
 
 def _write_report(config: ExperimentConfig, results: Sequence[SeedResult]) -> None:
