@@ -63,6 +63,15 @@ def write_textured_gltf(folder: Path) -> Path:
     return folder / "model.gltf"
 
 
+def write_gltf_with_image_file(folder: Path, image: str) -> Path:
+    """Write the textured square as glTF whose image is a file, which is not written."""
+    path = write_textured_gltf(folder)
+    document = json.loads(path.read_text(encoding="utf-8"))
+    document["images"] = [{"uri": image}]
+    path.write_text(json.dumps(document), encoding="utf-8")
+    return path
+
+
 def write_tinted_glb(folder: Path, red: int) -> Path:
     """Write the square in a material of one colour (red, 0, 0), no texture."""
     return export_mesh(_make_tinted_square(red), folder / "m.glb")

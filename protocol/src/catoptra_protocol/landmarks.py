@@ -82,16 +82,12 @@ def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, 
         expected = f"at most {MAX_LANDMARKS} landmarks"
         raise ConfigError(SourceLocation(file, number), key="row", value=line, expected=expected)
     names = [field.name for field in fields(Landmark)]
-    if (
-        not numbered
-        or _parse_columns(SourceLocation(file, numbered[0][0]), numbered[0][1]) != names
-    ):
-        found = numbered[0][1] if numbered else ""
+    number, header = numbered[0] if numbered else (1, "")
+    where = SourceLocation(file, number)
+    columns = _parse_columns(where, header) if header else []
+    if columns != names:
         raise ConfigError(
-            SourceLocation(file, 1),
-            key="header",
-            value=found,
-            expected=f"the columns {','.join(names)}",
+            where, key="header", value=header, expected=_describe_columns(columns, names)
         )
     # By name, to find repeated ones; in the order of the file.
     landmarks: dict[str, Landmark] = {}
@@ -104,6 +100,15 @@ def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, 
             )
         landmarks[landmark.name] = landmark
     return tuple(landmarks.values())
+
+
+def _describe_columns(found: list[str], expected: list[str]) -> str:
+    """The columns of a header, and which of them a wrong one lacks or has too many."""
+    missing = [name for name in expected if name not in found]
+    unknown = [name for name in found if name not in expected]
+    hint = f"; missing: {', '.join(missing)}" if missing else ""
+    hint += f"; unknown: {', '.join(unknown)}" if unknown else ""
+    return f"the columns {','.join(expected)} in this order{hint}"
 
 
 def _parse_columns(location: SourceLocation, line: str) -> list[str]:
@@ -119,7 +124,9 @@ def _parse_columns(location: SourceLocation, line: str) -> list[str]:
 def _parse_landmark(location: SourceLocation, line: str, names: list[str]) -> Landmark:
     values = _parse_columns(location, line)
     if len(values) != len(names):
-        raise ConfigError(location, key="row", value=line, expected=f"{len(names)} columns")
+        raise ConfigError(
+            location, key="row", value=line, expected=f"{len(names)} columns, not {len(values)}"
+        )
     row = dict(zip(names, values, strict=True))
     for key, allowed in (
         ("kind", LANDMARK_KINDS),

@@ -162,7 +162,7 @@ def test_texture_client_without_a_section_is_named_in_a_warning(
     path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit(section, section.replace("tE]", "tEast]")))
     with caplog.at_level(logging.WARNING):
         _, file = read_robot(path)
-    assert f"no section {section} of a texture client" in caplog.text
+    assert f"no section {section}: a texture client renders" in caplog.text
     (unknown,) = file.unknown_names()
     assert unknown.suggestion == section.strip("[]")
 

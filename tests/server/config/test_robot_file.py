@@ -130,7 +130,7 @@ def test_robot_when_a_key_is_missing_names_its_section(tmp_path: Path, key: str)
 
 
 def test_file_when_it_has_no_robot_describes_one(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"robot\.ini: USARBot\.X\.SteeringType=.*SkidSteered"):
+    with pytest.raises(ConfigError, match=r"robot\.ini: section=.*SteeringType=SkidSteered"):
         read_robot(write_file(tmp_path, "[A.B]\nK=1\n"))
 
 

@@ -215,7 +215,7 @@ def test_starts_when_too_many_for_a_line_are_rejected(tmp_path: Path) -> None:
 def test_file_when_it_has_no_world_names_the_section(tmp_path: Path, text: str) -> None:
     path = tmp_path / "world.ini"
     path.write_text(text)
-    with pytest.raises(ConfigError, match=r"world\.ini: .*a section \[Catoptra\.World\]"):
+    with pytest.raises(ConfigError, match=r"world\.ini: .*expected \[Catoptra\.World\]"):
         read_world(path)
 
 

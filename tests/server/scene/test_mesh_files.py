@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,7 @@ from helpers.mesh_file_samples import (
     make_coloured_square,
     make_plain_square,
     make_textured_square,
+    write_gltf_with_image_file,
     write_textured_dae,
     write_textured_gltf,
     write_tinted_dae,
@@ -191,8 +193,29 @@ def test_triangles_without_a_finite_position_are_dropped_and_logged(
     path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv {bad}\nf 1 2 3\nf 1 2 4\n")
     assert len(load(path).corners) == 1
     (record,) = caplog.records
-    assert "m.obj: left out 1 of 2 triangles with a corner without" in record.getMessage()
+    assert (
+        "m.obj: left out 1 of 2 triangles with a corner beyond 1e+06 m or no number"
+        in record.getMessage()
+    )
     assert record.getMessage().endswith("the first is number 1")
+
+
+@pytest.mark.parametrize("form", ["gltf", "obj"])
+def test_image_of_a_mesh_that_is_missing_is_named_in_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, form: str
+) -> None:
+    if form == "gltf":
+        path = write_gltf_with_image_file(tmp_path, "paint.png")
+    else:
+        path = tmp_path / "m.obj"
+        (tmp_path / "m.mtl").write_text("newmtl x\nmap_Kd paint.png\n")
+        vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        path.write_text(f"mtllib m.mtl\nusemtl x\n{vertices}f 1/1 2/2 3/3\n")
+    with caplog.at_level(logging.WARNING):
+        assert load(path).appearance.texture is None
+    assert [r.getMessage() for r in caplog.records if r.name.startswith("catoptra")] == [
+        f"{path}: it is drawn without paint.png: there is no such file beside it"
+    ]
 
 
 @pytest.mark.parametrize("bad", ["nan 0", "inf 1", "1e30 0"])

@@ -53,10 +53,11 @@ class IniFile:
         if found is not None:
             return found
         self._absent[name.lower()] = name
-        absence = f"there is no section [{name}]"
+        where, absence = SourceLocation(str(self.path)), f"there is no section [{name}]"
         if misspelt := suggest_name(name, self.section_names(), _MIN_SIMILARITY):
+            where = self._sections[misspelt.lower()].where
             absence += f"; is [{misspelt}] meant to be it?"
-        return SectionReader(name, SourceLocation(str(self.path)), (), absence=absence)
+        return SectionReader(name, where, (), absence=absence)
 
     def has_section(self, name: str) -> bool:
         """Whether the file, or one it is based on, has the section."""

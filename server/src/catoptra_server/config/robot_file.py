@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TypedDict
 
-from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.joint_parts import read_joint_parts
 from catoptra_server.config.mission_package_items import read_mission_packages
@@ -73,8 +73,13 @@ def read_robots(
         )
     robots = tuple(_read_robot_section(file, section, limit_bytes) for section in sections)
     if not robots:
-        raise file.get_section("USARBot.X").make_error(
-            "SteeringType", expected="a section [USARBot.X] with SteeringType=SkidSteered"
+        is_world = file.has_section("Catoptra.World")
+        raise ConfigError(
+            SourceLocation(str(path)),
+            key="section",
+            value="",
+            expected="a section such as [USARBot.MyRobot] with SteeringType=SkidSteered"
+            + ("; this is a world's file" if is_world else ""),
         )
     return robots, file
 
@@ -155,13 +160,15 @@ def _item_name(struct: SectionReader) -> str:
 
 def _require_unique_names(section: SectionReader) -> None:
     # Clients address sensors and cameras by name alone, across the lists and regardless of case.
-    names: set[str] = set()
+    places: dict[str, SourceLocation] = {}
     for key in (*_ITEM_LISTS, "Cameras"):
         for item in section.get_structs(key):
             name = item.get_wire_name("ItemName").lower()
-            if name in names:
-                raise item.make_error("ItemName", expected="a name that no other sensor has")
-            names.add(name)
+            if name in places:
+                raise item.make_error(
+                    "ItemName", expected=f"a name that no other sensor has; {places[name]} has it"
+                )
+            places[name] = item.where
 
 
 def _read_drive_base(section: SectionReader) -> DriveBase:

@@ -13,7 +13,11 @@ from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.limits import MAX_NAME_CHARS
-from catoptra_server.config.bundled_files import FileKind, bundled_files, find_bundled_file
+from catoptra_server.config.bundled_files import (
+    FileKind,
+    describe_missing_file,
+    find_bundled_file,
+)
 from catoptra_server.config.entry_list import EntryList
 from catoptra_server.config.unknown_names import UnknownName, suggest_name
 from catoptra_server.config.unreal_ini import Entry, parse_struct, unquote
@@ -121,12 +125,13 @@ class SectionReader:
         if entries:
             return entries.last
         reason = self._absence or "it is missing"
+        raise self.make_error(key, expected=f"{expected}; {reason}")
+
+    def _ask_for_misspelt(self, key: str) -> str:
+        """Question for a missing key, whether an unread one was meant to be it."""
         unread = [k for k in self._entries if k not in self._used_keys]
-        if misspelt := suggest_name(key, unread, _MIN_SIMILARITY):
-            reason += f"; is {self._entries[misspelt].last.key} meant to be it?"
-        raise ConfigError(
-            self.where, key=f"{self.name}.{key}", value="", expected=f"{expected}; {reason}"
-        )
+        misspelt = suggest_name(key, unread, _MIN_SIMILARITY)
+        return f"; is {self._entries[misspelt].last.key} meant to be it?" if misspelt else ""
 
     def _value_error(self, entry: Entry, expected: str) -> ConfigError:
         key = f"{self.name}.{entry.key}" if self._is_struct else entry.key
@@ -170,10 +175,7 @@ class SectionReader:
             return path
         found = find_bundled_file(bundled, text) if bundled else None
         if found is None:
-            names = ", ".join(file.stem for file in bundled_files(bundled)) if bundled else ""
-            or_name = f", or one of the bundled {bundled}: {names}" if bundled else ""
-            problem = f"{path} is a folder" if path.is_dir() else f"there is no {path}"
-            raise self.make_error(key, expected=f"a file that exists{or_name}; {problem}")
+            raise self.make_error(key, expected=describe_missing_file(path, bundled))
         return found
 
     def get_float(
@@ -247,7 +249,9 @@ class SectionReader:
         min_value: float = -math.inf,
         max_value: float = math.inf,
     ) -> Vector:
-        """Three numbers of a struct such as (X=1,Y=2,Z=3); a missing member is 0.
+        """Three numbers of a struct such as (X=1,Y=2,Z=3).
+
+        A missing member is 0; where the bounds exclude 0 it is an error.
 
         Args:
             key: the key, in any case.
@@ -258,22 +262,27 @@ class SectionReader:
         """
         if default is not None and not self._use_entries(key):
             return default
-        struct = self.get_struct(key)
+        example = "(" + ",".join(f"{member}=0" for member in members) + ")"
+        struct = self.get_struct(key, example=example)
+        # A box without its Z would be flat, and no warning would say so.
+        missing = 0.0 if min_value <= 0.0 <= max_value else None
         a, b, c = (
-            struct.get_float(m, 0.0, min_value=min_value, max_value=max_value) for m in members
+            struct.get_float(m, missing, min_value=min_value, max_value=max_value) for m in members
         )
         return a, b, c
 
-    def get_struct(self, key: str) -> SectionReader:
+    def get_struct(self, key: str, *, example: str = "(X=0,Y=0,Z=0)") -> SectionReader:
         """Struct literal of a key; of a repeated key the last one counts, as for other values."""
-        self._last_entry(key, "a struct such as (X=0,Y=0,Z=0)")
-        return self.get_structs(key)[-1]
+        self._last_entry(key, f"a struct such as {example}")
+        return self.get_structs(key, example=example)[-1]
 
-    def get_structs(self, key: str) -> list[SectionReader]:
+    def get_structs(
+        self, key: str, *, example: str = '(Name="a",Position=(X=0,Y=0,Z=0))'
+    ) -> list[SectionReader]:
         """Struct literals of a repeated key, in order; an empty list for a missing one."""
         entries = self._use_entries(key)
         if key.lower() not in self._structs:
-            self._structs[key.lower()] = [_parse_struct(entry) for entry in entries]
+            self._structs[key.lower()] = [_parse_struct(entry, example) for entry in entries]
         return self._structs[key.lower()]
 
     def make_error(self, key: str, *, expected: str) -> ConfigError:
@@ -285,8 +294,12 @@ class SectionReader:
         """
         entries = self._use_entries(key)
         value = entries.last.value if entries else ""
+        hint = "" if entries else self._ask_for_misspelt(key)
         return ConfigError(
-            self.find_location(key), key=f"{self.name}.{key}", value=value, expected=expected
+            self.find_location(key),
+            key=f"{self.name}.{key}",
+            value=value,
+            expected=f"{expected}{hint}",
         )
 
     def find_location(self, key: str) -> SourceLocation:
@@ -300,12 +313,14 @@ def is_wire_name(text: str) -> bool:
     return _WIRE_NAME.fullmatch(text) is not None
 
 
-def _parse_struct(entry: Entry) -> SectionReader:
+def _parse_struct(entry: Entry, example: str) -> SectionReader:
     members = parse_struct(entry.value)
     if members is None:
         is_open = entry.value.count("(") != entry.value.count(")")
-        hint = "; a parenthesis is missing" if is_open else ""
-        expected = f"a struct such as (X=0,Y=0,Z=0){hint}"
+        hint = "; a parenthesis is missing, or a ; has made the rest a comment" if is_open else ""
+        if entry.value.count('"') % 2:
+            hint = "; a quotation mark is missing"
+        expected = f"a struct such as {example}{hint}"
         raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
     # Members share the line of their struct: one struct is one line of the file.
     inner = (Entry(name, text, "", entry.where) for name, text in members)

@@ -13,10 +13,14 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mounting import read_mount
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.sensor_item import SensorItem
+from catoptra_server.config.unknown_names import suggest_name
 from catoptra_server.robot.robot_description import SensorDescription
 from catoptra_server.sensors import SENSOR_KINDS
 
 log = logging.getLogger(__name__)
+
+# Names of classes extend each other: RangeScanner3D (0.923) is no misspelt RangeScanner.
+_MIN_SIMILARITY = 0.925
 
 _READERS = {name: read for kind in SENSOR_KINDS for name, read in kind.readers.items()}
 
@@ -44,10 +48,12 @@ def read_sensor(file: IniFile, robot: SectionReader, struct: SectionReader) -> S
 
 def report_unknown_class(item: SectionReader) -> None:
     """Log a warning for an item of an unknown class, and none for each of its keys."""
+    suggestion = suggest_name(item_class(item), _READERS, _MIN_SIMILARITY)
     log.warning(
-        "%s: class %s is unknown: item %s has no effect",
+        "%s: class %s is unknown: item %s has no effect%s",
         item.where,
         item.get_str("ItemClass"),
         item.get_str("ItemName", "without a name"),
+        f"; did you mean {suggestion}?" if suggestion else "",
     )
     item.ignore_all()

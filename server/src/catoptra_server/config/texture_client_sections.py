@@ -21,7 +21,8 @@ def read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
     missing = [n for face, n in names.items() if face is not Face.U and not file.has_section(n)]
     if missing:
         log.warning(
-            "%s: no section %s of a texture client: it has the defaults of configs/README.md",
+            "%s: no section %s: a texture client renders one side of what the mirror shows; it is "
+            "served with FOV=90 and TextureSize=0; add the section with these lines to state them",
             file.path,
             ", ".join(f"[{name}]" for name in missing),
         )

@@ -9,12 +9,12 @@ the world file. A new shape is a reader and a line in _SHAPE_READERS.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.errors import ConfigError, LocalProtocolError
 from catoptra_protocol.landmarks import BAND_COLOURS, Landmark, read_landmarks
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import (
@@ -26,7 +26,7 @@ from catoptra_protocol.usarsim.reports import (
 )
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader, Vector
-from catoptra_server.config.unknown_names import suggest_name
+from catoptra_server.config.unknown_names import report_unknown_names, suggest_name
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.world_description import (
     Box,
@@ -69,10 +69,14 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     section = file.get_section(_SECTION)
     if not file.has_section(_SECTION):
         misspelt = suggest_name(_SECTION, file.section_names())
-        hint = f"; is [{misspelt}] meant to be it?" if misspelt else ""
-        raise section.make_error("section", expected=f"a section [{_SECTION}]{hint}")
+        raise ConfigError(
+            section.where,
+            key="section",
+            value=misspelt,
+            expected=f"[{_SECTION}], which lists what the world contains",
+        )
     name = section.get_str("Name", path.stem)
-    starts = tuple(_read_start(start) for start in section.get_structs("PlayerStarts"))
+    starts = tuple(_read_starts(section.get_structs("PlayerStarts")))
     _require_sendable(section, "Name", Greeting("", name))
     _require_sendable(section, "PlayerStarts", _make_start_poses(starts))
     tags, victims = section.get_structs("RfidTags"), section.get_structs("Victims")
@@ -92,6 +96,7 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     )
     # Nothing but the background would be visible: more likely the name of a list is misspelt.
     if not world.items and not world.landmarks:
+        report_unknown_names(section.unknown_names())
         raise section.make_error(
             "Boxes", expected="at least one visible object: Boxes, Meshes, ..."
         )
@@ -267,6 +272,19 @@ def _read_light(struct: SectionReader) -> Light:
             return PointLight(
                 _read_position(struct, "Position"), read_radiance("Colour", (255, 255, 255))
             )
+
+
+def _read_starts(structs: Sequence[SectionReader]) -> Iterator[StartPlace]:
+    lines: dict[str, int] = {}
+    for struct in structs:
+        start = _read_start(struct)
+        # INIT finds the first start of a name: no client would ever spawn at the second.
+        first = lines.setdefault(start.name.lower(), struct.where.line)
+        if first != struct.where.line:
+            raise struct.make_error(
+                "Tag", expected=f"a name that no other start has; line {first} has it"
+            )
+        yield start
 
 
 def _read_start(struct: SectionReader) -> StartPlace:

@@ -79,12 +79,10 @@ class ItemLoader:
             if item.where is None:
                 raise
             # The line that names the file: a mesh may be one of fifty, and refer to others.
-            raise ConfigError(
-                item.where,
-                key=f"{item.name}.{error.key}",
-                value=error.value,
-                expected=f"{error.expected}; {error.location}",
-            ) from error
+            source = str(error.location)
+            expected = error.expected if source == error.value else f"{error.expected}; {source}"
+            key = f"{item.name}.{error.key}"
+            raise ConfigError(item.where, key=key, value=error.value, expected=expected) from error
 
     def _load_parts(self, index: int, item: Item) -> Iterator[ItemPart]:
         if isinstance(item.shape, MeshFile):

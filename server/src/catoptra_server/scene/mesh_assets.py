@@ -27,6 +27,8 @@ class MeshAssets:
         self._memory = memory
         self.rejection: ConfigError | None = None
         """Error of the first file that was rejected: trimesh loads a mesh without its images."""
+        self.missing: list[str] = []
+        """Names that no file inside the folder has."""
 
     def get(self, name: str) -> bytes:
         """Content of a file.
@@ -50,6 +52,7 @@ class MeshAssets:
             path = (self._folder / candidate).resolve()
             if path.is_relative_to(self._folder) and path.is_file():
                 return path
+        self.missing.append(name)
         raise FileNotFoundError(f"it refers to {name}, and there is no such file beside it")
 
     def _read(self, path: Path) -> bytes:

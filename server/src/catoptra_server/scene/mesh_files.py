@@ -84,7 +84,11 @@ def load_mesh_file(shape: MeshFile, memory: MemoryBudget | None = None) -> list[
     except Exception as error:  # readers of six formats raise many types
         raise _mesh_file_error(shape, f"a readable mesh file ({error})") from error
     if not any(len(mesh.corners) for mesh in meshes):
-        raise _mesh_file_error(shape, "a mesh with at least one triangle")
+        raise _mesh_file_error(
+            shape,
+            "a mesh with at least one triangle that has an area and corners within "
+            f"{_MAX_COORDINATE_M:g} m at Scale={shape.scale:g}",
+        )
     return meshes
 
 
@@ -131,11 +135,14 @@ def _read_scene(path: Path, memory: MemoryBudget) -> Any:
         reserve_gltf(data, memory, where, assets.get)
     try:
         # process=False: no merging of vertices, which would change texture coordinates at seams.
-        return trimesh.load_scene(path, resolver=assets, process=False)
+        scene = trimesh.load_scene(path, resolver=assets, process=False)
     finally:
-        # trimesh logs an image that it cannot read, and goes on without.
+        # trimesh goes on without an image that it cannot read.
         if assets.rejection is not None:
             raise assets.rejection
+    for name in dict.fromkeys(assets.missing):
+        _LOG.warning("%s: it is drawn without %s: there is no such file beside it", path, name)
+    return scene
 
 
 def _require_whole(data: bytes) -> None:
@@ -205,7 +212,7 @@ def _convert_mesh(
     appearance = read_appearance(mesh, faces, make_texture, is_gltf=is_gltf)
     corners = gather_rows(_sae_vertices(mesh, shape, world_from_mesh), faces)
     valid = _is_within_bound(
-        corners, _MAX_COORDINATE_M, "a corner without a finite position", shape
+        corners, _MAX_COORDINATE_M, f"a corner beyond {_MAX_COORDINATE_M:g} m or no number", shape
     )
     if appearance.texture is not None:
         valid &= _is_within_bound(

@@ -85,13 +85,16 @@ def decode_image(image: Any, where: SourceLocation) -> Texture:
 def _open_image(file: Path | IO[bytes], where: SourceLocation) -> Any:
     """Pillow image of a file whose header alone is read."""
     # Imported on demand: most worlds have no texture.
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     with warnings.catch_warnings():
         # Large images are rejected by the memory that they take.
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         try:
             return Image.open(file, formats=_FORMATS)
+        except UnidentifiedImageError as error:
+            reason = f"it is damaged, or none of {', '.join(_FORMATS)}"
+            raise _image_error(where, reason) from error
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise _image_error(where, str(error)) from error
 
