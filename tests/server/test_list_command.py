@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -71,3 +73,13 @@ def test_list_as_json_has_the_entries(capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["landmarks", "--json"]) == 0
     (entry,) = json.loads(capsys.readouterr().out)
     assert (entry["kind"], entry["name"]) == ("landmarks", "four_legged_2006")
+
+
+def test_list_to_a_reader_that_has_left_ends_without_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w", encoding="utf-8") as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        assert main(["robots"]) == 0

@@ -7,7 +7,9 @@ file; classes by what the server would build.
 from __future__ import annotations
 
 import json
+import os
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -52,16 +54,26 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--json", action="store_true", help="print a JSON list")
     parsed = parser.parse_args(arguments)
     entries = list(list_entries([parsed.kind] if parsed.kind else KINDS))
-    if parsed.json:
-        print(json.dumps([asdict(entry) for entry in entries], indent=2))
-        return 0
+    try:
+        if parsed.json:
+            print(json.dumps([asdict(entry) for entry in entries], indent=2))
+        else:
+            _print_entries(entries)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # A reader such as head has seen enough; what is left must not fail at the exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _print_entries(entries: Sequence[ListEntry]) -> None:
+    """Print entries, with a heading for each kind."""
     kind = ""
     for entry in entries:
         if entry.kind != kind:
             kind = entry.kind
             print(f"{kind}:")
         print(entry)
-    return 0
 
 
 def list_entries(kinds: Sequence[str]) -> Iterator[ListEntry]:
