@@ -176,9 +176,10 @@ def test_messages_when_the_peer_reads_nothing_fill_its_queue() -> None:
         ):
             await peer.send(b"here")
             identity, _ = await router.received.get()
-            sent = [router.socket.send(identity, [bytes(1_000_000)]) for _ in range(100)]
-            assert sent[0] is SendResult.SENT
-            assert sent[-1] is SendResult.QUEUE_FULL
+            # Buffers of both sides take a part that depends on the system and on its load.
+            results = (router.socket.send(identity, [bytes(1_000_000)]) for _ in range(1000))
+            assert next(results) is SendResult.SENT
+            assert SendResult.QUEUE_FULL in results
 
     run_scenario(scenario())
 
