@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -110,9 +111,12 @@ def test_realtime_server_delivers_status_and_frames_at_once(tmp_path: Path) -> N
         periods = np.diff(times)
         assert (periods > 0.19).all()
         stream = images.iter_frames()
-        frames = [next(stream) for _ in range(10)]
-        assert {frame.image_type for frame in frames} == {ImageType.GOOD}
-        assert len({frame.rgb.tobytes() for frame in frames}) > 1
+        first = next(stream)
+        # Many frames of one tick are equal on a fast machine.
+        later = next(
+            one for one in islice(stream, 5000) if one.rgb.tobytes() != first.rgb.tobytes()
+        )
+        assert {first.image_type, later.image_type} == {ImageType.GOOD}
         # Both clients are still connected.
         assert server.terminate(signal.SIGINT) == 130
         assert "Traceback" not in server.log.read_text()
