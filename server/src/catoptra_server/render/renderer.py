@@ -7,6 +7,9 @@ To add a renderer, implement Renderer and OmniView in a folder of its own and ad
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import field
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +28,9 @@ Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top
 
 
+NO_THRESHOLDS: Mapping[str, float] = MappingProxyType({})
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderedImage:
     """A finished image."""
@@ -33,6 +39,9 @@ class RenderedImage:
     """(h, w, 3) uint8 sRGB, read-only."""
     stage_ms: dict[str, float]
     """Milliseconds by stage."""
+    changes: Mapping[str, float] = field(default_factory=dict)
+    """Largest change of any pixel by effect, encoded grey levels, as this very frame has it: of
+    the effects with a threshold that the renderer measures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +88,20 @@ class OmniView(View, Protocol):
     """
 
     def render(
-        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...] = (),
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> RenderedImage:
-        """Render one exposure of the camera, changed by effects in their order."""
+        """Render one exposure of the camera, changed by effects in their order.
+
+        Args:
+            camera_state: State of the exposure.
+            effects: Image effects.
+            thresholds: Change in encoded grey levels, by name of a scene or image effect, that
+                nobody sees: cells of the image that the effect changes by at most as much may be
+                drawn without it. Effects without a threshold are drawn everywhere.
+        """
 
     def render_linear(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import moderngl
 
@@ -16,7 +16,7 @@ from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.face_pass import DrawCounts, FacePass
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.passes import OutputImage, Pass, image_bytes
-from catoptra_server.render.renderer import LinearImage, RenderedImage
+from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
 from catoptra_server.render.stage_clock import StageClock
 
 
@@ -187,7 +187,10 @@ class RasterOmniView:
         return self._faces.counts
 
     def render(
-        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...] = (),
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> RenderedImage:
         """Render one exposure of the camera, changed by effects."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"

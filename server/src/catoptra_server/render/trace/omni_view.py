@@ -6,7 +6,7 @@ The effects are those of `effects/` themselves, in float32: NumPy releases the G
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.render.renderer import LinearImage, RenderedImage
+from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
 from catoptra_server.render.time_samples import sample_shutter
 from catoptra_server.render.trace.ray_table import Float32s, RayTable
 from catoptra_server.render.trace.srgb_encoding import encode_srgb
@@ -61,7 +61,10 @@ class TraceOmniView:
         return self._rays.memory_bytes + (self._ranges.rays.memory_bytes if self._ranges else 0)
 
     def render(
-        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...] = (),
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> RenderedImage:
         """Render one exposure of the camera, changed by effects; each effect is a stage."""
         # The engine encodes a sharp frame without effects itself, without any float image: the
