@@ -12,6 +12,7 @@ from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
+    DecisionBasis,
     EffectMode,
     EffectSetting,
     EffectSettings,
@@ -65,6 +66,11 @@ def test_threshold_when_given_is_the_users(tmp_path: Path) -> None:
     assert (found.threshold_grey_levels, found.threshold_px) == (2.0, 0.25)
 
 
+def test_decisions_rest_on_the_frame_unless_a_file_wants_proofs_alone(tmp_path: Path) -> None:
+    assert make_section(tmp_path, "ShotNoise=auto").basis is DecisionBasis.MEASURED
+    assert make_section(tmp_path, "EffectDecision=Proved").basis is DecisionBasis.PROVED
+
+
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
@@ -73,6 +79,7 @@ def test_threshold_when_given_is_the_users(tmp_path: Path) -> None:
         ("AdcBits=32", "from 1 to 16"),
         ("EffectThreshold=-1", "from 0 to 255"),
         ("EffectThresholdPx=inf", "from 0 to 1000"),
+        ("EffectDecision=guessed", "one of proved, measured"),
     ],
 )
 def test_value_when_impossible_is_rejected_by_its_key(

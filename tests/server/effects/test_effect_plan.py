@@ -8,6 +8,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
+    DecisionBasis,
     Effect,
     EffectMode,
     EffectSetting,
@@ -18,6 +19,7 @@ from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
     EffectPlan,
     apply_scene_effects,
+    describe_changes,
     plan_effects,
 )
 from catoptra_server.effects.medium.fog import Fog
@@ -125,8 +127,10 @@ def test_plan_when_printed_is_a_table_with_a_row_an_effect() -> None:
     head, row = str(
         plan_effects(make_settings((FINE, EffectMode.AUTO)), DAYLIGHT, CAMERA)
     ).splitlines()
-    assert head.split() == ["effect", "bound", "threshold", "unit", "ms", "reason"]
-    assert row.split()[:4] == ["Quantisation", "off", "0.402", "0.5"]
+    assert head.split() == [
+        *("effect", "basis", "change", "bound", "threshold", "unit", "ms", "reason")
+    ]
+    assert row.split()[:5] == ["Quantisation", "off", "proved", "0.402", "0.5"]
     assert row.endswith("a converter of 12 bits")
 
 
@@ -175,6 +179,39 @@ def test_changes_name_the_effects_that_are_decided_otherwise() -> None:
         plan_effects(make_settings(*modes, threshold=levels), DAYLIGHT, CAMERA)
         for levels in (300.0, 0.0)
     )
-    assert on.describe_changes(on) == ""
-    assert on.describe_changes(off) == f"Quantisation on ({on.decisions[0].reason})"
-    assert off.describe_changes(on) == f"Quantisation off ({off.decisions[0].reason})"
+    now, before = on.decisions, off.decisions
+    assert describe_changes(now, now) == ""
+    assert describe_changes(before, now) == f"Quantisation on ({now[0].reason})"
+    assert describe_changes(now, before) == f"Quantisation off ({before[0].reason})"
+
+
+@pytest.mark.parametrize(("change", "is_on"), [(0.5, False), (0.501, True), (0.0, False)])
+def test_frame_when_it_measures_an_effect_decides(change: float, is_on: bool) -> None:
+    plan = plan_effects(make_settings((COARSE, EffectMode.AUTO)), DAYLIGHT, CAMERA)
+    assert plan.thresholds == {"Quantisation": 0.5}
+    (decision,) = plan.decide_by_frame({"Quantisation": change})
+    assert (decision.enabled, decision.change) == (is_on, change)
+    assert decision.basis is DecisionBasis.MEASURED
+    assert decision.bound == plan.decisions[0].bound
+    assert decision.reason == f"this frame changes by {change:.3g}; {plan.decisions[0].reason}"
+
+
+def test_frame_when_it_measures_nothing_leaves_the_proof() -> None:
+    plan = plan_effects(make_settings((COARSE, EffectMode.AUTO)), DAYLIGHT, CAMERA)
+    assert plan.decide_by_frame({}) == plan.decisions
+    assert plan.decide_by_frame({"Blooming": 3.0}) == plan.decisions
+    assert plan.decisions[0].basis is DecisionBasis.PROVED
+
+
+@pytest.mark.parametrize("mode", [EffectMode.ALWAYS, EffectMode.NEVER])
+def test_threshold_of_an_effect_that_a_setting_decides_is_not_the_frames(mode: EffectMode) -> None:
+    assert not plan_effects(make_settings((COARSE, mode)), DAYLIGHT, CAMERA).thresholds
+
+
+def test_threshold_of_an_effect_that_is_proved_off_is_not_the_frames() -> None:
+    assert not plan_effects(make_settings((FINE, EffectMode.AUTO)), DAYLIGHT, CAMERA).thresholds
+
+
+def test_thresholds_when_only_proofs_count_are_none() -> None:
+    settings = replace(make_settings((COARSE, EffectMode.AUTO)), basis=DecisionBasis.PROVED)
+    assert not plan_effects(settings, DAYLIGHT, CAMERA).thresholds

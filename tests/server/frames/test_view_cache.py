@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, cast
@@ -44,7 +45,7 @@ from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface
 from catoptra_server.scene.twist import Twist
@@ -147,6 +148,10 @@ class EffectRenderer(CountingRenderer):
 
     max_radiance = 0.1
 
+    def __init__(self) -> None:
+        super().__init__()
+        self.changes: dict[str, float] = {}
+
     def summarize_radiance(self) -> SceneSummary:
         self.log.append("radiance")
         return SceneSummary(self.max_radiance)
@@ -157,15 +162,23 @@ class EffectRenderer(CountingRenderer):
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
         super().prepare(camera, plan)
-        return EffectView(self.log, camera)
+        return EffectView(self.log, camera, self.changes)
 
 
 class EffectView(CountingView):
+    def __init__(self, log: list[str], camera: OmniCamera, changes: Mapping[str, float]) -> None:
+        super().__init__(log, camera)
+        self._changes = changes
+
     def render(
-        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...] = (),
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> RenderedImage:
         self._log.append(" ".join(("draw", *(effect.name for effect in effects))))
-        return super().render(camera_state)
+        changes = {name: self._changes[name] for name in thresholds if name in self._changes}
+        return replace(super().render(camera_state), changes=changes)
 
 
 def camera_spec_with(*effects: ImageEffect) -> OmniCameraSpec:
@@ -201,6 +214,18 @@ def test_camera_when_a_state_calls_for_an_effect_keeps_its_view() -> None:
         [False, True],
         [True, True],
         [False, True],
+    ]
+
+
+def test_camera_when_the_frame_shows_no_effect_reports_it_as_off_by_measurement() -> None:
+    renderer, spec = EffectRenderer(), camera_spec_with(Quantisation(8))
+    views, rendered = make_cache(renderer), []
+    for change in (0.25, 0.75):
+        renderer.changes["Quantisation"] = change
+        rendered += views.render(ViewRequest(spec, CAMERA_STATE)).effect_decisions
+    assert [(one.enabled, one.basis.value, one.change) for one in rendered] == [
+        (False, "measured", 0.25),
+        (True, "measured", 0.75),
     ]
 
 
@@ -381,7 +406,10 @@ class FaultyView:
         self._renderer, self._camera = renderer, camera
 
     def render(
-        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...] = (),
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> RenderedImage:
         self._renderer.raise_at("render")
         height, width = self._camera.height_px, self._camera.width_px
@@ -553,14 +581,17 @@ def test_frame_with_fewer_time_samples_than_its_motion_needs_says_so() -> None:
 
     class ShutterView(EffectView):
         def render(
-            self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+            self,
+            camera_state: CameraState,
+            effects: tuple[ImageEffect, ...] = (),
+            thresholds: Mapping[str, float] = NO_THRESHOLDS,
         ) -> RenderedImage:
             states.append(camera_state)
             return super().render(camera_state, effects)
 
     class ShutterRenderer(EffectRenderer):
         def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
-            return ShutterView(self.log, camera)
+            return ShutterView(self.log, camera, {})
 
         def summarize(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
             return SceneSummary(0.1, scene_twist=Twist((0.0, 0.0, 0.0), (0.0, 0.0, 2.0)))

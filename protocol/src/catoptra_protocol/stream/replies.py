@@ -47,6 +47,10 @@ class EffectRecord:
     duration_ms: float | None = None
     """Duration in this frame; None for a disabled effect and for one that changes the scene, whose
     duration is part of the stages that render the scene."""
+    basis: str = "proved"
+    """What decided: `proved`, the bound alone; `measured`, the frame's own pixels."""
+    change: float | None = None
+    """Largest change of any pixel of this frame, where measured."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,17 @@ from __future__ import annotations
 
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, EffectType
+from catoptra_server.effects.effect import (
+    DecisionBasis,
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    EffectType,
+)
 
 _MODES = [mode.value for mode in EffectMode]
+_BASES = [basis.value for basis in DecisionBasis]
+_DEFAULT_BASIS = DecisionBasis.MEASURED.value
 
 
 def read_effect_settings(section: SectionReader) -> EffectSettings:
@@ -25,6 +33,7 @@ def read_effect_settings(section: SectionReader) -> EffectSettings:
         threshold_grey_levels=section.get_float(
             "EffectThreshold", 0.5, min_value=0.0, max_value=255.0
         ),
+        basis=DecisionBasis(section.get_choice("EffectDecision", _BASES, _DEFAULT_BASIS)),
         threshold_px=section.get_float("EffectThresholdPx", 0.5, min_value=0.0, max_value=1000.0),
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import field
-from enum import Enum
+from enum import Enum, StrEnum
 from functools import lru_cache
 from typing import Protocol, TypeGuard, TypeVar
 
@@ -43,6 +43,15 @@ class EffectMode(Enum):
     AUTO = "auto"
     ALWAYS = "always"
     NEVER = "never"
+
+
+class DecisionBasis(StrEnum):
+    """What a decision rests on."""
+
+    PROVED = "proved"
+    """A bound, before the frame: of an effect that is left out, nothing was computed."""
+    MEASURED = "measured"
+    """The frame's own pixels, with and without the effect: where a bound alone says "on"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,10 +195,13 @@ class EffectSettings:
     """`auto` leaves out effects whose bound is at most this: half a level is not visible."""
     threshold_px: float = 0.5
     """The same for bounds in pixels."""
+    basis: DecisionBasis = DecisionBasis.MEASURED
+    """PROVED: an effect whose bound is above the threshold is drawn everywhere and counts as
+    enabled, whatever the frame shows."""
     _hash: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        fields = (self.settings, self.threshold_grey_levels, self.threshold_px)
+        fields = (self.settings, self.threshold_grey_levels, self.threshold_px, self.basis)
         object.__setattr__(self, "_hash", hash(fields))
 
     def __hash__(self) -> int:

@@ -15,6 +15,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.bound_cache import BoundCache
 from catoptra_server.effects.effect import (
+    DecisionBasis,
     Effect,
     EffectBound,
     EffectMode,
@@ -29,7 +30,7 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 # As many decisions per effect as its cache has bounds.
 _MAX_CACHED_DECISIONS = 512
-_ROW_FORMAT = "{:<20} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
+_ROW_FORMAT = "{:<20} {:<4}{:<9} {:>8} {:>8} {:>10}  {:<12} {:>7}  {}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,9 @@ class EffectDecision:
     unit: str
     """Unit of bound and threshold."""
     reason: str
+    basis: DecisionBasis = DecisionBasis.PROVED
+    change: float | None = None
+    """Largest change of any pixel of the frame, grey levels; None if nobody measured it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +61,9 @@ class EffectPlan:
     """Enabled effects that change the scene."""
     image_effects: tuple[ImageEffect, ...] = ()
     """Enabled effects that change the image."""
+    thresholds: Mapping[str, float] = field(default_factory=dict, compare=False)
+    """Change that nobody sees, grey levels, of the enabled effects that the frame itself decides
+    on: `renderer.OmniView.render`."""
 
     @property
     def enabled_effects(self) -> tuple[Effect, ...]:
@@ -67,16 +74,15 @@ class EffectPlan:
         """Bound of an effect; 0 if no robot file names the effect."""
         return next((one.bound for one in self.decisions if one.effect == effect_name), 0.0)
 
-    def describe_changes(self, before: EffectPlan) -> str:
-        """Effects that an earlier plan decides otherwise, in words; empty for none."""
-        if self.enabled_effects == before.enabled_effects:
-            return ""
-        was_enabled = {one.effect: one.enabled for one in before.decisions}
-        return ", ".join(
-            f"{one.effect} {'on' if one.enabled else 'off'} ({one.reason})"
-            for one in self.decisions
-            if one.enabled != was_enabled.get(one.effect)
-        )
+    def decide_by_frame(self, changes: Mapping[str, float]) -> tuple[EffectDecision, ...]:
+        """Decisions with what a frame shows: an effect that changes too little in it is off.
+
+        Args:
+            changes: Largest change by effect, grey levels: `renderer.RenderedImage.changes`.
+        """
+        if not changes:
+            return self.decisions
+        return tuple(_decide_by_change(one, changes.get(one.effect)) for one in self.decisions)
 
     def __str__(self) -> str:
         return format_decisions(self.decisions, {})
@@ -128,7 +134,44 @@ def plan_effects(settings: EffectSettings, summary: SceneSummary, camera: OmniCa
             image_effects.append(effect)
         # Later criteria see the light as enabled effects leave it; disabled ones change nothing.
         summary = effect.update_summary(summary)
-    return EffectPlan(tuple(decisions), tuple(scene_effects), tuple(image_effects))
+    thresholds = _thresholds(settings, decisions)
+    return EffectPlan(tuple(decisions), tuple(scene_effects), tuple(image_effects), thresholds)
+
+
+def _thresholds(
+    settings: EffectSettings, decisions: Sequence[EffectDecision]
+) -> Mapping[str, float]:
+    """Thresholds of the effects that the frame decides on: the enabled ones in mode auto."""
+    if settings.basis is DecisionBasis.PROVED:
+        return {}
+    # In mode always an effect is drawn everywhere, however little it changes.
+    return {
+        decision.effect: settings.threshold_grey_levels
+        for setting, decision in zip(settings.settings, decisions, strict=True)
+        if setting.mode is EffectMode.AUTO and decision.enabled
+    }
+
+
+def describe_changes(before: Sequence[EffectDecision], after: Sequence[EffectDecision]) -> str:
+    """Effects that a frame decides otherwise than an earlier one, in words; empty for none."""
+    was_enabled = {one.effect: one.enabled for one in before}
+    return ", ".join(
+        f"{one.effect} {'on' if one.enabled else 'off'} ({one.reason})"
+        for one in after
+        if one.enabled != was_enabled.get(one.effect)
+    )
+
+
+def _decide_by_change(decision: EffectDecision, change: float | None) -> EffectDecision:
+    if change is None:
+        return decision
+    return replace(
+        decision,
+        enabled=change > decision.threshold,
+        basis=DecisionBasis.MEASURED,
+        change=change,
+        reason=f"this frame changes by {change:.3g}; {decision.reason}",
+    )
 
 
 def apply_scene_effects(camera_state: CameraState, plan: EffectPlan) -> CameraState:
@@ -180,15 +223,24 @@ def format_decisions(decisions: Sequence[EffectDecision], ms: Mapping[str, float
     """
     if not decisions:
         return "no effects: the robot file names none"
-    head = _ROW_FORMAT.format("effect", "", "bound", "threshold", "unit", "ms", "reason")
+    head = _ROW_FORMAT.format(
+        "effect", "", "basis", "change", "bound", "threshold", "unit", "ms", "reason"
+    )
     rows = (_format_row(decision, ms.get(decision.effect)) for decision in decisions)
     return "\n".join((head, *rows))
 
 
 def _format_row(decision: EffectDecision, ms: float | None) -> str:
     state = "on" if decision.enabled else "off"
-    numbers = (f"{decision.bound:.3g}", f"{decision.threshold:.3g}")
+    change = "" if decision.change is None else f"{decision.change:.3g}"
+    numbers = (change, f"{decision.bound:.3g}", f"{decision.threshold:.3g}")
     time_ms = "" if ms is None else f"{ms:.1f}"
     return _ROW_FORMAT.format(
-        decision.effect, state, *numbers, decision.unit, time_ms, decision.reason
+        decision.effect,
+        state,
+        decision.basis.value,
+        *numbers,
+        decision.unit,
+        time_ms,
+        decision.reason,
     )

@@ -8,7 +8,7 @@ from typing import cast
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectPlan
+from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.error_bound import add_scene
@@ -29,8 +29,8 @@ class PlannedCamera:
     budget_monitor: BudgetMonitor
     choice: PlanChoice | None = None
     """Choice with the bound of the last frame; None for a perspective camera."""
-    effects: EffectPlan = NO_EFFECTS
-    """Effects of the last frame."""
+    effect_decisions: tuple[EffectDecision, ...] = ()
+    """Decisions about the effects of the last frame."""
     budget_status: BudgetStatus = BudgetStatus.WITHIN_BUDGET
     budget_unreachable: bool = False
     """Whether planning found nothing faster although the budget is exceeded; logged once."""

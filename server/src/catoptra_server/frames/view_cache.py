@@ -19,10 +19,11 @@ from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import needs_radiance_only
 from catoptra_server.effects.effect_plan import (
-    NO_EFFECTS,
     EffectDecision,
     EffectPlan,
     apply_scene_effects,
+    describe_changes,
+    format_decisions,
     plan_effects,
 )
 from catoptra_server.fault_log import log_fault
@@ -246,18 +247,23 @@ class ViewCache:
                 choice=planned.choice,
             )
         plan = self._decide_effects(camera, camera_state)
-        # Once whole: bounds move with every pose, and viewers and `explain` show the present ones.
-        if planned.effects is NO_EFFECTS:
-            log.info("effects:\n%s", plan)
-        elif changes := plan.describe_changes(planned.effects):
-            log.info("effects: %s", changes)
-        planned.effects = plan
         wanted = apply_scene_effects(camera_state, plan)
         limited = limit_time_samples(wanted, camera.camera, cast(RenderPlan, planned.plan))
         self._bound_frame(planned, limited)
-        image = view.render(limited, plan.image_effects)
-        decisions = explain_limit(plan.decisions, wanted, limited)
+        image = view.render(limited, plan.image_effects, plan.thresholds)
+        decisions = plan.decide_by_frame(image.changes)
+        self._log_decisions(planned, decisions)
+        decisions = explain_limit(decisions, wanted, limited)
         return RenderedView(image, planned.plan_text, planned.bounds, decisions, planned.choice)
+
+    def _log_decisions(self, planned: PlannedCamera, decisions: tuple[EffectDecision, ...]) -> None:
+        """Log the decisions of a camera's first frame, later those that changed."""
+        # Once whole: bounds move with every pose, and viewers and `explain` show the present ones.
+        if not planned.effect_decisions:
+            log.info("effects:\n%s", format_decisions(decisions, {}))
+        elif changes := describe_changes(planned.effect_decisions, decisions):
+            log.info("effects: %s", changes)
+        planned.effect_decisions = decisions
 
     def _bound_frame(self, planned: PlannedCamera, camera_state: CameraState) -> None:
         """Add to the bound what the scene's coordinates contribute in a camera state."""

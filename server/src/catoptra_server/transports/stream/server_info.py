@@ -142,4 +142,6 @@ def _record_from_decision(decision: EffectDecision, ms: float | None) -> EffectR
         unit=decision.unit,
         reason=decision.reason,
         duration_ms=None if ms is None else float(ms),
+        basis=decision.basis.value,
+        change=decision.change,
     )
