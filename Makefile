@@ -97,7 +97,7 @@ cost: $(READY) ## Measure what accuracy costs in time; writes out/cost: [QUICK=y
 	  $(if $(filter yes,$(UPDATE)),--report server/COST.md --readme README.md)
 	$(if $(QUICK),,$(BIN)/python tests/cost/accuracy_target.py)
 
-effects: $(READY) ## Draw each image effect, find the levels at which classification fails; writes out/effects: [QUICK=yes] [UPDATE=yes: docs]
+effects: $(READY) ## Draw each effect, compare decisions with the truth, find the levels at which classification fails; writes out/effects: [QUICK=yes] [UPDATE=yes: docs]
 	$(BIN)/catoptra-studies effects --output out/effects $(if $(QUICK),--quick) \
 	  $(if $(filter yes,$(UPDATE)),--page docs/EFFECTS.md)
 

@@ -11,7 +11,14 @@ from dataclasses import dataclass
 from functools import partial
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 
@@ -40,6 +47,8 @@ def open_progress(*, is_visible: bool = True) -> Iterator[ProgressDisplay]:
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
     )
     # A hidden display advances like a visible one, so tests take the same path.
     with Progress(*columns, console=Console(stderr=True), disable=not is_visible) as progress:

@@ -1,7 +1,8 @@
 """The command `catoptra-studies effects`: show each effect, and the levels at which robots fail.
 
-Two parts, of which `--only` selects one. The pages render with the server's own code. The sweeps
-drive robots through server processes and find the level at which colour classification fails.
+Three parts, of which `--only` selects one. The pages render with the server's own code. The
+decisions compare every decision of the server with the truth. The sweeps drive robots through
+server processes and find the level at which colour classification fails.
 """
 
 from __future__ import annotations
@@ -33,24 +34,34 @@ from catoptra_studies.progress_display import (
 from catoptra_studies.reports.marked_block import replace_block
 
 EXIT_FAILURE = 2
+# Decisions that differ from the truth too often.
+EXIT_WRONG = 1
+_PARTS = ("pages", "decisions", "sweeps")
+# Places in each of the worlds, in four motions each: 960 situations.
+_NUM_PLACES = 40
+_NUM_QUICK_PLACES = 5
 # Two thirds of the experiment's: a sweep trains for each of fifty levels anew.
 _NUM_TRAINING_FRAMES = 20
 _SWEEP_SLUGS = [sweep.slug for sweep in SWEEPS]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the study; return 0, or 2 after one line about the reason."""
+    """Run the study; return 0, 1 for wrong decisions, or 2 after one line about the reason."""
     parser = _make_parser()
     parsed = parser.parse_args(arguments)
-    if parsed.page and (parsed.sweep or parsed.only == "pages"):
+    if parsed.page and (parsed.sweep or parsed.only not in (None, "sweeps")):
         parser.error("--page gets the table of all sweeps: leave out --sweep and --only pages")
     results: tuple[SweepResult, ...] = ()
+    parts = (parsed.only,) if parsed.only else _PARTS
+    are_right = True
     try:
         parsed.output.mkdir(parents=True, exist_ok=True)
         with open_progress() as progress:
-            if parsed.only != "sweeps":
+            if "pages" in parts:
                 _write_pages(parsed.output, progress)
-            if parsed.only != "pages":
+            if "decisions" in parts:
+                are_right = _check_decisions(parsed, progress)
+            if "sweeps" in parts:
                 results = _run_sweeps(parsed, progress)
         if parsed.page:
             _update_page(parsed, results)
@@ -60,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if results:
         print_line(failure_table(results))
     print_line(f"written: {parsed.output}")
-    return 0
+    return 0 if are_right else EXIT_WRONG
 
 
 def _write_pages(folder: Path, progress: ProgressDisplay) -> None:
@@ -69,6 +80,21 @@ def _write_pages(folder: Path, progress: ProgressDisplay) -> None:
     from catoptra_studies.effects.effect_pages import write_effect_pages
 
     write_effect_pages(folder, on_page=progress.add_task("pages of effects", len(EFFECT_CASES)))
+
+
+def _check_decisions(parsed: argparse.Namespace, progress: ProgressDisplay) -> bool:
+    """Compare decisions with the truth, and write the report; whether they are right."""
+    from catoptra_studies.effects.decision_experiment import DecisionStudy, run_decision_study
+    from catoptra_studies.effects.decision_report import evaluate_decisions, write_decision_report
+
+    num_places = parsed.places or (_NUM_QUICK_PLACES if parsed.quick else _NUM_PLACES)
+    study = DecisionStudy(num_places=num_places, seed=parsed.seed)
+    on_place = progress.add_task("places of decisions", num_places * len(study.worlds))
+    decisions = run_decision_study(study, on_place=on_place)
+    report = evaluate_decisions(decisions)
+    write_decision_report(parsed.output, report, decisions)
+    print_line(str(report))
+    return not report.failures
 
 
 def _run_sweeps(parsed: argparse.Namespace, progress: ProgressDisplay) -> tuple[SweepResult, ...]:
@@ -110,8 +136,9 @@ def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="catoptra-studies effects",
-        description="Draw each image effect where it is needed, and find the levels of degraded "
-        "images at which colour classification and localization fail.",
+        description="Draw each image effect where it is needed, compare decisions about effects "
+        "with the truth, and find the levels of degraded images at which colour classification and "
+        "localization fail.",
     )
     add = parser.add_argument
     add("--configs", type=Path, default=Path("configs"), metavar="DIR",
@@ -119,10 +146,12 @@ def _make_parser() -> argparse.ArgumentParser:
     add("--output", type=Path, default=Path("out/effects"), metavar="DIR",
         help="folder for pages, report and plots (default out/effects)")  # fmt: skip
     add("--page", type=Path, metavar="FILE", help="file whose sweeps block gets the table")
-    add("--only", choices=["pages", "sweeps"], help="run one part alone")
+    add("--only", choices=_PARTS, help="run one part alone")
     add("--sweep", action="append", choices=_SWEEP_SLUGS,
         help="only this sweep; may be given several times")  # fmt: skip
     add("--runs", type=int, default=2, help="drives for each level (default 2)")
-    add("--quick", action="store_true", help="one drive for each level")
+    add("--places", type=int, metavar="N",
+        help="places in each world at which decisions are compared (default 40)")  # fmt: skip
+    add("--quick", action="store_true", help="one drive for each level, five places in each world")
     add("--seed", type=int, default=0, help="seed of all random numbers")
     return parser

@@ -1,0 +1,160 @@
+"""Report of the decision experiment: how well each effect's decision follows its truth.
+
+| quantity     | meaning                                                                      |
+|--------------|------------------------------------------------------------------------------|
+| truth on     | situations in which the effect changes some pixel by more than its threshold |
+| wrongly off  | truth on, decision off: must not occur                                       |
+| needless on  | decision on, truth below half the threshold                                  |
+| agreement    | situations in which decision and truth are both on or both off               |
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from catoptra_studies.effects.decision_trial import TrialDecision
+
+MAX_NEEDLESS_FRACTION = 0.03
+MIN_AGREEMENT = 0.97
+# Of the whole experiment; fewer situations have to have as many in proportion.
+MIN_MEASURED_PER_SITUATION = 3000 / 960
+# A renderer's change is of 32-bit light and a fast encoding, the truth of 64-bit light.
+TOLERANCE_GREY_LEVELS = 0.02
+
+_HEAD = (
+    "| effect | situations | truth on | decision on | wrongly off | needless on | agreement "
+    "| proved off | measured |"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class EffectScore:
+    """Counts of one effect's situations."""
+
+    effect: str
+    num_situations: int
+    num_truth_on: int
+    num_on: int
+    num_wrongly_off: int
+    num_needless_on: int
+    num_agreeing: int
+    num_proved_off: int
+    num_measured: int
+
+    @property
+    def agreement(self) -> float:
+        """Fraction of situations in which the decision is the truth."""
+        return self.num_agreeing / self.num_situations
+
+    @property
+    def truth_crosses(self) -> bool:
+        """Whether the truth is on in some situations and off in others."""
+        return 0 < self.num_truth_on < self.num_situations
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionReport:
+    """Scores of all effects, and whether the decisions are good enough."""
+
+    scores: tuple[EffectScore, ...]
+    """In optical order."""
+    num_situations: int
+    failures: tuple[str, ...]
+    """What falls short, in words; empty if nothing does."""
+
+    def __str__(self) -> str:
+        rows = [
+            f"| {one.effect} | {one.num_situations} | {one.num_truth_on} | {one.num_on} "
+            f"| {one.num_wrongly_off} | {one.num_needless_on} | {100 * one.agreement:.1f} % "
+            f"| {one.num_proved_off} | {one.num_measured} |"
+            for one in (*self.scores, self._total())
+        ]
+        line = "|---|" + "---|" * 8
+        verdict = [f"* falls short: {text}" for text in self.failures] or ["All criteria are met."]
+        return "\n".join((_HEAD, line, *rows, "", *verdict))
+
+    def _total(self) -> EffectScore:
+        sums = (sum(getattr(one, name) for one in self.scores) for name in _COUNTS)
+        return EffectScore("all", *sums)
+
+
+_COUNTS = tuple(name for name in EffectScore.__dataclass_fields__ if name != "effect")
+
+
+def evaluate_decisions(decisions: Sequence[TrialDecision]) -> DecisionReport:
+    """Score the decisions of an experiment."""
+    by_effect: dict[str, list[TrialDecision]] = {}
+    for one in decisions:
+        by_effect.setdefault(one.effect, []).append(one)
+    scores = tuple(_score(effect, own) for effect, own in by_effect.items())
+    num_situations = len({(one.world, one.place, one.motion) for one in decisions})
+    return DecisionReport(scores, num_situations, tuple(_find_failures(scores, num_situations)))
+
+
+def is_wrongly_off(one: TrialDecision) -> bool:
+    """Whether an effect is left out that changes a pixel visibly."""
+    # A bound has no tolerance: it is computed in float64, and never below the truth.
+    tolerance = TOLERANCE_GREY_LEVELS if one.is_measured else 0.0
+    return not one.enabled and one.truth > one.threshold + tolerance
+
+
+def is_needless_on(one: TrialDecision) -> bool:
+    """Whether an effect is on that changes no pixel by even half the threshold."""
+    return one.enabled and one.truth < 0.5 * one.threshold
+
+
+def _score(effect: str, decisions: Sequence[TrialDecision]) -> EffectScore:
+    return EffectScore(
+        effect,
+        num_situations=len(decisions),
+        num_truth_on=sum(one.truth > one.threshold for one in decisions),
+        num_on=sum(one.enabled for one in decisions),
+        num_wrongly_off=sum(map(is_wrongly_off, decisions)),
+        num_needless_on=sum(map(is_needless_on, decisions)),
+        num_agreeing=sum(one.enabled == (one.truth > one.threshold) for one in decisions),
+        num_proved_off=sum(not one.enabled and not one.is_measured for one in decisions),
+        num_measured=sum(one.is_measured for one in decisions),
+    )
+
+
+def _find_failures(scores: Sequence[EffectScore], num_situations: int) -> list[str]:
+    failures = [
+        f"{one.effect} is wrongly off in {one.num_wrongly_off} situations"
+        for one in scores
+        if one.num_wrongly_off
+    ]
+    num_decisions = sum(one.num_situations for one in scores)
+    needless = sum(one.num_needless_on for one in scores)
+    if needless > MAX_NEEDLESS_FRACTION * num_decisions:
+        failures.append(f"{needless} of {num_decisions} decisions are needlessly on")
+    failures += [
+        f"{one.effect} follows its truth in {100 * one.agreement:.1f} % of the situations"
+        for one in scores
+        if one.truth_crosses and one.agreement < MIN_AGREEMENT
+    ]
+    measured = sum(one.num_measured for one in scores)
+    if measured < MIN_MEASURED_PER_SITUATION * num_situations:
+        failures.append(f"only {measured} decisions are measured")
+    return failures
+
+
+def write_decision_report(
+    folder: Path, report: DecisionReport, decisions: Sequence[TrialDecision]
+) -> None:
+    """Write decisions.md with the table, and decisions.json with every decision and truth."""
+    folder.mkdir(parents=True, exist_ok=True)
+    worlds = ", ".join(dict.fromkeys(one.world for one in decisions))
+    head = (
+        "# Decisions about effects beside the truth\n\n"
+        f"{report.num_situations} situations of the shipped real camera in {worlds}.\n\n"
+    )
+    (folder / "decisions.md").write_text(f"{head}{report}\n", encoding="utf-8")
+    content = {
+        "scores": [asdict(one) for one in report.scores],
+        "failures": list(report.failures),
+        "decisions": [asdict(one) for one in decisions],
+    }
+    (folder / "decisions.json").write_text(json.dumps(content) + "\n", encoding="utf-8")

@@ -1,0 +1,208 @@
+"""True changes of effects: what each makes of the light that reaches it, in encoded grey levels.
+
+The truth of an effect is the largest change of any pixel and channel of a frame, of the light that
+the effects before it leave: the references of `effect.apply` in float64 for image effects, and
+sharp frames of the engine for scene effects, with and without each; motion during an exposure is
+the mean of many sharp frames. Nothing here knows criteria, bounds, thresholds, or what a renderer
+measures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.effects.capture_context import CaptureContext
+from catoptra_server.effects.effect import Effect, ImageEffect, is_image_effect, is_scene_effect
+from catoptra_server.effects.medium.defocus import Defocus
+from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
+from catoptra_server.effects.scene.motion_blur import MotionBlur
+from catoptra_server.effects.scene.rolling_shutter import RollingShutter
+from catoptra_server.effects.scene.self_view import SelfView
+from catoptra_server.effects.scene.shadows import Shadows
+from catoptra_server.render.renderer import LinearImage
+from catoptra_server.render.trace.ray_table import Float32s
+from catoptra_server.scene.twist import AT_REST
+
+# Sharp frames of an exposure.
+NUM_SHARP_FRAMES = 64
+
+RenderLinear = Callable[[CameraState], LinearImage]
+"""Function that renders a sharp frame, (h, w, 3) linear light."""
+MeasureRanges = Callable[[CameraState], Float32s]
+"""Function that measures the (h, w) ranges of all pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """Times of an exposure."""
+
+    exposure_s: float = 0.0
+    readout_s: float = 0.0
+
+
+@dataclass(slots=True)
+class EffectTruth:
+    """True changes in the frames of one camera; frames of one pose are rendered once."""
+
+    camera: OmniCamera
+    render_linear: RenderLinear
+    measure_ranges: MeasureRanges
+    _pose: bytes = b""
+    _known: dict[Hashable, object] = field(default_factory=dict)
+
+    def measure(
+        self, camera_state: CameraState, effects: Sequence[Effect], drawn: frozenset[str]
+    ) -> dict[str, float]:
+        """Largest change of any pixel by each effect, encoded grey levels.
+
+        Args:
+            camera_state: State of the exposure, before any effect.
+            effects: Effects in optical order.
+            drawn: Names of the effects that act on the light of later ones.
+        """
+        pose = camera_state.world_from_mirror
+        key = pose.rotation.tobytes() + pose.translation.tobytes()
+        if key != self._pose:
+            self._pose = key
+            self._known.clear()
+        truths, state, opening = self._change_scene(camera_state, effects, drawn)
+        image_effects = tuple(one for one in effects if is_image_effect(one))
+        is_moving = camera_state.twist != AT_REST
+        light_key = ("image", _state_key(state), opening if is_moving else None, drawn)
+        if light_key not in self._known:
+            light = self._expose(state, opening)
+            self._known[light_key] = self._change_image(state, light, image_effects, drawn)
+        image_truths = self._known[light_key]
+        assert isinstance(image_truths, dict)
+        return truths | image_truths
+
+    def _change_scene(
+        self, state: CameraState, effects: Sequence[Effect], drawn: frozenset[str]
+    ) -> tuple[dict[str, float], CameraState, Opening]:
+        """Changes by scene effects, and the state and times with all drawn ones."""
+        truths, opening = {}, Opening()
+        for effect in effects:
+            if not is_scene_effect(effect):
+                continue
+            changed, changed_opening = state, opening
+            if isinstance(effect, SelfView):
+                if state.ego_body is not None:
+                    changed = replace(state, objects=(*state.objects, state.ego_body))
+            elif isinstance(effect, Shadows):
+                changed = replace(state, has_shadows=True)
+            elif isinstance(effect, RollingShutter):
+                changed_opening = replace(opening, readout_s=effect.readout_s)
+            elif isinstance(effect, MotionBlur):
+                changed_opening = replace(opening, exposure_s=effect.exposure_s)
+            else:
+                raise NotImplementedError(f"no truth of the scene effect {effect.name}")
+            before, after = self._expose(state, opening), self._expose(changed, changed_opening)
+            truths[effect.name] = (
+                0.0 if after is before else max_change(encode(before), encode(after))
+            )
+            if effect.name in drawn:
+                state, opening = changed, changed_opening
+        return truths, state, opening
+
+    def _expose(self, state: CameraState, opening: Opening) -> Floats:
+        """Linear light of an exposure: the same array for the same light."""
+        is_moving = state.twist != AT_REST or any(one.twist != AT_REST for one in state.objects)
+        if not is_moving:
+            opening = Opening()
+        key = ("light", _state_key(state), opening, state.twist if is_moving else None)
+        if key not in self._known:
+            self._known[key] = self._render(state, opening)
+        light = self._known[key]
+        assert isinstance(light, np.ndarray)
+        return light
+
+    def _render(self, state: CameraState, opening: Opening) -> Floats:
+        if opening == Opening():
+            return self.render_linear(state).astype(np.float64)
+        rows = self.camera.height_px
+        centres_s = opening.readout_s * ((np.arange(rows) + 0.5) / rows - 0.5)
+        total_s = opening.exposure_s + opening.readout_s
+        edges_s = (np.arange(NUM_SHARP_FRAMES + 1) / NUM_SHARP_FRAMES - 0.5) * total_s
+        light = np.zeros((rows, self.camera.width_px, 3))
+        for begin_s, end_s in pairwise(edges_s.tolist()):
+            weights = _row_weights(centres_s, opening.exposure_s, begin_s, end_s)
+            if weights.any():
+                frame = self.render_linear(advance(state, 0.5 * (begin_s + end_s)))
+                light += weights[:, None, None] * frame
+        return light
+
+    def _change_image(
+        self,
+        state: CameraState,
+        light: Floats,
+        effects: Sequence[ImageEffect],
+        drawn: frozenset[str],
+    ) -> dict[str, float]:
+        """Changes by image effects, each of the light behind the drawn ones before."""
+        range_m = None
+        if any(effect.needs_range for effect in effects):
+            range_m = self.measure_ranges(state)
+        context = CaptureContext(state.noise_seed, range_m)
+        truths, encoded = {}, encode(light)
+        for effect in effects:
+            if isinstance(effect, Defocus) and DefocusByDepth.name in drawn:
+                continue  # its work is done
+            changed = effect.apply(light, self.camera, context)
+            changed_encoded, reference = encode(changed), encoded
+            if isinstance(effect, DefocusByDepth):
+                # Compared with what is done without it: the disc of infinity.
+                plain = next((one for one in effects if isinstance(one, Defocus)), None)
+                if plain is not None:
+                    reference = encode(plain.apply(light, self.camera, context))
+            truths[effect.name] = max_change(reference, changed_encoded)
+            if effect.name in drawn:
+                light, encoded = changed, changed_encoded
+        return truths
+
+
+def advance(state: CameraState, time_s: float) -> CameraState:
+    """Camera state at another time, camera and objects moved by their twists."""
+    objects = (
+        replace(one, world_from_object=one.twist.integrate_pose(one.world_from_object, time_s))
+        for one in state.objects
+    )
+    pose = state.twist.integrate_pose(state.world_from_mirror, time_s)
+    return replace(state, world_from_mirror=pose, objects=tuple(objects))
+
+
+def encode(light: Floats) -> Floats:
+    """Encoded grey levels of linear light, 0 to 255, not rounded. Source: IEC 61966-2-1."""
+    clipped = np.clip(light, 0.0, 1.0)
+    encoded = clipped ** (1.0 / 2.4)
+    encoded *= 269.025
+    encoded -= 14.025
+    dark = clipped <= 0.0031308
+    encoded[dark] = 3294.6 * clipped[dark]
+    return encoded
+
+
+def max_change(before: Floats, after: Floats) -> float:
+    """Largest difference of any pixel and channel."""
+    return float(np.abs(after - before).max())
+
+
+def _row_weights(centres_s: Floats, exposure_s: float, begin_s: float, end_s: float) -> Floats:
+    """(rows,) fraction of each row's exposure within an interval."""
+    if exposure_s == 0.0:
+        return ((centres_s >= begin_s) & (centres_s < end_s)).astype(np.float64)
+    half_s = 0.5 * exposure_s
+    overlap_s = np.minimum(end_s, centres_s + half_s) - np.maximum(begin_s, centres_s - half_s)
+    weights: Floats = np.maximum(overlap_s, 0.0) / exposure_s
+    return weights
+
+
+def _state_key(state: CameraState) -> Hashable:
+    """What a sharp frame of a known pose depends on."""
+    return (tuple(id(one.mesh) for one in state.objects), state.has_shadows, state.noise_seed)

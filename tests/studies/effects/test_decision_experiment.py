@@ -1,0 +1,33 @@
+"""The experiment of `make effects` in small: 40 situations, with the same criteria."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_studies.effects.decision_experiment import DecisionStudy, run_decision_study
+from catoptra_studies.effects.decision_report import evaluate_decisions
+from catoptra_studies.effects.decision_trial import TrialDecision
+
+STUDY = DecisionStudy(
+    num_places=5, worlds=("four_legged_2006", "rescue"), width_px=160, num_processes=1
+)
+
+
+@pytest.fixture(scope="module")
+def decisions() -> tuple[TrialDecision, ...]:
+    return run_decision_study(STUDY)
+
+
+def test_situations_are_worlds_times_places_times_motions(
+    decisions: tuple[TrialDecision, ...],
+) -> None:
+    assert evaluate_decisions(decisions).num_situations == 40
+
+
+def test_processes_share_the_places_without_a_change() -> None:
+    calls = []
+    small = DecisionStudy(num_places=1, worlds=("rescue",), width_px=48, num_processes=1)
+    alone = run_decision_study(small, on_place=lambda: calls.append(1))
+    pair = DecisionStudy(num_places=1, worlds=("rescue",), width_px=48, num_processes=2)
+    assert run_decision_study(pair) == alone
+    assert calls == [1]
