@@ -11,7 +11,6 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from statistics import median
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -20,6 +19,7 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
+from catoptra_server.frames.effect_times import measure_effect_times
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.mounted_camera import mounted_camera_state
 from catoptra_server.frames.view_cache import ViewCache
@@ -38,8 +38,6 @@ from catoptra_server.simulation.robot_meshes import build_ego_mesh
 from catoptra_server.startup import StartupConfig, read_startup_config
 
 EXIT_FAILURE = 2
-# Five suffice: the report compares effects with each other, not to a tenth of a millisecond.
-_NUM_FRAMES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +70,19 @@ class CameraEffectReport:
     effects: tuple[EffectDecision, ...]
     """Decisions in optical order."""
     effect_ms: dict[str, float]
-    """Median milliseconds of each enabled image effect; a scene effect has no stage of its own."""
+    """Median milliseconds of each effect that the frame draws, of scene effects by difference."""
     other_ms: float
-    """Median milliseconds of all other stages, scene effects included."""
+    """Median milliseconds of all else."""
 
     def __str__(self) -> str:
-        effects_ms = sum(self.effect_ms.values())
-        total_ms = self.other_ms + effects_ms
+        # Sums of the numbers as they are printed, so that the lines agree to the last digit.
+        effects_ms = sum(round(ms, 1) for ms in self.effect_ms.values())
+        other_ms = round(self.other_ms, 1)
         head = f"{self.robot} {self.camera}: {self.plan}"
-        cost = f"a frame takes {total_ms:.1f} ms, {effects_ms:.1f} ms of them for effects"
+        cost = (
+            f"a frame takes {other_ms + effects_ms:.1f} ms: {effects_ms:.1f} ms for effects, "
+            f"{other_ms:.1f} ms for all else"
+        )
         return "\n".join((head, format_decisions(self.effects, self.effect_ms), cost))
 
 
@@ -157,15 +159,15 @@ def _explain_camera(
         RenderPlanner(RendererPool(choice), cache), SceneSummarizer(startup.scene, startup.world)
     )
     spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
-    rendered = [views.render(ViewRequest(spec, camera_state)) for _ in range(_NUM_FRAMES)]
+    times = measure_effect_times(views.render, ViewRequest(spec, camera_state))
     views.close()
-    frame_ms = [view.image.stage_ms for view in rendered]
-    stages = {name: median(stage_ms[name] for stage_ms in frame_ms) for name in frame_ms[0]}
-    decisions = rendered[0].effect_decisions
-    effect_ms = {d.effect: stages.pop(d.effect) for d in decisions if d.effect in stages}
-    other_ms = sum(stages.values())
     return CameraEffectReport(
-        robot.class_name, omni.name, rendered[0].plan, decisions, effect_ms, other_ms
+        robot.class_name,
+        omni.name,
+        times.view.plan,
+        times.view.effect_decisions,
+        dict(times.effect_ms),
+        times.other_ms,
     )
 
 
