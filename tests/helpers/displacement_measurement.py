@@ -12,7 +12,7 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_sample_positions,
 )
-from catoptra_server.effects.effect import PIXELS, ImageEffect
+from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.scene_summary import SceneSummary
 from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT
 
@@ -45,18 +45,18 @@ def measure_displacement_px(effect: ImageEffect, camera: OmniCamera) -> Floats:
 
 
 def assert_displacement_negligible(effect: ImageEffect, camera: OmniCamera) -> None:
-    """Assert that the criterion leaves an effect out, and that displacements are small."""
+    """Assert that an effect displaces little by its bound, and in images."""
     bound = effect.bound(SceneSummary(1.0), camera)
-    assert effect.unit == PIXELS
-    assert bound.value <= THRESHOLD_PX
-    assert measure_displacement_px(effect, camera).max() <= bound.value * (1.0 + 1e-6) + 1e-6
+    assert bound.displacement_px <= THRESHOLD_PX
+    assert (
+        measure_displacement_px(effect, camera).max() <= bound.displacement_px * (1.0 + 1e-6) + 1e-6
+    )
 
 
 def assert_displacement_not_negligible(effect: ImageEffect, camera: OmniCamera) -> None:
-    """Assert that the criterion enables an effect with a displacement within the bound."""
+    """Assert that an effect displaces much, but not more than its bound."""
     bound = effect.bound(SceneSummary(1.0), camera)
-    assert effect.unit == PIXELS
-    assert bound.value > THRESHOLD_PX
+    assert bound.displacement_px > THRESHOLD_PX
     assert bound.reason
     moved = float(measure_displacement_px(effect, camera).max())
-    assert 0.5 * THRESHOLD_PX < moved <= bound.value * (1.0 + 1e-6)
+    assert 0.5 * THRESHOLD_PX < moved <= bound.displacement_px * (1.0 + 1e-6)

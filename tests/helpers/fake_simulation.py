@@ -91,7 +91,7 @@ class FakeSimulation:
             ),
             stage_ms={"trace": 2.0},
             plan="traced",
-            effect_decisions=(EffectDecision("Blooming", False, 0.0, 0.5, "grey levels", "dim"),),
+            effect_decisions=(EffectDecision("Blooming", False, 0.0, 0.5, "dim"),),
         )
         self.mailboxes.put(frame)
 

@@ -9,7 +9,7 @@ import pytest
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.bound_cache import BoundCache
-from catoptra_server.effects.effect import PIXELS, Effect, EffectBound
+from catoptra_server.effects.effect import Effect, EffectBound
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary, ShadowLoss
 from catoptra_server.scene.twist import Twist
 from helpers.effect_measurement import CAMERA, make_any_effect
@@ -55,7 +55,6 @@ class DistanceEffect:
     summaries: list[SceneSummary] = field(default_factory=list, hash=False)
 
     name: ClassVar[str] = "Distance"
-    unit: ClassVar[str] = PIXELS
     changes_scene: ClassVar[bool] = True
     reads: ClassVar[frozenset[str]] = frozenset({"scene_twist", "min_distances_m"})
 

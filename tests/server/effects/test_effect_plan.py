@@ -81,11 +81,13 @@ def test_threshold_when_in_pixels_decides_on_what_is_bounded_in_pixels() -> None
         EffectSetting(MotionBlur(0.1), EffectMode.AUTO),
         EffectSetting(COARSE, EffectMode.AUTO),
     )
-    bound = plan_effects(EffectSettings(named), passing, CAMERA).find_bound("MotionBlur")
+    plan = plan_effects(EffectSettings(named), passing, CAMERA)
+    bound = plan.find_displacement_px("MotionBlur")
+    assert plan.find_displacement_px("Quantisation") == 0.0
     for threshold_px, is_on in ((0.99 * bound, True), (1.01 * bound, False)):
         plan = plan_effects(EffectSettings(named, threshold_px=threshold_px), passing, CAMERA)
         assert [one.enabled for one in plan.decisions] == [is_on, True]
-        assert plan.decisions[0].threshold == threshold_px
+    assert plan_effects(EffectSettings(named), passing, CAMERA).decisions[0].enabled
 
 
 def test_bound_when_an_effect_runs_before_is_that_of_what_reaches_it() -> None:
@@ -128,7 +130,7 @@ def test_plan_when_printed_is_a_table_with_a_row_an_effect() -> None:
         plan_effects(make_settings((FINE, EffectMode.AUTO)), DAYLIGHT, CAMERA)
     ).splitlines()
     assert head.split() == [
-        *("effect", "basis", "change", "bound", "threshold", "unit", "ms", "reason")
+        *("effect", "basis", "change", "bound", "threshold", "px", "ms", "reason")
     ]
     assert row.split()[:5] == ["Quantisation", "off", "proved", "0.402", "0.5"]
     assert row.endswith("a converter of 12 bits")
@@ -161,7 +163,8 @@ def test_shutter_when_objects_move_has_the_time_samples_that_both_displacements_
     shutter = apply_scene_effects(DRIVING_STATE, plan).shutter
     assert shutter is not None
     assert (shutter.exposure_s, shutter.readout_s) == (0.04, 0.03)
-    steps = plan.find_bound("MotionBlur") + 8.0 * plan.find_bound("RollingShutter")
+    blur_px, skew_px = map(plan.find_displacement_px, ("MotionBlur", "RollingShutter"))
+    steps = blur_px + 8.0 * skew_px
     assert shutter.num_time_samples == pytest.approx(steps, abs=1.0)
     assert shutter.num_time_samples > 2
 

@@ -19,7 +19,7 @@ from catoptra_server.robot.render_settings import RenderSettings
 from helpers.frame_requests import VIEW, make_request
 from helpers.robots import CAMERA, FakeViewProvider
 
-BLOOMING = EffectDecision("Blooming", False, 0.0, 0.5, "grey levels", "dim")
+BLOOMING = EffectDecision("Blooming", False, 0.0, 0.5, "dim")
 
 
 def test_frame_of_one_tile_is_the_view_s_image() -> None:

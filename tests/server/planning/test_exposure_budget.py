@@ -84,7 +84,7 @@ def test_covered_fraction_is_that_of_the_cone_around_the_sphere(
 
 def test_decisions_name_the_limit_at_the_effects_of_the_shutter() -> None:
     decisions = tuple(
-        EffectDecision(name, name != "RollingShutter", 9.0, 0.5, "px", "fast")
+        EffectDecision(name, name != "RollingShutter", 9.0, 0.5, "fast")
         for name in ("RollingShutter", "MotionBlur", "Fog")
     )
     limited = limit_time_samples(MOVING, CAMERA, make_plan(2))

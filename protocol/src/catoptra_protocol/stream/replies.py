@@ -38,11 +38,9 @@ class EffectRecord:
     name: str
     enabled: bool
     bound: float
-    """Largest change of any pixel that the effect can cause."""
+    """Largest change of any pixel that the effect can cause, encoded grey levels of 255."""
     threshold: float
-    """Change below which `auto` disables the effect."""
-    unit: str
-    """Unit of bound and threshold."""
+    """Change up to which `auto` disables the effect, grey levels."""
     reason: str
     duration_ms: float | None = None
     """Duration in this frame; None for a disabled effect and for one that changes the scene, whose
@@ -50,7 +48,9 @@ class EffectRecord:
     basis: str = "proved"
     """What decided: `proved`, the bound alone; `measured`, the frame's own pixels."""
     change: float | None = None
-    """Largest change of any pixel of this frame, where measured."""
+    """Largest change of any pixel of this frame, grey levels, where measured."""
+    displacement_px: float | None = None
+    """Largest displacement of light; None for an effect that displaces none."""
 
 
 @dataclass(frozen=True, slots=True)

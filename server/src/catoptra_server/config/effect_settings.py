@@ -34,8 +34,14 @@ def read_effect_settings(section: SectionReader) -> EffectSettings:
             "EffectThreshold", 0.5, min_value=0.0, max_value=255.0
         ),
         basis=DecisionBasis(section.get_choice("EffectDecision", _BASES, _DEFAULT_BASIS)),
-        threshold_px=section.get_float("EffectThresholdPx", 0.5, min_value=0.0, max_value=1000.0),
+        threshold_px=_read_threshold_px(section),
     )
+
+
+def _read_threshold_px(section: SectionReader) -> float | None:
+    if not section.has_key("EffectThresholdPx"):
+        return None
+    return section.get_float("EffectThresholdPx", min_value=0.0, max_value=1000.0)
 
 
 def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSetting | None:

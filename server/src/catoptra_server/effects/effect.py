@@ -28,11 +28,6 @@ Real = TypeVar("Real", np.float32, np.float64)
 # A texture is uploaded again only if another array object is returned: effects cache their maps.
 Uniforms = Mapping[str, npt.NDArray[np.float32] | npt.NDArray[np.uint32]]
 
-# Units of bounds: change of an encoded value, or distance between the pixel where light belongs
-# and the pixel that receives it.
-GREY_LEVELS = "grey levels"
-PIXELS = "px"
-
 # Fields of a summary that are known without distances, motions and shadows.
 _RADIANCE_FIELDS = frozenset({"max_radiance"})
 
@@ -59,9 +54,12 @@ class EffectBound:
     """Upper bound of the change that an effect makes in any pixel."""
 
     value: float
-    """In the effect's unit."""
+    """Encoded grey levels of 255."""
     reason: str
     """For logs, `explain` and the frame header."""
+    displacement_px: float | None = None
+    """Largest distance between the pixel where light belongs and the pixel that receives it; None
+    for an effect that displaces no light."""
 
 
 class Effect(Protocol):
@@ -73,10 +71,6 @@ class Effect(Protocol):
     @property
     def name(self) -> str:
         """Key of the effect's mode in robot files, and its stage in timings."""
-
-    @property
-    def unit(self) -> str:
-        """Unit of the bound: GREY_LEVELS or PIXELS."""
 
     @property
     def changes_scene(self) -> bool:
@@ -102,12 +96,12 @@ class Effect(Protocol):
 class SceneEffect(Effect, Protocol):
     """Effect that changes the camera state before rendering. Folder: `effects/scene`."""
 
-    def apply_to_scene(self, camera_state: CameraState, bound: float) -> CameraState:
+    def apply_to_scene(self, camera_state: CameraState, displacement_px: float) -> CameraState:
         """Add the effect to a camera state.
 
         Args:
             camera_state: State of the exposure, with the scene effects before this one.
-            bound: The effect's bound for this exposure.
+            displacement_px: Largest displacement of the effect's bound; 0 for none.
         """
 
 
@@ -193,8 +187,9 @@ class EffectSettings:
     """In optical order."""
     threshold_grey_levels: float = 0.5
     """`auto` leaves out effects whose bound is at most this: half a level is not visible."""
-    threshold_px: float = 0.5
-    """The same for bounds in pixels."""
+    threshold_px: float | None = None
+    """`auto` also leaves out effects that displace light by at most this; None: grey levels decide
+    alone, since a tenth of a pixel changes an edge by 50 of them."""
     basis: DecisionBasis = DecisionBasis.MEASURED
     """PROVED: an effect whose bound is above the threshold is drawn everywhere and counts as
     enabled, whatever the frame shows."""
@@ -209,9 +204,13 @@ class EffectSettings:
         # effects would take as long as all the rest of that lookup (9 microseconds).
         return self._hash
 
-    def threshold(self, unit: str) -> float:
-        """Threshold of bounds in a unit."""
-        return self.threshold_px if unit == PIXELS else self.threshold_grey_levels
+    def is_negligible(self, bound: EffectBound) -> bool:
+        """Whether `auto` leaves out an effect of a bound."""
+        if bound.value <= self.threshold_grey_levels:
+            return True
+        if self.threshold_px is None or bound.displacement_px is None:
+            return False
+        return bound.displacement_px <= self.threshold_px
 
 
 NO_EFFECT_SETTINGS = EffectSettings()

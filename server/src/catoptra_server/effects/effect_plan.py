@@ -30,7 +30,7 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 # As many decisions per effect as its cache has bounds.
 _MAX_CACHED_DECISIONS = 512
-_ROW_FORMAT = "{:<20} {:<4}{:<9} {:>8} {:>8} {:>10}  {:<12} {:>7}  {}"
+_ROW_FORMAT = "{:<20} {:<4}{:<9} {:>7} {:>7} {:>10} {:>7} {:>7}  {}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +41,12 @@ class EffectDecision:
     """The effect's name."""
     enabled: bool
     bound: float
-    """Upper bound of the change of any pixel."""
+    """Upper bound of the change of any pixel, grey levels."""
     threshold: float
-    """Largest bound at which `auto` leaves the effect out."""
-    unit: str
-    """Unit of bound and threshold."""
+    """Largest change at which `auto` leaves the effect out, grey levels."""
     reason: str
+    displacement_px: float | None = None
+    """Upper bound of the displacement of light; None for an effect that displaces none."""
     basis: DecisionBasis = DecisionBasis.PROVED
     change: float | None = None
     """Largest change of any pixel of the frame, grey levels; None if nobody measured it."""
@@ -70,9 +70,10 @@ class EffectPlan:
         """Scene effects, then image effects."""
         return (*self.scene_effects, *self.image_effects)
 
-    def find_bound(self, effect_name: str) -> float:
-        """Bound of an effect; 0 if no robot file names the effect."""
-        return next((one.bound for one in self.decisions if one.effect == effect_name), 0.0)
+    def find_displacement_px(self, effect_name: str) -> float:
+        """Largest displacement by an effect; 0 for one that displaces nothing or is not named."""
+        found = (one.displacement_px for one in self.decisions if one.effect == effect_name)
+        return next(found, None) or 0.0
 
     def decide_by_frame(self, changes: Mapping[str, float]) -> tuple[EffectDecision, ...]:
         """Decisions with what a frame shows: an effect that changes too little in it is off.
@@ -125,7 +126,7 @@ def plan_effects(settings: EffectSettings, summary: SceneSummary, camera: OmniCa
     image_effects: list[ImageEffect] = []
     for entry in _effect_entries(settings, camera):
         effect = entry.setting.effect
-        decisions.append(_find_decision(entry, summary, settings.threshold(effect.unit)))
+        decisions.append(_find_decision(entry, summary, settings))
         if not decisions[-1].enabled:
             continue
         if is_scene_effect(effect):
@@ -177,15 +178,18 @@ def _decide_by_change(decision: EffectDecision, change: float | None) -> EffectD
 def apply_scene_effects(camera_state: CameraState, plan: EffectPlan) -> CameraState:
     """Camera state with all enabled scene effects, in optical order."""
     for effect in plan.scene_effects:
-        camera_state = effect.apply_to_scene(camera_state, plan.find_bound(effect.name))
+        displacement_px = plan.find_displacement_px(effect.name)
+        camera_state = effect.apply_to_scene(camera_state, displacement_px)
     return camera_state
 
 
-def _find_decision(entry: _EffectEntry, summary: SceneSummary, threshold: float) -> EffectDecision:
+def _find_decision(
+    entry: _EffectEntry, summary: SceneSummary, settings: EffectSettings
+) -> EffectDecision:
     # In every mode: applied twice, the disc of Defocus would blur the blurred image again.
     if entry.setting.effect.name in summary.superseded_effects:
         superseded = EffectBound(0.0, "another effect includes this one")
-        return replace(_decide(entry.setting, superseded, threshold), enabled=False)
+        return replace(_decide(entry.setting, superseded, settings), enabled=False)
     bound = entry.bound_cache.get(summary)
     decision = entry.decisions.get(bound)
     if decision is None:
@@ -193,24 +197,24 @@ def _find_decision(entry: _EffectEntry, summary: SceneSummary, threshold: float)
         # limit is hardly ever reached.
         if len(entry.decisions) >= _MAX_CACHED_DECISIONS:
             entry.decisions.clear()
-        decision = entry.decisions[bound] = _decide(entry.setting, bound, threshold)
+        decision = entry.decisions[bound] = _decide(entry.setting, bound, settings)
     return decision
 
 
-def _decide(setting: EffectSetting, bound: EffectBound, threshold: float) -> EffectDecision:
+def _decide(setting: EffectSetting, bound: EffectBound, settings: EffectSettings) -> EffectDecision:
     enabled = {
         EffectMode.ALWAYS: True,
         EffectMode.NEVER: False,
-        EffectMode.AUTO: bound.value > threshold,
+        EffectMode.AUTO: not settings.is_negligible(bound),
     }[setting.mode]
     prefix = "" if setting.mode is EffectMode.AUTO else f"{setting.mode.value} by setting; "
     return EffectDecision(
         effect=setting.effect.name,
         enabled=enabled,
         bound=bound.value,
-        threshold=threshold,
-        unit=setting.effect.unit,
+        threshold=settings.threshold_grey_levels,
         reason=f"{prefix}{bound.reason}",
+        displacement_px=bound.displacement_px,
     )
 
 
@@ -224,7 +228,7 @@ def format_decisions(decisions: Sequence[EffectDecision], ms: Mapping[str, float
     if not decisions:
         return "no effects: the robot file names none"
     head = _ROW_FORMAT.format(
-        "effect", "", "basis", "change", "bound", "threshold", "unit", "ms", "reason"
+        "effect", "", "basis", "change", "bound", "threshold", "px", "ms", "reason"
     )
     rows = (_format_row(decision, ms.get(decision.effect)) for decision in decisions)
     return "\n".join((head, *rows))
@@ -234,13 +238,14 @@ def _format_row(decision: EffectDecision, ms: float | None) -> str:
     state = "on" if decision.enabled else "off"
     change = "" if decision.change is None else f"{decision.change:.3g}"
     numbers = (change, f"{decision.bound:.3g}", f"{decision.threshold:.3g}")
+    px = "" if decision.displacement_px is None else f"{decision.displacement_px:.3g}"
     time_ms = "" if ms is None else f"{ms:.1f}"
     return _ROW_FORMAT.format(
         decision.effect,
         state,
         decision.basis.value,
         *numbers,
-        decision.unit,
+        px,
         time_ms,
         decision.reason,
     )

@@ -192,7 +192,7 @@ def _draw_page(
 
 def _describe_decision(decision: EffectDecision) -> str:
     state, sign = ("on", ">") if decision.enabled else ("off", "≤")
-    numbers = f"{decision.bound:.3g} {sign} {decision.threshold:g} {decision.unit}"
+    numbers = f"{decision.bound:.3g} {sign} {decision.threshold:g} grey levels"
     return f"{state}, {numbers} ({decision.reason})"
 
 

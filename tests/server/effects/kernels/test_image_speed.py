@@ -9,7 +9,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_sample_positions
 from catoptra_server.effects.kernels.image_speed import (
-    max_displacement,
+    bound_motion,
     max_speeds_px_s,
     ring_scales_and_radii,
 )
@@ -70,9 +70,9 @@ def test_reference_camera_when_it_drives_past_a_wall_has_the_known_blur() -> Non
     # With a rim of 180 px: 8 mm in front of pixels of 7.4 um.
     camera = make_omni_camera(width_px=360)
     wall = SceneSummary(1.0, (1.0,) * NUM_RINGS, scene_twist=Twist((-0.5, 0.0, 0.0)))
-    assert max_displacement(wall, camera, 1.0 / 30.0).value == pytest.approx(3.5, abs=0.1)
+    assert bound_motion(wall, camera, 1.0 / 30.0).displacement_px == pytest.approx(3.5, abs=0.1)
     turn = SceneSummary(1.0, scene_twist=Twist(angular_rad_s=(0.0, 0.0, math.radians(60.0))))
-    assert max_displacement(turn, camera, 1.0 / 30.0).value == pytest.approx(6.28, abs=0.01)
+    assert bound_motion(turn, camera, 1.0 / 30.0).displacement_px == pytest.approx(6.28, abs=0.01)
 
 
 def test_reason_when_something_moves_names_speed_range_turn_and_time() -> None:
@@ -80,11 +80,11 @@ def test_reason_when_something_moves_names_speed_range_turn_and_time() -> None:
     summary = SceneSummary(
         1.0, (1.0,) * NUM_RINGS, scene_twist=twist, max_object_rates_rad_s=(0.5,) * NUM_RINGS
     )
-    reason = max_displacement(summary, CAMERAS["paper"], 1.0 / 30.0).reason
+    reason = bound_motion(summary, CAMERAS["paper"], 1.0 / 30.0).reason
     for part in ("0.5 m/s at 1 m", "turns by up to 60 degrees/s", "29 degrees/s", "33.3 ms"):
         assert part in reason
 
 
 def test_reason_when_nothing_moves_states_it() -> None:
-    bound = max_displacement(SceneSummary(1.0, (1.0,) * NUM_RINGS), CAMERAS["paper"], 1.0)
+    bound = bound_motion(SceneSummary(1.0, (1.0,) * NUM_RINGS), CAMERAS["paper"], 1.0)
     assert (bound.value, bound.reason) == (0.0, "nothing moves")

@@ -19,6 +19,7 @@ from helpers.effect_measurement import (
     CAPTURE_CONTEXT,
     assert_summary_bounds_effect,
     make_test_pattern,
+    max_grey_level_change,
 )
 
 FRAMED_CAMERA = add_margin()
@@ -88,7 +89,7 @@ def test_colours_when_apart_are_enabled(over: float, sign: float) -> None:
 
 def test_bound_when_colours_are_apart_is_what_the_rim_is_moved_by() -> None:
     moved = measure_displacement_px(ABERRATION, FRAMED_CAMERA).max(axis=(0, 1))
-    bound = ABERRATION.bound(SceneSummary(1.0), FRAMED_CAMERA).value
+    bound = ABERRATION.bound(SceneSummary(1.0), FRAMED_CAMERA).displacement_px
     assert moved[0] == pytest.approx(bound, rel=0.05)
     assert moved[1] == 0.0
     assert bound == pytest.approx(0.02 * visible_radii_px(FRAMED_CAMERA)[1])
@@ -96,3 +97,12 @@ def test_bound_when_colours_are_apart_is_what_the_rim_is_moved_by() -> None:
 
 def test_summary_behind_it_holds() -> None:
     assert_summary_bounds_effect(ABERRATION, 2.0)
+
+
+@pytest.mark.parametrize("magnification", [1.0002, 1.001, 1.02])
+def test_bound_in_grey_levels_holds_for_edges(magnification: float) -> None:
+    effect = ChromaticAberration(magnification, 1.0 / magnification)
+    bound = effect.bound(SceneSummary(1.0), CAMERA).value
+    stripes = make_test_pattern() > 0.0
+    stripes[:, ::2] = False
+    assert 0.3 * bound < max_grey_level_change(effect, stripes.astype(np.float64)) <= bound

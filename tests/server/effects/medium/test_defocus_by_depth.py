@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +17,9 @@ from catoptra_server.effects.kernels.lens_blur import (
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth, max_diameter_change_px
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
+from catoptra_server.scene.colour import srgb_from_linear
 from helpers.blur_measurement import inner_pixels, measure_blur_diameters_px
-from helpers.effect_measurement import CAPTURE_CONTEXT, THRESHOLD, assert_summary_bounds_effect
+from helpers.effect_measurement import CAPTURE_CONTEXT, assert_summary_bounds_effect
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=160)
@@ -59,20 +61,20 @@ def test_bound_when_discs_are_measured_holds_and_is_reached(
     bound = effects[0].bound(SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS), CAMERA)
     measured = [diameter_change_px(effects, nearest_m * factor) for factor in (1.0, 1.3, 2.0, 5.0)]
     # Rounding of float32 ranges.
-    assert max(measured) <= bound.value + 1e-4
-    enabled = bound.value > THRESHOLD
-    assert not enabled or max(measured) > max(0.5 * THRESHOLD, 0.8 * bound.value)
+    assert max(measured) <= bound.displacement_px + 1e-4
+    is_wide = bound.displacement_px > 0.5
+    assert not is_wide or max(measured) > max(0.25, 0.8 * bound.displacement_px)
 
 
 def test_grid_when_decided_has_both_sides() -> None:
     bounds = [
         make_both(f_number, focus_m)[0]
         .bound(SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS), CAMERA)
-        .value
+        .displacement_px
         for f_number, focus_m, nearest_m in GRID
     ]
-    assert sum(bound > THRESHOLD for bound in bounds) > 4
-    assert sum(bound <= THRESHOLD for bound in bounds) > 4
+    assert sum(bound > 0.5 for bound in bounds) > 4
+    assert sum(bound <= 0.5 for bound in bounds) > 4
 
 
 def test_disc_when_measured_is_that_of_the_pixels_range() -> None:
@@ -115,7 +117,7 @@ def test_summary_behind_the_lens_holds() -> None:
 
 
 @pytest.mark.parametrize("fixed_mode", [EffectMode.AUTO, EffectMode.ALWAYS])
-@pytest.mark.parametrize(("nearest_m", "runs"), [(0.12, "DefocusByDepth"), (3.0, "Defocus")])
+@pytest.mark.parametrize(("nearest_m", "runs"), [(0.12, "DefocusByDepth"), (math.inf, "Defocus")])
 def test_light_is_blurred_once_by_the_one_that_the_scene_enables(
     nearest_m: float, runs: str, fixed_mode: EffectMode
 ) -> None:
@@ -141,3 +143,17 @@ def test_map_when_computed_twice_is_the_same_array() -> None:
     effect = make_both(4.0)[0]
     one, other = (effect.uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2))
     assert one["disc_parameters"] is other["disc_parameters"]
+
+
+@pytest.mark.parametrize(("f_number", "focus_m", "nearest_m"), GRID)
+def test_bound_in_grey_levels_is_that_of_the_difference_to_infinity(
+    f_number: float, focus_m: float, nearest_m: float
+) -> None:
+    by_depth, fixed = make_both(f_number, focus_m)
+    bound = by_depth.bound(SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS), CAMERA)
+    image = np.random.default_rng(4).integers(0, 2, (*SHAPE, 3)).astype(np.float64)
+    far = srgb_from_linear(fixed.apply(image, CAMERA, CAPTURE_CONTEXT))
+    for factor in (1.0, 1.5, 4.0):
+        near = by_depth.apply(image, CAMERA, context_at_range(factor * nearest_m))
+        change = 255.0 * float(np.abs(srgb_from_linear(near) - far).max())
+        assert change <= bound.value + 1e-3

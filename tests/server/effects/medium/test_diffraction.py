@@ -19,8 +19,8 @@ from helpers.blur_measurement import make_point_source
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
-    THRESHOLD,
     assert_summary_bounds_effect,
+    max_grey_level_change,
 )
 
 PITCH_M = 7.4e-6
@@ -82,7 +82,7 @@ def test_lens_when_disabled_would_leave_the_disc_of_every_point_in_its_pixel(
     f_number: float,
 ) -> None:
     effect = make_diffraction(f_number)
-    assert effect.bound(DAYLIGHT, CAMERA).value <= THRESHOLD
+    assert effect.bound(DAYLIGHT, CAMERA).displacement_px <= 0.5
     assert central_pixel_fraction(effect) >= IN_DISC
 
 
@@ -92,7 +92,7 @@ def test_lens_when_enabled_spreads_light_farther_than_half_the_threshold(
 ) -> None:
     effect = make_diffraction(f_number)
     bound = effect.bound(DAYLIGHT, CAMERA)
-    assert bound.value > THRESHOLD
+    assert bound.displacement_px > 0.5
     assert "Airy disc" in bound.reason
     # Even with the pixel's light spread evenly, a square of a quarter of a pixel around the centre
     # would have less than the disc's light.
@@ -105,7 +105,7 @@ def test_bound_when_wider_than_a_pixel_encloses_the_discs_light(f_number: float)
     effect = make_diffraction(f_number)
     v, u = np.mgrid[:96, :96]
     distance = np.hypot(u - 48, v - 48)
-    radius = effect.bound(DAYLIGHT, CAMERA).value
+    radius = effect.bound(DAYLIGHT, CAMERA).displacement_px
     enclosed = [
         float(spread_point(effect)[distance <= radius + by, 0].sum()) for by in (-0.71, 0.71)
     ]
@@ -128,3 +128,13 @@ def test_kernel_when_computed_twice_is_the_same_array() -> None:
         make_diffraction(8.0).uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2)
     )
     assert one["weights"] is other["weights"]
+
+
+@pytest.mark.parametrize("f_number", [1.0, 4.0, 16.0])
+def test_bound_in_grey_levels_holds_for_edges(f_number: float) -> None:
+    effect = make_diffraction(f_number)
+    bound = effect.bound(DAYLIGHT, CAMERA).value
+    points = np.zeros((CAMERA.height_px, CAMERA.width_px, 3))
+    points[::9, ::9] = 1.0
+    changes = [max_grey_level_change(effect, image) for image in (points, 1.0 - points)]
+    assert 0.3 * bound < max(changes) <= bound * (1.0 + 1e-9)

@@ -16,6 +16,7 @@ from helpers.effect_measurement import (
     CAPTURE_CONTEXT,
     assert_summary_bounds_effect,
     make_test_pattern,
+    max_grey_level_change,
 )
 from helpers.worlds import make_omni_camera
 
@@ -85,7 +86,9 @@ def test_camera_when_it_no_longer_sees_the_mirror_is_enabled_by_the_whole_image(
     camera = make_omni_camera(mirror=HyperbolicMirror(11.546, 0.01), width_px=48)
     far_off = Misalignment(0.02, 0.02, -0.05)
     assert not lookup_offset_map(far_off, camera)[..., 2].any()
-    assert far_off.bound(SceneSummary(1.0), camera).value == pytest.approx(48.0 * 2.0**0.5)
+    assert far_off.bound(SceneSummary(1.0), camera).displacement_px == pytest.approx(
+        48.0 * 2.0**0.5
+    )
     assert not far_off.apply(np.ones((48, 48, 3)), camera, CAPTURE_CONTEXT).any()
 
 
@@ -97,3 +100,10 @@ def test_map_when_computed_again_is_the_same_array_so_that_it_is_sent_once() -> 
 
 def test_summary_behind_it_holds() -> None:
     assert_summary_bounds_effect(MISALIGNMENT, 2.0)
+
+
+@pytest.mark.parametrize("offset_m", [1e-6, 1e-5, 1e-4, 1e-3])
+def test_bound_in_grey_levels_holds_for_edges_and_the_rim(offset_m: float) -> None:
+    effect = Misalignment(x_m=offset_m)
+    bound = effect.bound(SceneSummary(1.0), CAMERA).value
+    assert max_grey_level_change(effect, make_test_pattern()) <= bound * (1.0 + 1e-9)

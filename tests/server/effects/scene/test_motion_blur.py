@@ -36,8 +36,8 @@ def test_criterion_when_a_robot_moves_is_a_bound_and_enables_visible_motion(
     bound = BLUR.bound(SceneSummary(1.0, (range_m,) * NUM_RINGS, scene_twist=twist), CAMERA)
     widest = max_blur_px(twist, range_m)
     # Displacement exceeds speed times duration, since the speed changes: by 1e-3 at 2 m/s.
-    assert widest <= bound.value * 1.01
-    if bound.value > THRESHOLD_PX:
+    assert widest <= bound.displacement_px * 1.01
+    if bound.displacement_px > THRESHOLD_PX:
         assert widest > 0.5 * THRESHOLD_PX
         assert bound.reason
 
@@ -46,7 +46,7 @@ def test_grid_of_motions_has_both_sides_of_the_threshold() -> None:
     bounds = [
         BLUR.bound(
             SceneSummary(1.0, (range_m,) * NUM_RINGS, scene_twist=Twist((speed, 0.0, 0.0))), CAMERA
-        ).value
+        ).displacement_px
         for speed in (0.02, 0.1, 0.13, 0.2, 0.5, 2.0)
         for range_m in (0.4, 2.0)
     ]
@@ -65,6 +65,6 @@ def test_blur_changes_the_number_of_renderings_not_the_image() -> None:
 def test_larger_image_has_a_larger_bound() -> None:
     summary = SceneSummary(1.0, (1.0,) * NUM_RINGS, scene_twist=Twist((0.5, 0.0, 0.0)))
     small, large = (
-        BLUR.bound(summary, make_omni_camera(width_px=width)).value for width in (96, 192)
+        BLUR.bound(summary, make_omni_camera(width_px=width)).displacement_px for width in (96, 192)
     )
     assert large == pytest.approx(2.0 * small, rel=1e-6)

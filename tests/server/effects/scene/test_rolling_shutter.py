@@ -37,8 +37,8 @@ def test_criterion_when_a_robot_moves_is_a_bound_and_enables_visible_motion(
     bound = SHUTTER.bound(SceneSummary(1.0, (range_m,) * NUM_RINGS, scene_twist=twist), CAMERA)
     carried = max_displacement_px(twist, range_m)
     # Displacement exceeds speed times duration, since the speed changes.
-    assert carried <= bound.value * 1.02
-    if bound.value > THRESHOLD_PX:
+    assert carried <= bound.displacement_px * 1.02
+    if bound.displacement_px > THRESHOLD_PX:
         assert carried > 0.5 * THRESHOLD_PX
         assert bound.reason
 
@@ -47,9 +47,9 @@ def test_wide_image_counts_the_rows_of_the_mirror() -> None:
     turn = SceneSummary(1.0, scene_twist=Twist(angular_rad_s=(0.0, 0.0, 1.0)))
     tall = replace(CAMERA, height_px=192, centre_px=(48.0, 96.0))
     aside = replace(CAMERA, height_px=192, centre_px=(48.0, 48.0))
-    full = SHUTTER.bound(turn, CAMERA).value
-    assert SHUTTER.bound(turn, tall).value == pytest.approx(0.5 * full)
-    assert SHUTTER.bound(turn, aside).value == pytest.approx(full)
+    full = SHUTTER.bound(turn, CAMERA).displacement_px
+    assert SHUTTER.bound(turn, tall).displacement_px == pytest.approx(0.5 * full)
+    assert SHUTTER.bound(turn, aside).displacement_px == pytest.approx(full)
 
 
 def test_global_shutter_is_disabled_by_the_criterion() -> None:
@@ -66,6 +66,7 @@ def test_shutter_changes_the_number_of_renderings_not_the_image() -> None:
 def test_larger_image_has_a_larger_bound() -> None:
     summary = SceneSummary(1.0, (1.0,) * NUM_RINGS, scene_twist=Twist((0.5, 0.0, 0.0)))
     small, large = (
-        SHUTTER.bound(summary, make_omni_camera(width_px=width)).value for width in (96, 192)
+        SHUTTER.bound(summary, make_omni_camera(width_px=width)).displacement_px
+        for width in (96, 192)
     )
     assert large == pytest.approx(2.0 * small, rel=1e-6)

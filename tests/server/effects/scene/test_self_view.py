@@ -2,10 +2,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
-from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_server.effects.effect import (
     Effect,
     EffectMode,
@@ -21,26 +19,14 @@ from helpers.effect_measurement import CAMERA
 AUTO = EffectSettings((EffectSetting(SelfView(), EffectMode.AUTO),))
 
 
-def bound_for_angle(angle_deg: float) -> float:
-    summary = SceneSummary(1.0, ego_body_max_angle_rad=math.radians(angle_deg))
-    return SelfView().bound(summary, CAMERA).value
-
-
-def test_bound_when_a_robot_is_in_view_is_the_image_radius_that_it_reaches() -> None:
-    angle = math.radians(47.0)
-    pixel, _ = pixel_from_direction(CAMERA, np.array((math.sin(angle), 0.0, math.cos(angle))))
-    assert bound_for_angle(47.0) == pytest.approx(math.dist(pixel, CAMERA.centre_px), rel=1e-12)
-
-
-def test_bound_when_a_robot_reaches_beyond_the_rim_ends_there() -> None:
-    assert bound_for_angle(150.0) == pytest.approx(CAMERA.rim_radius_px, rel=1e-12)
-
-
-@pytest.mark.parametrize(("angle_deg", "is_on"), [(0.0, False), (0.5, False), (6.0, True)])
-def test_robot_when_it_is_less_than_the_threshold_is_disabled(
-    angle_deg: float, is_on: bool
+@pytest.mark.parametrize(
+    ("angle_deg", "max_radiance", "is_on"),
+    [(0.0, 1.0, False), (0.01, 1.0, True), (150.0, 1.0, True), (47.0, 1e-5, False)],
+)
+def test_robot_is_drawn_where_any_of_it_may_be_seen(
+    angle_deg: float, max_radiance: float, is_on: bool
 ) -> None:
-    summary = SceneSummary(1.0, ego_body_max_angle_rad=math.radians(angle_deg))
+    summary = SceneSummary(max_radiance, ego_body_max_angle_rad=math.radians(angle_deg))
     plan = plan_effects(AUTO, summary, CAMERA)
     assert plan.decisions[0].enabled is is_on
     assert plan.scene_effects == ((SelfView(),) if is_on else ())

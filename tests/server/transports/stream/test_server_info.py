@@ -63,9 +63,9 @@ def test_transform_when_rotated_lists_the_matrix_row_by_row() -> None:
 
 def test_effect_records_have_the_duration_of_each_enabled_pass() -> None:
     decisions = (
-        EffectDecision("SelfView", True, 80.0, 0.5, "px", "it is seen"),
-        EffectDecision("Vignetting", True, 9.0, 0.5, "grey levels", "the rim"),
-        EffectDecision("Blooming", False, 0.0, 0.5, "grey levels", "dim"),
+        EffectDecision("SelfView", True, 80.0, 0.5, "it is seen"),
+        EffectDecision("Vignetting", True, 9.0, 0.5, "the rim"),
+        EffectDecision("Blooming", False, 0.0, 0.5, "dim"),
     )
     records = records_from_decisions(decisions, {"trace": 7.0, "Vignetting": 1.5})
     assert [(one.name, one.enabled, one.duration_ms) for one in records] == [
@@ -73,5 +73,5 @@ def test_effect_records_have_the_duration_of_each_enabled_pass() -> None:
         ("Vignetting", True, 1.5),
         ("Blooming", False, None),
     ]
-    assert (records[1].bound, records[1].threshold, records[1].unit) == (9.0, 0.5, "grey levels")
+    assert (records[1].bound, records[1].threshold) == (9.0, 0.5)
     assert records[1].reason == "the rim"

@@ -59,6 +59,20 @@ class DiscKernelTable:
             mixed[pair] = lower.take(below) + fraction * step.take(below)
         return mixed
 
+    def max_exchange(self, one_px: float, other_px: float) -> float:
+        """Largest fraction of light that two discs, or any between, give to different pixels.
+
+        Half the sum of |w - w'| over all pixels, at most; by the steps between the rows of the
+        table, over which weights are linear.
+
+        Args:
+            one_px: Diameter of a disc; 0 for a point, which stays in its pixel.
+            other_px: Diameter of the other disc.
+        """
+        rows = table_row(np.array((one_px, other_px)))
+        between = np.interp(rows, np.arange(len(self.weights)), _summed_exchanges(self))
+        return min(1.0, abs(float(between[1] - between[0])))
+
     def to_texture(self) -> npt.NDArray[np.float32]:
         """Weights as the shaders read them, (rows, pairs, 1), the same array in each call."""
         return _weights_texture(self)
@@ -99,6 +113,14 @@ def _half_width(weights: Floats, half_width_px: int) -> int:
         for (i, _), column in zip(offset_pairs(half_width_px), weights.T, strict=True)
         if column.any()
     )
+
+
+@lru_cache(maxsize=8)
+def _summed_exchanges(table: DiscKernelTable) -> Floats:
+    """Half the sums of |w - w'| between neighbouring rows, summed from row 0, (rows,)."""
+    multiplicities = pair_multiplicities(table.half_width_px)
+    steps = 0.5 * (np.abs(np.diff(table.weights, axis=0)) @ multiplicities)
+    return np.concatenate(([0.0], np.cumsum(steps)))
 
 
 @lru_cache(maxsize=8)

@@ -6,6 +6,7 @@ and 0.4 times as steep at white, so a bound in linear counts would be wrong by a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -19,6 +20,32 @@ _NUM_RADIANCES = 2049
 def grey_level(radiance: float) -> float:
     """Grey level of a linear radiance, 0 to 255, not rounded."""
     return 255.0 * float(srgb_from_linear(np.array(radiance)))
+
+
+def max_change_by_exchange(fraction: float, max_radiance: float) -> float:
+    """Largest change of a pixel that exchanges a fraction of its light with others, grey levels.
+
+    Args:
+        fraction: Largest weight, 0 to 1, of other pixels in a mean that has the pixel's own light
+            in its place before; half the sum of |w - w'| for two kernels w and w'.
+        max_radiance: Radiances from 0 up to this one occur.
+    """
+    # A black pixel beside the brightest changes most: the sRGB curve is concave from 0 on.
+    return grey_level(fraction * max_radiance)
+
+
+def max_change_by_shift(displacement_px: float, max_radiance: float) -> float:
+    """Largest change of a pixel whose light is displaced, grey levels.
+
+    A pixel is a mean over its square, and a square shifted by (dx, dy) shares all but
+    1 - (1 - |dx|) (1 - |dy|) <= |dx| + |dy| with itself; the same is the weight of other pixels in
+    a bilinear interpolation.
+
+    Args:
+        displacement_px: Largest displacement, in any direction.
+        max_radiance: Radiances from 0 up to this one occur.
+    """
+    return max_change_by_exchange(min(1.0, math.sqrt(2.0) * displacement_px), max_radiance)
 
 
 def max_change_by_gain(gain: float, max_radiance: float) -> float:

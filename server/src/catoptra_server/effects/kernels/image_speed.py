@@ -18,20 +18,39 @@ from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects.effect import EffectBound
+from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 
 # Scales are known at sampled radii and smooth between them; a pixel centre exceeds them by less.
 _INTERPOLATION_MARGIN = 1.001
 
 # Fields of a summary that all functions of this module read.
-MOTION_FIELDS = frozenset({"scene_twist", "min_distances_m", "max_object_rates_rad_s"})
+MOTION_FIELDS = frozenset(
+    {"scene_twist", "min_distances_m", "max_object_rates_rad_s", "max_radiance"}
+)
 
 
-def max_displacement(summary: SceneSummary, camera: OmniCamera, duration_s: float) -> EffectBound:
-    """Largest displacement of anything in the image during a time, px, with its cause."""
-    displacements_px = duration_s * max_speeds_px_s(summary, camera)
+def bound_motion(
+    summary: SceneSummary, camera: OmniCamera, durations_s: Floats | float
+) -> EffectBound:
+    """Bound the change of an image in which everything moves, with its cause.
+
+    The change is that of the continuous image, which has no samples that pass an edge all at once.
+
+    Args:
+        summary: Distances and motions.
+        camera: Camera of the image.
+        durations_s: Duration of the motion, one or (NUM_RINGS,).
+    """
+    durations_s = np.broadcast_to(durations_s, NUM_RINGS)
+    displacements_px = durations_s * max_speeds_px_s(summary, camera)
     ring = int(displacements_px.argmax())
-    return EffectBound(float(displacements_px[ring]), describe_motion(summary, ring, duration_s))
+    displacement_px = float(displacements_px[ring])
+    return EffectBound(
+        max_change_by_shift(displacement_px, summary.max_radiance),
+        describe_motion(summary, ring, float(durations_s[ring])),
+        displacement_px,
+    )
 
 
 def max_speeds_px_s(summary: SceneSummary, camera: OmniCamera) -> Floats:

@@ -3,7 +3,8 @@
 Lateral colour of the first order: L'_c(p) = L_c(o + (p - o) / m_c), o the lens's axis in the image,
 m_c the magnification of red or blue over that of green; bilinear between pixels, in linear
 radiance. Axial colour, one focus for each colour, is left out. Domain: magnifications near 1;
-outside the image the border pixel is repeated. Criterion: the largest |p - q| on the mirror.
+outside the image the border pixel is repeated. Criterion: the largest |p - q| on
+the mirror times the contrast of black and the brightest.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    PIXELS,
     EffectBound,
     EffectParameter,
     EffectType,
     Real,
     Uniforms,
 )
+from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
 from catoptra_server.effects.scene_summary import SceneSummary
 
 # Green is the reference: its image keeps every bit.
@@ -41,20 +42,21 @@ class ChromaticAberration:
     blue_magnification: float = 1.0
 
     name: ClassVar[str] = "ChromaticAberration"
-    unit: ClassVar[str] = PIXELS
     changes_scene: ClassVar[bool] = False
-    reads: ClassVar[frozenset[str]] = frozenset()
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Largest displacement of red or blue at the outermost visible radius, px."""
+        """Bound the change by the displacement of red or blue at the outermost visible radius."""
         # |p - q| = r |m - 1| / m at the output pixel, r |m - 1| at the input pixel: the larger.
         relative = max(
             abs(m - 1.0) / min(m, 1.0) for m in (self.red_magnification, self.blue_magnification)
         )
-        radius_px = visible_radii_px(camera)[1]
+        displacement_px = relative * visible_radii_px(camera)[1]
         return EffectBound(
-            relative * radius_px, f"the rim's colours differ in size by {relative:.2%}"
+            max_change_by_shift(displacement_px, summary.max_radiance),
+            f"the rim's colours differ in size by {relative:.2%}",
+            displacement_px,
         )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

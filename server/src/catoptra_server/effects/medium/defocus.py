@@ -5,7 +5,8 @@ radius: |infinity_diameter_px| of `lens_blur`, where the optics are derived. No 
 beyond half a metre everything has nearly this disc. Nearer objects are the domain of
 `DefocusByDepth`, which then does all of the blur and supersedes this effect. Kernels:
 `disc_kernel`. Domain: that of `lens_blur`; at a depth discontinuity the pixel's own disc counts,
-not its neighbour's. Criterion: the largest diameter of anything in view, near or far.
+not its neighbour's. Criterion: the light that the largest disc of anything in view, near or far,
+takes from other pixels, times the contrast of black and the brightest.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    PIXELS,
     EffectBound,
     EffectParameter,
     EffectType,
@@ -34,6 +34,7 @@ from catoptra_server.effects.kernels.disc_kernel import (
     disc_kernel_table,
     table_row,
 )
+from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.lens_blur import (
     DISTANCE_FIELDS,
     Aperture,
@@ -56,23 +57,26 @@ class Defocus:
     aperture: Aperture
 
     name: ClassVar[str] = "Defocus"
-    unit: ClassVar[str] = PIXELS
     changes_scene: ClassVar[bool] = False
-    reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS
+    reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS | {"max_radiance"}
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Largest disc of anything in view, px."""
+        """Bound the change by the largest disc of anything in view."""
         # Near discs count, too: this bound is then never below that of DefocusByDepth, for which
         # this effect stands in where both discs differ by less than the threshold.
         radius_px = sample_radii_px(camera)
         circle = circle_of_confusion(self.aperture, camera, radius_px)
         near_px = circle.diameter_px(min_distance_at_radius(summary, camera, radius_px))
         far_px = np.abs(circle.infinity_diameter_px)
+        largest_px = float(np.maximum(far_px, near_px).max())
         lens = describe_lens(self.aperture, camera)
         return EffectBound(
-            float(np.maximum(far_px, near_px).max()),
+            max_change_by_exchange(
+                disc_kernel_table(largest_px).max_exchange(0.0, largest_px), summary.max_radiance
+            ),
             f"{lens}: discs of up to {float(far_px.max()):.2g} px at infinity",
+            largest_px,
         )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

@@ -4,7 +4,8 @@ Every pixel is the mean of a uniform disc around it, with the diameter of `lens_
 confusion at the range of the pixel's centre. The effect includes all of `Defocus` and supersedes
 that effect: an image blurred by another disc before cannot be made sharp again. Robot files that
 name both leave the choice to the two criteria. Domain: that of `Defocus`. Criterion: the largest
-difference, in px, between the disc of the nearest object in view and that of infinity.
+difference between the kernels of the nearest object in view and of infinity, times the contrast of
+black and the brightest.
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    PIXELS,
     EffectBound,
     EffectType,
     Real,
@@ -35,6 +35,7 @@ from catoptra_server.effects.kernels.disc_kernel import (
     disc_kernel_table,
     table_row,
 )
+from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.lens_blur import (
     DISTANCE_FIELDS,
     Aperture,
@@ -60,22 +61,26 @@ class DefocusByDepth:
     aperture: Aperture
 
     name: ClassVar[str] = "DefocusByDepth"
-    unit: ClassVar[str] = PIXELS
     changes_scene: ClassVar[bool] = False
-    reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS
+    reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS | {"max_radiance"}
     needs_range: ClassVar[bool] = True
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Largest difference between the disc of anything in view and that of infinity, px."""
+        """Bound the change against `Defocus`, by the disc of anything in view and of infinity."""
         radius_px = sample_radii_px(camera)
         circle = circle_of_confusion(self.aperture, camera, radius_px)
         min_distance_m = min_distance_at_radius(summary, camera, radius_px)
         # Relative to infinity's disc, not absolute: Defocus already does that part without ranges.
-        value = float(max_diameter_change_px(circle, min_distance_m).max())
+        displacement_px = float(max_diameter_change_px(circle, min_distance_m).max())
+        exchange = max_exchange(circle, min_distance_m)
         nearest_m = min(summary.visible_min_distances_m)
         lens = describe_lens(self.aperture, camera)
         distance = f"{nearest_m:.2g} m away" if math.isfinite(nearest_m) else "far away"
-        return EffectBound(value, f"{lens}: the nearest object is {distance}")
+        return EffectBound(
+            max_change_by_exchange(exchange, summary.max_radiance),
+            f"{lens}: the nearest object is {distance}",
+            displacement_px,
+        )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Summary in which `Defocus` is superseded."""
@@ -113,6 +118,28 @@ class DefocusByDepth:
             "centre_px": float32_array(*camera.centre_px),
             "full_view_radius_px": float32_array(interior_radius_px(camera)),
         }
+
+
+def max_exchange(circle: CircleOfConfusion, min_distance_m: Floats) -> float:
+    """Largest fraction of light that a disc nearer than infinity takes from other pixels than
+    infinity's disc does.
+
+    Args:
+        circle: Circle of confusion at (n,) image radii.
+        min_distance_m: (n,) distance of the nearest object at each.
+    """
+    far_px = np.abs(circle.infinity_diameter_px)
+    near_px = circle.diameter_px(min_distance_m)
+    # Behind the focus a disc may shrink to a point before it grows.
+    crosses_focus = circle.near_term_px(min_distance_m) > -circle.infinity_diameter_px
+    crosses_focus &= circle.infinity_diameter_px < 0.0
+    smallest_px = np.where(crosses_focus, 0.0, np.minimum(far_px, near_px))
+    table = disc_kernel_table(float(np.maximum(far_px, near_px).max()))
+    return max(
+        table.max_exchange(*pair)
+        for others_px in (near_px, smallest_px)
+        for pair in zip(far_px.tolist(), others_px.tolist(), strict=True)
+    )
 
 
 def max_diameter_change_px(circle: CircleOfConfusion, min_distance_m: Floats) -> Floats:

@@ -9,9 +9,8 @@ loses up to 3 % (`truncated_fraction`), and normalized to a sum of 1: no light i
 1835; encircled energy 1 - J0^2 - J1^2, Rayleigh 1881. Domain: a lens without other aberrations, the
 same everywhere in the image; the f-number is that of the image side.
 
-Criterion: the radius of the first dark ring in red: the distance over which a point's light spreads
-to other pixels. Up to half a pixel all of the light stays in its own pixel but part of the rings'
-16 %.
+Criterion: the fraction of light that other pixels receive, beside the central weight, times the
+contrast of black and the brightest. The displacement is the radius of the first dark ring in red.
 """
 
 from __future__ import annotations
@@ -28,7 +27,8 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType, Real, Uniforms
+from catoptra_server.effects.effect import EffectBound, EffectType, Real, Uniforms
+from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.symmetric_kernels import (
     convolve_symmetric,
     offset_pairs,
@@ -57,9 +57,8 @@ class Diffraction:
     """Distance between the centres of adjacent pixels."""
 
     name: ClassVar[str] = "Diffraction"
-    unit: ClassVar[str] = PIXELS
     changes_scene: ClassVar[bool] = False
-    reads: ClassVar[frozenset[str]] = frozenset()
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def airy_diameter_px(self, wavelength_m: float) -> float:
@@ -71,10 +70,12 @@ class Diffraction:
         return wavelength_m * self.f_number / self.pixel_pitch_m
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Radius of the first dark ring in red, the widest."""
+        """Bound the change by the light that reaches other pixels; red spreads most."""
         diameter = self.airy_diameter_px(WAVELENGTHS_M[0])
         return EffectBound(
-            0.5 * diameter, f"at F/{self.f_number:g} the Airy disc of red is {diameter:.2f} px wide"
+            max_change_by_exchange(1.0 - kernel_weights(self)[0].min(), summary.max_radiance),
+            f"at F/{self.f_number:g} the Airy disc of red is {diameter:.2f} px wide",
+            0.5 * diameter,
         )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

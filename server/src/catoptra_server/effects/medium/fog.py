@@ -32,7 +32,6 @@ from catoptra_protocol.optics.omni_camera import (
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    GREY_LEVELS,
     EffectBound,
     EffectParameter,
     EffectType,
@@ -60,7 +59,6 @@ class Fog:
     blue: float
 
     name: ClassVar[str] = "Fog"
-    unit: ClassVar[str] = GREY_LEVELS
     changes_scene: ClassVar[bool] = False
     reads: ClassVar[frozenset[str]] = frozenset(
         {"max_radiance", "max_distance_m", "background_radiance"}

@@ -5,7 +5,8 @@ L'(p) = L(q(p)): q is the aligned camera's pixel with the direction of p's refle
 mirror, or comes from beyond the aligned camera's rim. Not simulated: parallax, since the reflected
 rays no longer meet in one point. In the paper's mirror they pass the viewpoint at up to 0.19 of the
 pinhole's offset: 1 mm displaces a point 1 m away by at most 0.04 px of 360, and farther ones less.
-Domain: central mirrors. Criterion: the largest of |q - p|.
+Domain: central mirrors. Criterion: the largest of |q - p| times the contrast of black and the
+brightest.
 
 In the paper's image of 360 px, 1 mm sideways displaces everything by 3.4 to 4.7 px. With the camera
 aimed anew, so that the rim is at its old position, directions are still up to 0.8 px off.
@@ -21,16 +22,23 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_sample_positions,
+)
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    PIXELS,
     EffectBound,
     EffectParameter,
     EffectType,
     Real,
     Uniforms,
+)
+from catoptra_server.effects.kernels.grey_levels import (
+    max_change_by_exchange,
+    max_change_by_shift,
 )
 from catoptra_server.effects.kernels.misaligned_rays import CameraPoseOffset, lookup_offsets_px
 from catoptra_server.effects.kernels.warp import WarpMap, warp, warp_map_from_offsets
@@ -53,9 +61,8 @@ class Misalignment:
     """Turn about y."""
 
     name: ClassVar[str] = "Misalignment"
-    unit: ClassVar[str] = PIXELS
     changes_scene: ClassVar[bool] = False
-    reads: ClassVar[frozenset[str]] = frozenset()
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     @property
@@ -65,7 +72,7 @@ class Misalignment:
         return CameraPoseOffset(translation_m, self.roll_rad, self.pitch_rad)
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Largest displacement of a pixel; the image's diagonal if no pixel is valid."""
+        """Bound the change by the largest displacement, and by pixels that turn black."""
         # Decided without the map, which takes a Newton search for every pixel.
         if self.camera_pose_offset == CameraPoseOffset():
             return EffectBound(0.0, "the camera is aligned")
@@ -75,11 +82,17 @@ class Misalignment:
         displacement_px = math.hypot(camera.width_px, camera.height_px)
         if valid.any():
             displacement_px = float(np.hypot(lookup[..., 0], lookup[..., 1])[valid].max())
+        on_mirror = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])[1]
+        turns_black = bool((on_mirror & ~valid).any())
         offset_mm = 1e3 * math.hypot(*self.camera_pose_offset.translation_m)
         tilt = math.degrees(math.hypot(self.roll_rad, self.pitch_rad))
         reason = f"the pinhole is {offset_mm:.3g} mm off the mirror's focus"
         return EffectBound(
-            displacement_px, f"{reason}, tilted by {tilt:.3g} degrees" if tilt else reason
+            max_change_by_exchange(1.0, summary.max_radiance)
+            if turns_black
+            else max_change_by_shift(displacement_px, summary.max_radiance),
+            f"{reason}, tilted by {tilt:.3g} degrees" if tilt else reason,
+            displacement_px,
         )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

@@ -22,7 +22,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    GREY_LEVELS,
     EffectBound,
     EffectType,
     Real,
@@ -39,7 +38,6 @@ class Vignetting:
     """Cosine-fourth shading. No parameters: mirror and image size determine the angles."""
 
     name: ClassVar[str] = "Vignetting"
-    unit: ClassVar[str] = GREY_LEVELS
     changes_scene: ClassVar[bool] = False
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False

@@ -6,7 +6,7 @@ Not a change of the image but of the number of renderings: the camera state gets
 time samples are rendered and averaged. Disocclusions, and objects that move beside the camera, are
 therefore as right as in a sharp image. Domain: constant twists during the exposure. Criterion: the
 largest spread of a point, ring by ring of the image: exposure times (speed over nearest distance,
-plus turns).
+plus turns); times the contrast of black and the brightest.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import INSTANTANEOUS
-from catoptra_server.effects.effect import PIXELS, EffectBound, EffectParameter, EffectType
-from catoptra_server.effects.kernels.image_speed import MOTION_FIELDS, max_displacement
+from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType
+from catoptra_server.effects.kernels.image_speed import MOTION_FIELDS, bound_motion
 from catoptra_server.effects.scene_summary import SceneSummary
 
 
@@ -31,25 +31,26 @@ class MotionBlur:
     """Time for which each row is exposed."""
 
     name: ClassVar[str] = "MotionBlur"
-    unit: ClassVar[str] = PIXELS
     changes_scene: ClassVar[bool] = True
     reads: ClassVar[frozenset[str]] = MOTION_FIELDS
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Largest spread of a point, px."""
+        """Bound the change by the largest spread of a point."""
         # The whole exposure, though centred on the pose: a point is spread over both halves.
-        return max_displacement(summary, camera, self.exposure_s)
+        return bound_motion(summary, camera, self.exposure_s)
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same summary: a mean is not brighter than its brightest part."""
         return summary
 
-    def apply_to_scene(self, camera_state: CameraState, bound: float) -> CameraState:
+    def apply_to_scene(self, camera_state: CameraState, displacement_px: float) -> CameraState:
         """Camera state whose shutter is open for the exposure time."""
         # Enabled by the robot file without motion: one sharp image is the exact result.
-        if bound == 0.0:
+        if displacement_px == 0.0:
             return camera_state
-        shutter = (camera_state.shutter or INSTANTANEOUS).with_exposure(self.exposure_s, bound)
+        shutter = (camera_state.shutter or INSTANTANEOUS).with_exposure(
+            self.exposure_s, displacement_px
+        )
         return replace(camera_state, shutter=shutter)
 
 

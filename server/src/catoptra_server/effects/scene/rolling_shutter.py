@@ -5,7 +5,7 @@ scene at that time. Not a change of the image but of the number of renderings: t
 a shutter, whose time samples are rendered and weighted by row. Source: CMOS sensors expose row by
 row; a CCD's global shutter has a readout of 0. Domain: constant twists during the readout.
 Criterion: the largest displacement until a row is exposed, ring by ring, by the farthest row that a
-ring reaches.
+ring reaches; times the contrast of black and the brightest.
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import INSTANTANEOUS
-from catoptra_server.effects.effect import PIXELS, EffectBound, EffectParameter, EffectType
+from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType
 from catoptra_server.effects.kernels.image_speed import (
     MOTION_FIELDS,
-    describe_motion,
-    max_speeds_px_s,
+    bound_motion,
     ring_scales_and_radii,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -38,32 +37,28 @@ class RollingShutter:
     """Time from the start of the first row's exposure to that of a row after the last."""
 
     name: ClassVar[str] = "RollingShutter"
-    unit: ClassVar[str] = PIXELS
     changes_scene: ClassVar[bool] = True
     reads: ClassVar[frozenset[str]] = MOTION_FIELDS
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Largest displacement between the pose and a row's exposure, px."""
+        """Bound the change by the largest displacement between the pose and a row's exposure."""
         if self.readout_s == 0.0:
             return EffectBound(0.0, "a global shutter")
         # Each ring with its own time: a ring of radius r only has rows that are exposed within
         # r / h of the readout from the pose.
-        times_s = self.readout_s * _max_readout_fractions(camera)
-        displacements_px = times_s * max_speeds_px_s(summary, camera)
-        ring = int(displacements_px.argmax())
-        reason = describe_motion(summary, ring, float(times_s[ring]))
-        return EffectBound(float(displacements_px[ring]), reason)
+        return bound_motion(summary, camera, self.readout_s * _max_readout_fractions(camera))
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same summary: the scene appears displaced, not brighter."""
         return summary
 
-    def apply_to_scene(self, camera_state: CameraState, bound: float) -> CameraState:
+    def apply_to_scene(self, camera_state: CameraState, displacement_px: float) -> CameraState:
         """Camera state whose shutter reads out row by row."""
-        if bound == 0.0:
+        if displacement_px == 0.0:
             return camera_state
-        # The bound is of the half before or after the pose, the shutter counts both.
-        shutter = (camera_state.shutter or INSTANTANEOUS).with_readout(self.readout_s, 2.0 * bound)
+        # The displacement is that of the half before or after the pose, the shutter counts both.
+        shutter = camera_state.shutter or INSTANTANEOUS
+        shutter = shutter.with_readout(self.readout_s, 2.0 * displacement_px)
         return replace(camera_state, shutter=shutter)
 
 

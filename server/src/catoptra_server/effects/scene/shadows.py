@@ -16,7 +16,7 @@ from typing import ClassVar
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.effect import GREY_LEVELS, EffectBound, EffectType
+from catoptra_server.effects.effect import EffectBound, EffectType
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -26,7 +26,6 @@ class Shadows:
     """Shadows of all casters. No parameters: the world file has lights and objects."""
 
     name: ClassVar[str] = "Shadows"
-    unit: ClassVar[str] = GREY_LEVELS
     changes_scene: ClassVar[bool] = True
     reads: ClassVar[frozenset[str]] = frozenset({"max_shadow_loss"})
 
@@ -47,7 +46,7 @@ class Shadows:
         """Return the same summary: unshadowed surfaces keep their radiance."""
         return summary
 
-    def apply_to_scene(self, camera_state: CameraState, bound: float) -> CameraState:
+    def apply_to_scene(self, camera_state: CameraState, displacement_px: float) -> CameraState:
         """Camera state whose lights are occluded."""
         return replace(camera_state, has_shadows=True)
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.effects.effect import GREY_LEVELS, EffectBound, EffectType, Real, Uniforms
+from catoptra_server.effects.effect import EffectBound, EffectType, Real, Uniforms
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -31,7 +31,6 @@ class Bayer:
     """RGGB mosaic with bilinear demosaicing. No parameters."""
 
     name: ClassVar[str] = "Bayer"
-    unit: ClassVar[str] = GREY_LEVELS
     changes_scene: ClassVar[bool] = False
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False

@@ -21,7 +21,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    GREY_LEVELS,
     EffectBound,
     EffectParameter,
     EffectType,
@@ -43,7 +42,6 @@ class Blooming:
     """Reach of the overflow in rows, a whole number."""
 
     name: ClassVar[str] = "Blooming"
-    unit: ClassVar[str] = GREY_LEVELS
     changes_scene: ClassVar[bool] = False
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False

@@ -22,7 +22,6 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    GREY_LEVELS,
     EffectBound,
     EffectParameter,
     EffectType,
@@ -51,7 +50,6 @@ class FixedPattern:
     """Electrons of radiance 1."""
 
     name: ClassVar[str] = "FixedPattern"
-    unit: ClassVar[str] = GREY_LEVELS
     changes_scene: ClassVar[bool] = False
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False

@@ -19,7 +19,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    GREY_LEVELS,
     EffectBound,
     EffectParameter,
     EffectType,
@@ -39,7 +38,6 @@ class Quantisation:
     """Bits of a code, a whole number."""
 
     name: ClassVar[str] = "Quantisation"
-    unit: ClassVar[str] = GREY_LEVELS
     changes_scene: ClassVar[bool] = False
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False

@@ -20,7 +20,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
-    GREY_LEVELS,
     EffectBound,
     EffectParameter,
     EffectType,
@@ -45,7 +44,6 @@ class ShotNoise:
     """Electrons of radiance 1."""
 
     name: ClassVar[str] = "ShotNoise"
-    unit: ClassVar[str] = GREY_LEVELS
     changes_scene: ClassVar[bool] = False
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False

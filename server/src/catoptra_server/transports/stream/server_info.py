@@ -139,7 +139,7 @@ def _record_from_decision(decision: EffectDecision, ms: float | None) -> EffectR
         enabled=decision.enabled,
         bound=decision.bound,
         threshold=decision.threshold,
-        unit=decision.unit,
+        displacement_px=decision.displacement_px,
         reason=decision.reason,
         duration_ms=None if ms is None else float(ms),
         basis=decision.basis.value,

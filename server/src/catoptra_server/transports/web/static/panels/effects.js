@@ -148,12 +148,13 @@ class EffectRow {
   }
 
   /** Show a record of a frame's header. */
-  show({ enabled, bound, threshold, unit, reason, duration_ms }) {
+  show({ enabled, bound, change, basis, threshold, reason, duration_ms }) {
     // Without a threshold every effect above 0 counts.
-    const ratio = threshold > 0 ? bound / threshold : bound * RATIO.high;
+    const value = change ?? bound;
+    const ratio = threshold > 0 ? value / threshold : value * RATIO.high;
     this.#bar.set(RATIO.fractionOf(ratio), enabled);
-    const relation = bound > threshold ? ">" : "\u2264";
-    setText(this.#bound, `${format(bound)} ${relation} ${format(threshold)} ${unit}`);
+    const relation = value > threshold ? ">" : "\u2264";
+    setText(this.#bound, `${format(value)} ${relation} ${format(threshold)}, ${basis}`);
     setText(this.#reason, reason);
     const duration = duration_ms === null ? "" : `, ${format(duration_ms)} ms`;
     setText(this.#decision, (enabled ? "on" : "off") + duration);
