@@ -5,14 +5,17 @@ import math
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds import round_outward
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.config.world_file import read_world
+from catoptra_server.effects.scene_summary import NUM_RINGS
 from catoptra_server.scene.radiance_bounds import max_radiance
 from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.twist import Twist
 from catoptra_server.scene.world_description import Box, Item, Material, World
 from helpers.configs import WORLDS
 from helpers.dynamic_objects import TWO_ROBOTS
@@ -114,3 +117,19 @@ def test_object_rates_bound_the_motion_of_visible_parts() -> None:
     assert not any(
         make_summarizer(make_test_world()).summarize(still, CAMERA).max_object_rates_rad_s
     )
+
+
+def test_rings_and_twist_of_a_lens_are_about_its_axis_ahead() -> None:
+    wall = Item("wall", Box((0.1, 4.0, 4.0)), Pose.from_rpy((2.05, 0.0, 0.0)), WHITE)
+    summarizer = make_summarizer(World("wall", (wall,)))
+    lens = PerspectiveCamera(64, 48, 1.2)
+    turning = CameraState(Pose.identity(), twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    summary = summarizer.summarize(turning, lens)
+    assert summary.min_distances_m == pytest.approx((2.0,) * NUM_RINGS, rel=0.4)
+    assert max(summary.min_distances_m[:2]) <= 2.001
+    # Rounded outward: what the lens comes nearer to lies along its axis, and a yaw turns across.
+    assert summary.scene_twist.linear_m_s[2] == pytest.approx(-0.5, rel=0.1)
+    assert math.hypot(*summary.scene_twist.angular_rad_s[:2]) == pytest.approx(1.0, rel=0.1)
+    assert summary.scene_twist.angular_rad_s[2] == 0.0
+    away = CameraState(Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, math.pi)))
+    assert min(summarizer.summarize(away, lens).min_distances_m) == math.inf

@@ -24,8 +24,10 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.kernels.focal_length import inverse_focal_length
-from catoptra_server.effects.kernels.lens_blur import Aperture, lens_focus_coordinate
+from catoptra_server.effects.kernels.circle_of_confusion import Aperture
+from catoptra_server.effects.kernels.lens_blur import (
+    lens_focus_coordinate,
+)
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.render.raster import RasterRenderer
@@ -78,7 +80,7 @@ def _box(pose: Pose, number: int) -> Item:
 
 def make_lens(camera: OmniCamera, aperture: Aperture) -> LensRays:
     """Thin lens whose image distance is the image's scale."""
-    focal_px, sharp = 1.0 / inverse_focal_length(camera), lens_focus_coordinate(aperture, camera)
+    focal_px, sharp = 1.0 / camera.inverse_focal_length, lens_focus_coordinate(aperture, camera)
     focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + sharp)
     return pinhole_lens(
         camera, focal_px, aperture_m=focal_m / aperture.f_number, focus_m=1.0 / sharp

@@ -11,7 +11,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.kernels.lens_blur import Aperture
+from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.scene.motion_blur import MotionBlur

@@ -1,8 +1,8 @@
-"""Image scale of a mirror camera, in pixels per radian, and the radii that the image shows.
+"""Image scale of a camera, in pixels per radian, and the radii that the image shows.
 
-A central mirror maps a small angle by dr/dtheta along the image radius and by r / sin(theta) across
-the radius. Both grow from the centre to the rim and stay close to each other: the projection is
-nearly conformal.
+A small angle is mapped by dr/dtheta along the image radius and by r / sin(theta) across the radius.
+A central mirror's scales grow from the centre to the rim and stay close to each other: the
+projection is nearly conformal. A flat image's are f / cos^2(theta) and f / cos(theta).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 
 # Scales are smooth in the radius: 128 steps find their largest value to 1e-4.
@@ -21,10 +21,12 @@ _NUM_RINGS = 129
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageScale:
-    """Scales on rings of the visible mirror, from the innermost to the outermost; (n,) arrays."""
+    """Scales on rings of the visible image, from the innermost to the outermost; (n,) arrays."""
 
     t: Floats
     """tan(theta / 2) of each ring."""
+    radius_px: Floats
+    """Image radius of each ring."""
     radial: Floats
     """Pixels per radian along the image radius."""
     tangential: Floats
@@ -44,7 +46,7 @@ class ImageScale:
         return math.sqrt(float(mean @ self.area_weight))
 
 
-def compute_image_scale(camera: OmniCamera) -> ImageScale:
+def compute_image_scale(camera: RadialCamera) -> ImageScale:
     """Scales on the rings that the image of a camera shows."""
     min_radius_px, max_radius_px = visible_radii_px(camera)
     radius_px = np.linspace(min_radius_px, max_radius_px, _NUM_RINGS)
@@ -52,18 +54,18 @@ def compute_image_scale(camera: OmniCamera) -> ImageScale:
     if min_radius_px < horizon_px < max_radius_px:
         # The side faces' centres lie on the horizon: there the texels of the cube are largest.
         radius_px = np.sort(np.append(radius_px, horizon_px))
-    t = camera.mirror.t_from_radius_ratio(radius_px / horizon_px)
-    radial = horizon_px * camera.mirror.radius_ratio_slope(t)
+    t = camera.t_from_radius_px(radius_px)
+    radial = camera.radius_slope_px(t)
     on_axis = t < 1e-9  # r / sin(theta) is 0 / 0 there; both scales are equal
     sine = np.where(on_axis, 1.0, 2.0 * t / (1.0 + np.square(t)))
     tangential = np.where(on_axis, radial, radius_px / sine)
     # Area of a ring is proportional to d(r^2); differences of r^2 need no ring boundaries.
     area = np.gradient(np.square(radius_px))
-    return ImageScale(t, radial, tangential, area / area.sum())
+    return ImageScale(t, radius_px, radial, tangential, area / area.sum())
 
 
-def visible_radii_px(camera: OmniCamera) -> tuple[float, float]:
-    """Smallest and largest image radius of the mirror within the image borders."""
+def visible_radii_px(camera: RadialCamera) -> tuple[float, float]:
+    """Smallest and largest image radius that the image shows within its borders."""
     size = (camera.width_px, camera.height_px)
     sides = tuple(zip(camera.centre_px, size, strict=True))
     # Distance from the optical axis to the image rectangle: 0 inside, else to the nearest border.
@@ -72,7 +74,7 @@ def visible_radii_px(camera: OmniCamera) -> tuple[float, float]:
     return min(min_px, camera.rim_radius_px), min(max_px, camera.rim_radius_px)
 
 
-def shows_whole_rim(camera: OmniCamera) -> bool:
+def shows_whole_rim(camera: RadialCamera) -> bool:
     """Whether the rim circle lies within the image borders on all sides."""
     # Inscribed rims touch the borders up to rounding, which a slack of 1e-9 absorbs.
     radius = camera.rim_radius_px * (1.0 - 1e-9)

@@ -71,6 +71,34 @@ class OmniCamera:
         """Image radius of the rim."""
         return self.horizon_radius_px * float(self.mirror.radius_ratio_from_t(np.array(self.rim_t)))
 
+    @property
+    def optical_axis(self) -> tuple[float, float, float]:
+        """The mirror's axis: +z of the mirror frame."""
+        return 0.0, 0.0, 1.0
+
+    @property
+    def inverse_focal_length(self) -> float:
+        """1 / f of the capture camera, 1/px: tan(psi) per image radius; 0 if orthographic."""
+        # The inverse, since f itself is infinite for an orthographic camera.
+        pinhole_m = self.mirror.pinhole_distance_m
+        if math.isinf(pinhole_m):
+            return 0.0
+        # From the rim, whose position on the mirror and whose image radius are both known exactly.
+        r, z = self.mirror.surface_point(np.array(self.rim_t))
+        return float(r) / (pinhole_m - float(z)) / self.rim_radius_px
+
+    def t_from_radius_px(self, radius_px: Floats) -> Floats:
+        """tan(theta / 2) of image radii."""
+        return self.mirror.t_from_radius_ratio(radius_px / self.horizon_radius_px)
+
+    def radius_slope_px(self, t: Floats) -> Floats:
+        """Pixels per radian along the image radius at t = tan(theta / 2)."""
+        return self.horizon_radius_px * self.mirror.radius_ratio_slope(t)
+
+    def direction_from_pixel(self, pixel: Floats) -> tuple[Floats, Bools]:
+        """Unit directions of pixels in the mirror frame: see `direction_from_pixel` below."""
+        return direction_from_pixel(self, pixel)
+
 
 def camera_with_inscribed_rim(
     mirror: CentralMirror,

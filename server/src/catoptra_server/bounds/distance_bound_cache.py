@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds import round_outward
 from catoptra_server.bounds.image_rings import image_rings
@@ -60,7 +60,7 @@ class DistanceBoundCache:
         """Number of viewpoints and cells evaluated so far, for tests and measurements."""
         return self._cached_in_cell.cache_info().misses + self._cached_at_point.cache_info().misses
 
-    def min_distances_m(self, world_from_mirror: Pose, camera: OmniCamera) -> RingDistances:
+    def min_distances_m(self, world_from_mirror: Pose, camera: RadialCamera) -> RingDistances:
         """Distance bound of each ring of the image, rounded down.
 
         Args:
@@ -75,12 +75,14 @@ class DistanceBoundCache:
                 return nearest
         return self._cached_at_point(camera, axis, (x, y, z))
 
-    def _bounds_at_point(self, camera: OmniCamera, axis: Vector3, point: Vector3) -> RingDistances:
+    def _bounds_at_point(
+        self, camera: RadialCamera, axis: Vector3, point: Vector3
+    ) -> RingDistances:
         viewpoint = ViewpointBox(np.array(point), np.zeros(3), rotation_to_axis(axis))
         return round_outward.round_down(self._bvh.bounds(viewpoint, image_rings(camera)).tolist())
 
     def _bounds_in_cell(
-        self, camera: OmniCamera, axis: Vector3, cell: tuple[int, int, int], side: float
+        self, camera: RadialCamera, axis: Vector3, cell: tuple[int, int, int], side: float
     ) -> RingDistances | None:
         """Bounds of a cell; None for a cell too large for its surroundings."""
         rings, rotation = image_rings(camera), rotation_to_axis(axis)

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.scene_summary import NUM_RINGS
 
@@ -37,10 +37,10 @@ class ImageRings:
 
 
 @lru_cache(maxsize=16)
-def image_rings(camera: OmniCamera) -> ImageRings:
+def image_rings(camera: RadialCamera) -> ImageRings:
     """Rings of a camera by its exact projection; a mesh may show a direction in the next ring."""
     radius_px = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1)
-    t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
+    t = camera.t_from_radius_px(radius_px)
     edges_rad = 2.0 * np.arctan(t)
     cosines = np.cos(edges_rad)
     return ImageRings(

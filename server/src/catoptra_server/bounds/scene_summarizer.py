@@ -10,7 +10,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cached_property
 
+import numpy as np
+
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds import round_outward
 from catoptra_server.bounds.coordinate_rounding import CoordinateErrors, CoordinateRounding
 from catoptra_server.bounds.distance_bound_cache import (
@@ -21,7 +25,7 @@ from catoptra_server.bounds.distance_bound_cache import (
 from catoptra_server.bounds.dynamic_object_bounds import DynamicObjectBounds
 from catoptra_server.bounds.image_rings import image_rings
 from catoptra_server.bounds.scene_bounds import SceneBounds
-from catoptra_server.bounds.self_view_bounds import bound_self_view
+from catoptra_server.bounds.self_view_bounds import NOT_VISIBLE, bound_self_view
 from catoptra_server.bounds.shadow_bounds import ShadowBounds
 from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -64,9 +68,13 @@ class SceneSummarizer:
         """Summary of the radiance alone, the same for every camera state."""
         return SceneSummary(self.max_radiance)
 
-    def summarize(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
+    def summarize(self, camera_state: CameraState, camera: RadialCamera) -> SceneSummary:
         """Summary of a camera state."""
-        ego_body = bound_self_view(camera_state, camera)
+        camera_state = _rotate_to_optical_axis(camera_state, camera)
+        # A lens's own robot is not in view: no effect of such a camera adds the robot.
+        ego_body = (
+            bound_self_view(camera_state, camera) if isinstance(camera, OmniCamera) else NOT_VISIBLE
+        )
         with_ego_body = _objects_with_ego_body(camera_state)
         summary = SceneSummary(
             self.max_radiance,
@@ -88,7 +96,7 @@ class SceneSummarizer:
         return self._add_dynamic_objects(summary, camera_state, camera)
 
     def _add_dynamic_objects(
-        self, summary: SceneSummary, camera_state: CameraState, camera: OmniCamera
+        self, summary: SceneSummary, camera_state: CameraState, camera: RadialCamera
     ) -> SceneSummary:
         pose = camera_state.world_from_mirror
         rotation, rings = rotation_to_axis(mirror_axis(pose)), image_rings(camera)
@@ -103,6 +111,15 @@ class SceneSummarizer:
         )
         passing = round_outward.round_away_from_zero(proximity.max_object_rates_rad_s.tolist())
         return replace(summary, min_distances_m=tuple(nearest), max_object_rates_rad_s=passing)
+
+
+def _rotate_to_optical_axis(camera_state: CameraState, camera: RadialCamera) -> CameraState:
+    """Same state in a frame whose z is the optical axis, as all bounds have it."""
+    axis = camera.optical_axis
+    if axis == (0.0, 0.0, 1.0):
+        return camera_state
+    turned = camera_state.world_from_mirror @ Pose(rotation_to_axis(axis).T, np.zeros(3))
+    return replace(camera_state, world_from_mirror=turned)
 
 
 def _objects_with_ego_body(camera_state: CameraState) -> tuple[DynamicObject, ...]:

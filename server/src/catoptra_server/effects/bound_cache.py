@@ -7,7 +7,7 @@ camera; a test compares the declaration with the fields that each criterion read
 
 from __future__ import annotations
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects.effect import Effect, EffectBound
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -18,7 +18,7 @@ _MAX_ENTRIES = 512
 class BoundCache:
     """Bounds of one effect in the images of one camera."""
 
-    def __init__(self, effect: Effect, camera: OmniCamera) -> None:
+    def __init__(self, effect: Effect, camera: RadialCamera) -> None:
         self._effect = effect
         self._camera = camera
         self._field_names = tuple(effect.reads)

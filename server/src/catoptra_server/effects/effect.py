@@ -16,7 +16,7 @@ from typing import Protocol, TypeGuard, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
@@ -27,6 +27,9 @@ Real = TypeVar("Real", np.float32, np.float64)
 # Arrays of three dimensions, (rows, columns, 1 to 4) float32, are textures, read without filtering.
 # A texture is uploaded again only if another array object is returned: effects cache their maps.
 Uniforms = Mapping[str, npt.NDArray[np.float32] | npt.NDArray[np.uint32]]
+
+# Message of effects that a camera without a mirror cannot have: `EffectType.needs_mirror`.
+NEEDS_MIRROR = "this effect needs a mirror"
 
 # Fields of a summary that are known without distances, motions and shadows.
 _RADIANCE_FIELDS = frozenset({"max_radiance"})
@@ -80,7 +83,7 @@ class Effect(Protocol):
     def reads(self) -> frozenset[str]:
         """Fields of the summary that `bound` reads; bounds are cached by these fields alone."""
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change of any pixel, never too small.
 
         Args:
@@ -117,13 +120,13 @@ class ImageEffect(Effect, Protocol):
         """Whether the effect reads the range of each pixel; renderers then compute ranges."""
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the changed image, a new array of the same type: the reference of the shader."""
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
@@ -169,6 +172,8 @@ class EffectType:
     factory: Callable[..., Effect]
     """Makes the effect of its parameters, by keyword."""
     parameters: tuple[EffectParameter, ...] = ()
+    needs_mirror: bool = False
+    """Whether only a camera with a mirror can have the effect; others have all the rest."""
 
 
 @dataclass(frozen=True, slots=True)

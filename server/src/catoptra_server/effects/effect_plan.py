@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import lru_cache
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.bound_cache import BoundCache
@@ -102,7 +102,7 @@ class _EffectEntry:
 
 
 @lru_cache(maxsize=64)
-def _effect_entries(settings: EffectSettings, camera: OmniCamera) -> tuple[_EffectEntry, ...]:
+def _effect_entries(settings: EffectSettings, camera: RadialCamera) -> tuple[_EffectEntry, ...]:
     return tuple(
         _EffectEntry(setting, BoundCache(setting.effect, camera)) for setting in settings.settings
     )
@@ -111,7 +111,9 @@ def _effect_entries(settings: EffectSettings, camera: OmniCamera) -> tuple[_Effe
 # The whole plan is cached by summary; behind it the entries cache by the fields that each effect
 # reads, since a driving robot has a new summary in most frames.
 @lru_cache(maxsize=256)
-def plan_effects(settings: EffectSettings, summary: SceneSummary, camera: OmniCamera) -> EffectPlan:
+def plan_effects(
+    settings: EffectSettings, summary: SceneSummary, camera: RadialCamera
+) -> EffectPlan:
     """Decide which effects are enabled: `always`, or `auto` with a bound above the threshold.
 
     An effect whose work an enabled effect does as well is left out in every mode.

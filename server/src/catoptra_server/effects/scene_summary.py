@@ -49,7 +49,8 @@ class SceneSummary:
     background_radiance: Vector3 | None = None
     """Linear RGB where there is no surface; None if unknown."""
     scene_twist: Twist = AT_REST
-    """Motion of the scene relative to the camera, at the viewpoint, in the mirror frame."""
+    """Motion of the scene relative to the camera, at the viewpoint, in axes whose z is the optical
+    axis: the mirror frame."""
     max_object_rates_rad_s: tuple[float, ...] = (0.0,) * NUM_RINGS
     """Largest angular rate of dynamic objects about the viewpoint, by ring, beside the twist."""
     max_shadow_loss: ShadowLoss = NO_SHADOW_LOSS

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.effects.scene.motion_blur import MotionBlur
@@ -33,7 +33,7 @@ _SHUTTER_EFFECTS = frozenset((MotionBlur.name, RollingShutter.name))
 
 
 def limit_time_samples(
-    camera_state: CameraState, camera: OmniCamera, plan: RenderPlan
+    camera_state: CameraState, camera: RadialCamera, plan: RenderPlan
 ) -> CameraState:
     """Camera state whose exposure stays within the budget of rays; itself without a shutter."""
     shutter = camera_state.shutter

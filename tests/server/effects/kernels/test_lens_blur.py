@@ -11,9 +11,8 @@ import pytest
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.kernels.focal_length import inverse_focal_length
+from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.kernels.lens_blur import (
-    Aperture,
     circle_of_confusion,
     circle_of_confusion_map,
     describe_lens,
@@ -35,7 +34,7 @@ EIGHT_MM_LENS_CAMERA = make_omni_camera(width_px=360)
 EIGHT_MM_LENS_CAMERA = replace(
     EIGHT_MM_LENS_CAMERA,
     horizon_radius_px=EIGHT_MM_LENS_CAMERA.horizon_radius_px
-    * inverse_focal_length(EIGHT_MM_LENS_CAMERA)
+    * EIGHT_MM_LENS_CAMERA.inverse_focal_length
     / (1.0 / 8e-3 - 1.0 / 0.26812)
     / PITCH_M,
 )
@@ -54,7 +53,7 @@ def infinity_diameters_px(aperture: Aperture, camera: OmniCamera) -> Floats:
 
 def test_focal_length_when_focused_is_that_of_the_lens_which_makes_the_image() -> None:
     focal_m = 1.0 / (
-        inverse_focal_length(EIGHT_MM_LENS_CAMERA) / PITCH_M
+        EIGHT_MM_LENS_CAMERA.inverse_focal_length / PITCH_M
         + lens_focus_coordinate(lens(4.0), EIGHT_MM_LENS_CAMERA)
     )
     assert focal_m == pytest.approx(8e-3, rel=1e-4)

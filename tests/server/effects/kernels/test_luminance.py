@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.omni_camera import direction_from_pixel, pixel_sample_positions
-from catoptra_server.effects.kernels.luminance import count_mirror_pixels, mean_luminance
+from catoptra_server.effects.kernels.luminance import count_valid_pixels, mean_luminance
 from helpers.effect_measurement import CAMERA, make_test_pattern
 
 ON_MIRROR = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA))[1]
@@ -24,7 +24,7 @@ def test_mean_of_one_colour_has_the_weight_of_rec_709(channel: int, weight: floa
 
 def test_count_when_the_image_is_lit_everywhere_covers_all_lit_pixels() -> None:
     lit = make_test_pattern().any(axis=-1)
-    assert lit.sum() <= count_mirror_pixels(CAMERA)
+    assert lit.sum() <= count_valid_pixels(CAMERA)
 
 
 def test_mean_of_a_float32_image_is_that_of_float64() -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.kernels.lens_blur import (
-    Aperture,
     circle_of_confusion_map,
     interior_mask,
 )

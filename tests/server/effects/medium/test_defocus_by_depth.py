@@ -9,9 +9,8 @@ import pytest
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import plan_effects
+from catoptra_server.effects.kernels.circle_of_confusion import Aperture, CircleOfConfusion
 from catoptra_server.effects.kernels.lens_blur import (
-    Aperture,
-    CircleOfConfusion,
     circle_of_confusion_map,
 )
 from catoptra_server.effects.medium.defocus import Defocus

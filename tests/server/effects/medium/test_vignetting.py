@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
-from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 from catoptra_server.effects.medium.vignetting import Vignetting, cosine_fourth_map
 from helpers.effect_measurement import (
     CAMERA,
@@ -19,7 +18,7 @@ from helpers.worlds import make_omni_camera
 
 
 def test_white_when_darkened_loses_13_linear_levels_at_the_papers_rim() -> None:
-    tangent = CAMERA.rim_radius_px * inverse_focal_length(CAMERA)
+    tangent = CAMERA.rim_radius_px * CAMERA.inverse_focal_length
     # A mirror of 85 mm at twice 0.2321 m: 13.4 of 255.
     assert 255.0 * (1.0 - math.cos(math.atan(tangent)) ** 4) == pytest.approx(13.4, abs=0.06)
 

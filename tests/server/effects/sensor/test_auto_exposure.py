@@ -4,7 +4,7 @@ import pytest
 
 from catoptra_server.effects.kernels.luminance import (
     LUMINANCE_WEIGHTS,
-    count_mirror_pixels,
+    count_valid_pixels,
     mean_luminance,
 )
 from catoptra_server.effects.sensor.auto_exposure import AutoExposure
@@ -23,7 +23,7 @@ DEFAULT_AUTO_EXPOSURE = AutoExposure(0.18, 0.1, 10.0)
 @pytest.mark.parametrize("largest", [0.1, 1.0, 5.0])
 def test_mean_when_the_gain_suffices_is_the_target(largest: float) -> None:
     behind = DEFAULT_AUTO_EXPOSURE.apply(make_test_pattern(largest), CAMERA, CAPTURE_CONTEXT)
-    measured = behind.sum(axis=(0, 1)) @ LUMINANCE_WEIGHTS / count_mirror_pixels(CAMERA)
+    measured = behind.sum(axis=(0, 1)) @ LUMINANCE_WEIGHTS / count_valid_pixels(CAMERA)
     assert measured == pytest.approx(0.18, rel=1e-12)
 
 

@@ -43,6 +43,43 @@ class PerspectiveCamera:
         """Distance from the pinhole to the image plane, in pixels."""
         return 0.5 * self.width_px / math.tan(0.5 * self.horizontal_fov_rad)
 
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Pixel of the optical axis: the image centre."""
+        return 0.5 * self.width_px, 0.5 * self.height_px
+
+    @property
+    def optical_axis(self) -> tuple[float, float, float]:
+        """+x of the camera frame."""
+        return 1.0, 0.0, 0.0
+
+    @property
+    def rim_radius_px(self) -> float:
+        """Image radius of the corners."""
+        return 0.5 * math.hypot(self.width_px, self.height_px)
+
+    @property
+    def horizon_radius_px(self) -> float:
+        """Infinite: a flat image ends below 90 degrees."""
+        return math.inf
+
+    @property
+    def inverse_focal_length(self) -> float:
+        """1 / f, 1/px: the tangent of a direction's angle from the axis per image radius."""
+        return 1.0 / self.focal_length_px
+
+    def t_from_radius_px(self, radius_px: Floats) -> Floats:
+        """tan(theta / 2) of image radii r = f tan(theta)."""
+        tangent = np.asarray(radius_px, dtype=np.float64) * self.inverse_focal_length
+        # tan(theta / 2) = tan / (1 + 1 / cos): no arctangent, and no cancellation on the axis.
+        t: Floats = tangent / (1.0 + np.hypot(1.0, tangent))
+        return t
+
+    def radius_slope_px(self, t: Floats) -> Floats:
+        """Pixels per radian along the image radius, f / cos^2(theta); t below 1."""
+        slope: Floats = self.focal_length_px * np.square((1.0 + t * t) / ((1.0 - t) * (1.0 + t)))
+        return slope
+
     @np.errstate(under="ignore")  # terms far below the largest component may vanish
     def pixel_from_direction(self, direction: Floats) -> tuple[Floats, Bools]:
         """Pixel of a direction, and whether the image contains the pixel.

@@ -16,7 +16,7 @@ import numpy as np
 
 from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects.effect import EffectBound
 from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
@@ -31,7 +31,7 @@ MOTION_FIELDS = frozenset(
 
 
 def bound_motion(
-    summary: SceneSummary, camera: OmniCamera, durations_s: Floats | float
+    summary: SceneSummary, camera: RadialCamera, durations_s: Floats | float
 ) -> EffectBound:
     """Bound the change of an image in which everything moves, with its cause.
 
@@ -53,7 +53,7 @@ def bound_motion(
     )
 
 
-def max_speeds_px_s(summary: SceneSummary, camera: OmniCamera) -> Floats:
+def max_speeds_px_s(summary: SceneSummary, camera: RadialCamera) -> Floats:
     """Largest speed in each ring of the image, (NUM_RINGS,), px/s."""
     scale, radius_px = ring_scales_and_radii(camera)
     x, y, z = summary.scene_twist.angular_rad_s
@@ -67,11 +67,11 @@ def max_speeds_px_s(summary: SceneSummary, camera: OmniCamera) -> Floats:
 
 
 @lru_cache(maxsize=16)
-def ring_scales_and_radii(camera: OmniCamera) -> tuple[Floats, Floats]:
+def ring_scales_and_radii(camera: RadialCamera) -> tuple[Floats, Floats]:
     """Largest px per radian of each ring, and the ring's outer radius in px, (NUM_RINGS,) each."""
     scale = compute_image_scale(camera)
     largest = np.maximum(scale.radial, scale.tangential)
-    radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(scale.t)
+    radius_px = scale.radius_px
     edges_px = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1)
     # The maximum of a ring may lie on its edge, between two sampled radii: both edges belong to
     # each ring.

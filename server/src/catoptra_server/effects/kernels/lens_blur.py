@@ -1,4 +1,4 @@
-"""Circle of confusion of the capture camera's lens for points that a curved mirror shows.
+"""Circle of confusion of a camera's lens, for points that a curved mirror shows or none.
 
 Along one ray a mirror images like a thin mirror of some power. The power of a central mirror is the
 same in both planes, tangential and sagittal: the mirror images one of its foci, the viewpoint, onto
@@ -22,7 +22,8 @@ The mirrors are strongly curved, so everything beyond half a metre has nearly on
 image radius; the best focus minimizes the largest of these discs. Domain: convex central mirrors,
 P > 0 (a plane has P = 0 and adds no blur; a concave mirror, which images in front of itself, would
 change signs, but none is implemented); points outside the mirror. Beyond the rim, where the lens
-sees no mirror, the rim's disc applies. Source: derived here.
+sees no mirror, the rim's disc applies. Without a mirror the lens is that of `thin_lens`. Source:
+derived here.
 """
 
 from __future__ import annotations
@@ -35,55 +36,17 @@ import numpy as np
 from catoptra_protocol.optics.image_scale import visible_radii_px
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.kernels.focal_length import inverse_focal_length
+from catoptra_server.effects.kernels import thin_lens
+from catoptra_server.effects.kernels.circle_of_confusion import Aperture, CircleOfConfusion
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 
 # Discs are smooth in the radius: this many radii find the largest to 1e-4.
 _NUM_RADII = 257
-# Guards the division for objects that reach into the mirror; no visible point comes so near. The
-# shader has the same constant.
-_MIN_DENOMINATOR = 1e-6
 
 # Fields of a summary that `min_distance_at_radius` reads.
 DISTANCE_FIELDS = frozenset({"min_distances_m", "attached_min_distances_m"})
-
-
-@dataclass(frozen=True, slots=True)
-class Aperture:
-    """Lens and sensor geometry that determine the depth of field."""
-
-    f_number: float
-    """Focal length over diameter of the aperture."""
-    pixel_pitch_m: float
-    """Distance between the centres of adjacent pixels."""
-    focus_distance_m: float
-    """Depth of sharp points from the pinhole; 0: the focus whose largest disc is smallest."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CircleOfConfusion:
-    """Signed disc diameter as a function of the range D from the effective viewpoint.
-
-    d(D) = infinity_diameter_px + near_px / (power_per_m D + offset); arrays broadcast. A negative
-    diameter is that of a point behind the focus.
-    """
-
-    infinity_diameter_px: Floats
-    near_px: Floats
-    power_per_m: Floats
-    offset: Floats
-
-    def near_term_px(self, range_m: Floats) -> Floats:
-        """Difference of the signed diameter from that at infinity, 0 or more, px."""
-        denominator = np.maximum(self.power_per_m * range_m + self.offset, _MIN_DENOMINATOR)
-        term: Floats = self.near_px / denominator
-        return term
-
-    def diameter_px(self, range_m: Floats) -> Floats:
-        """Disc diameter of points at a range; inf is allowed."""
-        diameter: Floats = np.abs(self.infinity_diameter_px + self.near_term_px(range_m))
-        return diameter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +80,7 @@ def virtual_image_depth_m(camera: OmniCamera, t: Floats, distance_m: Floats) -> 
 
 def _virtual_image_of_infinity(camera: OmniCamera, radius_px: Floats) -> _VirtualImage:
     """Virtual image of infinity at image radii up to the rim."""
-    t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
+    t = camera.t_from_radius_px(radius_px)
     r, z = camera.mirror.surface_point(t)
     rho = np.hypot(r, z)
     if math.isinf(camera.mirror.pinhole_distance_m):
@@ -129,8 +92,10 @@ def _virtual_image_of_infinity(camera: OmniCamera, radius_px: Floats) -> _Virtua
     return _VirtualImage(rho, 1.0 / rho - 1.0 / q, depth / q, focus_coordinate)
 
 
-def lens_focus_coordinate(aperture: Aperture, camera: OmniCamera) -> float:
+def lens_focus_coordinate(aperture: Aperture, camera: RadialCamera) -> float:
     """1/Z_f of the lens's focus; of an orthographic camera the focus's height along the axis."""
+    if not isinstance(camera, OmniCamera):
+        return thin_lens.focus_coordinate(aperture)
     if aperture.focus_distance_m > 0.0 and not math.isinf(camera.mirror.pinhole_distance_m):
         return 1.0 / aperture.focus_distance_m
     # The disc is linear in this coordinate: the midpoint of its range has the smallest maximum.
@@ -138,7 +103,7 @@ def lens_focus_coordinate(aperture: Aperture, camera: OmniCamera) -> float:
     return 0.5 * float(coordinates.min() + coordinates.max())
 
 
-def sample_radii_px(camera: OmniCamera) -> Floats:
+def sample_radii_px(camera: RadialCamera) -> Floats:
     """Image radii at which bounds are evaluated."""
     return np.linspace(*visible_radii_px(camera), _NUM_RADII)
 
@@ -152,15 +117,17 @@ def _px_per_focus_coordinate(
         rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
         px_per_m = camera.rim_radius_px / rim_m
         return px_per_m**2 * aperture.pixel_pitch_m / aperture.f_number
-    focal_px = 1.0 / inverse_focal_length(camera)
+    focal_px = 1.0 / camera.inverse_focal_length
     focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + focus_coordinate)
     return focal_m / aperture.f_number * focal_px
 
 
 def circle_of_confusion(
-    aperture: Aperture, camera: OmniCamera, radius_px: Floats
+    aperture: Aperture, camera: RadialCamera, radius_px: Floats
 ) -> CircleOfConfusion:
     """Circle of confusion at image radii."""
+    if not isinstance(camera, OmniCamera):
+        return thin_lens.circle_of_confusion(aperture, camera, radius_px)
     image = _virtual_image_of_infinity(camera, np.minimum(radius_px, camera.rim_radius_px))
     focus = lens_focus_coordinate(aperture, camera)
     gain = _px_per_focus_coordinate(aperture, camera, focus)
@@ -181,8 +148,10 @@ def circle_of_confusion(
 
 
 @lru_cache(maxsize=16)
-def max_diameter_px(aperture: Aperture, camera: OmniCamera) -> float:
-    """Largest disc of any point outside the mirror."""
+def max_diameter_px(aperture: Aperture, camera: RadialCamera) -> float:
+    """Largest disc of any point outside the mirror; without one the largest that is drawn."""
+    if not isinstance(camera, OmniCamera):
+        return thin_lens.MAX_DIAMETER_PX
     # The signed diameter falls with the range: its extremes are at the mirror and at infinity.
     radius = sample_radii_px(camera)
     circle = circle_of_confusion(aperture, camera, radius)
@@ -192,7 +161,7 @@ def max_diameter_px(aperture: Aperture, camera: OmniCamera) -> float:
 
 
 @lru_cache(maxsize=4)
-def circle_of_confusion_map(aperture: Aperture, camera: OmniCamera) -> CircleOfConfusion:
+def circle_of_confusion_map(aperture: Aperture, camera: RadialCamera) -> CircleOfConfusion:
     """Circle of confusion at every pixel centre, (h, w) arrays."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
@@ -208,8 +177,8 @@ def circle_of_confusion_map(aperture: Aperture, camera: OmniCamera) -> CircleOfC
 
 
 @lru_cache(maxsize=4)
-def interior_mask(camera: OmniCamera) -> Bools:
-    """Pixels, (h, w), whose whole square sees the mirror."""
+def interior_mask(camera: RadialCamera) -> Bools:
+    """Pixels, (h, w), whose whole square shows something: sees the mirror, where there is one."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
     interior: Bools = u[None, :] ** 2 + v[:, None] ** 2 < interior_radius_px(camera) ** 2
@@ -217,13 +186,20 @@ def interior_mask(camera: OmniCamera) -> Bools:
     return interior
 
 
-def interior_radius_px(camera: OmniCamera) -> float:
-    """Largest image radius of the centre of a pixel whose whole square sees the mirror."""
+def interior_radius_px(camera: RadialCamera) -> float:
+    """Largest image radius of the centre of a pixel whose whole square shows something."""
+    u, v = camera.centre_px
+    corner_px = math.hypot(max(u, camera.width_px - u), max(v, camera.height_px - v))
+    # No rim in the image: all pixels, those in the corners included.
+    if corner_px <= camera.rim_radius_px:
+        return corner_px
     # Half a pixel's diagonal inside the rim.
     return camera.rim_radius_px - math.sqrt(0.5)
 
 
-def min_distance_at_radius(summary: SceneSummary, camera: OmniCamera, radius_px: Floats) -> Floats:
+def min_distance_at_radius(
+    summary: SceneSummary, camera: RadialCamera, radius_px: Floats
+) -> Floats:
     """Lower bound of the range, m, of anything visible at image radii."""
     ring = radius_px / camera.rim_radius_px * NUM_RINGS
     min_distance_m = np.array(summary.visible_min_distances_m)
@@ -234,8 +210,10 @@ def min_distance_at_radius(summary: SceneSummary, camera: OmniCamera, radius_px:
     return at_radius
 
 
-def describe_lens(aperture: Aperture, camera: OmniCamera) -> str:
+def describe_lens(aperture: Aperture, camera: RadialCamera) -> str:
     """Describe the lens, for the reason of a bound."""
+    if not isinstance(camera, OmniCamera):
+        return thin_lens.describe(aperture)
     if math.isinf(camera.mirror.pinhole_distance_m):
         return f"F/{aperture.f_number:g}, telecentric"
     focus_mm = 1e3 / lens_focus_coordinate(aperture, camera)

@@ -21,7 +21,6 @@ from catoptra_protocol.optics.omni_camera import (
 )
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 
 # Newton's method squares the error in each step; for offsets of a tenth of the mirror twelve steps
 # are enough. Rays that have not converged by then count as missing the mirror.
@@ -113,7 +112,7 @@ def _camera_rays(
         origin = _rotate(rotation, start) + translation
         return origin, _rotate(rotation, np.stack((zero, zero, zero - 1.0)))
     origin = _column_vector((0.0, 0.0, camera.mirror.pinhole_distance_m), du.ndim) + translation
-    scale = inverse_focal_length(camera)
+    scale = camera.inverse_focal_length
     return origin, _rotate(rotation, np.stack((scale * x, scale * y, zero - 1.0)))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.image_scale import visible_radii_px
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -46,7 +46,7 @@ class ChromaticAberration:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the displacement of red or blue at the outermost visible radius."""
         # |p - q| = r |m - 1| / m at the output pixel, r |m - 1| at the input pixel: the larger.
         relative = max(
@@ -64,7 +64,7 @@ class ChromaticAberration:
         return summary
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Resize red and blue about the lens's axis."""
         result = image.copy()
@@ -77,7 +77,7 @@ class ChromaticAberration:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
@@ -88,7 +88,7 @@ class ChromaticAberration:
 
 @lru_cache(maxsize=4)
 def channel_offsets_px(
-    effect: ChromaticAberration, camera: OmniCamera
+    effect: ChromaticAberration, camera: RadialCamera
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Offsets to the pixels that red and blue are read from.
 

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -29,6 +29,7 @@ from catoptra_server.effects.effect import (
     Uniforms,
     float32_array,
 )
+from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.kernels.disc_kernel import (
     DiscKernelTable,
     disc_kernel_table,
@@ -37,12 +38,12 @@ from catoptra_server.effects.kernels.disc_kernel import (
 from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.lens_blur import (
     DISTANCE_FIELDS,
-    Aperture,
     circle_of_confusion,
     circle_of_confusion_map,
     describe_lens,
     interior_mask,
     interior_radius_px,
+    max_diameter_px,
     min_distance_at_radius,
     sample_radii_px,
 )
@@ -61,7 +62,7 @@ class Defocus:
     reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS | {"max_radiance"}
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the largest disc of anything in view."""
         # Near discs count, too: this bound is then never below that of DefocusByDepth, for which
         # this effect stands in where both discs differ by less than the threshold.
@@ -84,7 +85,7 @@ class Defocus:
         return summary
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Blur the image."""
         weights = _kernel_weights(self, camera, image.dtype)
@@ -96,7 +97,7 @@ class Defocus:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
@@ -109,14 +110,15 @@ class Defocus:
         }
 
 
-def _kernel_table(effect: Defocus, camera: OmniCamera) -> DiscKernelTable:
+def _kernel_table(effect: Defocus, camera: RadialCamera) -> DiscKernelTable:
     circle = circle_of_confusion_map(effect.aperture, camera)
-    return disc_kernel_table(float(np.abs(circle.infinity_diameter_px).max()))
+    diameter_px = float(np.abs(circle.infinity_diameter_px).max())
+    return disc_kernel_table(min(diameter_px, max_diameter_px(effect.aperture, camera)))
 
 
 @lru_cache(maxsize=2)
 def _kernel_weights(
-    effect: Defocus, camera: OmniCamera, dtype: np.dtype[Real]
+    effect: Defocus, camera: RadialCamera, dtype: np.dtype[Real]
 ) -> npt.NDArray[Real]:
     """Weights of every pixel, (pairs, h, w)."""
     # Only two entries: at 640 px and a kernel of 15 pairs one takes 25 MB in float32.
@@ -128,7 +130,7 @@ def _kernel_weights(
 
 
 @lru_cache(maxsize=4)
-def _table_row_map(effect: Defocus, camera: OmniCamera) -> npt.NDArray[np.float32]:
+def _table_row_map(effect: Defocus, camera: RadialCamera) -> npt.NDArray[np.float32]:
     """Fractional row of the kernel table for each pixel, (h, w, 1)."""
     circle = circle_of_confusion_map(effect.aperture, camera)
     row: npt.NDArray[np.float32] = table_row(circle.infinity_diameter_px).astype(np.float32)

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -30,6 +30,7 @@ from catoptra_server.effects.effect import (
     Uniforms,
     float32_array,
 )
+from catoptra_server.effects.kernels.circle_of_confusion import Aperture, CircleOfConfusion
 from catoptra_server.effects.kernels.disc_kernel import (
     DiscKernelTable,
     disc_kernel_table,
@@ -38,8 +39,6 @@ from catoptra_server.effects.kernels.disc_kernel import (
 from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.lens_blur import (
     DISTANCE_FIELDS,
-    Aperture,
-    CircleOfConfusion,
     circle_of_confusion,
     circle_of_confusion_map,
     describe_lens,
@@ -65,7 +64,7 @@ class DefocusByDepth:
     reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS | {"max_radiance"}
     needs_range: ClassVar[bool] = True
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change against `Defocus`, by the disc of anything in view and of infinity."""
         radius_px = sample_radii_px(camera)
         circle = circle_of_confusion(self.aperture, camera, radius_px)
@@ -87,7 +86,7 @@ class DefocusByDepth:
         return replace(summary, superseded_effects=summary.superseded_effects | {Defocus.name})
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Blur the image by each pixel's range."""
         assert context.range_m is not None, "defocus by depth needs ranges"
@@ -107,7 +106,7 @@ class DefocusByDepth:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
@@ -157,7 +156,7 @@ def max_diameter_change_px(circle: CircleOfConfusion, min_distance_m: Floats) ->
     return change
 
 
-def _kernel_table(effect: DefocusByDepth, camera: OmniCamera) -> DiscKernelTable:
+def _kernel_table(effect: DefocusByDepth, camera: RadialCamera) -> DiscKernelTable:
     """Kernels of all points outside the mirror, however near."""
     # Not of the nearest object of one frame: the texture would be uploaded again in each.
     return disc_kernel_table(max_diameter_px(effect.aperture, camera))
@@ -165,7 +164,7 @@ def _kernel_table(effect: DefocusByDepth, camera: OmniCamera) -> DiscKernelTable
 
 @lru_cache(maxsize=4)
 def _circle_of_confusion_texture(
-    effect: DefocusByDepth, camera: OmniCamera
+    effect: DefocusByDepth, camera: RadialCamera
 ) -> npt.NDArray[np.float32]:
     """Texture, (h, w, 4): infinity_diameter_px, near_px, power_per_m, offset."""
     circle = circle_of_confusion_map(effect.aperture, camera)

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import EffectBound, EffectType, Real, Uniforms
@@ -69,7 +69,7 @@ class Diffraction:
         """Unit of length of the pattern, lambda N, in px."""
         return wavelength_m * self.f_number / self.pixel_pitch_m
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the light that reaches other pixels; red spreads most."""
         diameter = self.airy_diameter_px(WAVELENGTHS_M[0])
         return EffectBound(
@@ -83,7 +83,7 @@ class Diffraction:
         return summary
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Convolve the image with the pattern of each colour."""
         weights = kernel_weights(self).astype(image.dtype)[:, :, None, None]
@@ -91,7 +91,7 @@ class Diffraction:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

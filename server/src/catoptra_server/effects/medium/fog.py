@@ -24,11 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-    direction_from_pixel,
-    pixel_sample_positions,
-)
+from catoptra_protocol.optics.omni_camera import pixel_sample_positions
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -79,7 +76,7 @@ class Fog:
         transmitted: npt.NDArray[Real] = np.exp(range_m * range_m.dtype.type(-self.density_per_m))
         return transmitted
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Largest change of surfaces at the farthest range and of the background."""
         if self.density_per_m == 0.0:
             return EffectBound(0.0, "the air is clear")
@@ -111,7 +108,7 @@ class Fog:
 
     @np.errstate(under="ignore")
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Mix the image with the airlight by each pixel's range."""
         assert context.range_m is not None, "fog needs ranges"
@@ -123,7 +120,7 @@ class Fog:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
@@ -136,9 +133,9 @@ class Fog:
 
 
 @lru_cache(maxsize=4)
-def mirror_mask(camera: OmniCamera) -> npt.NDArray[np.float32]:
+def mirror_mask(camera: RadialCamera) -> npt.NDArray[np.float32]:
     """Mask, (h, w, 1): 1 where a pixel's centre sees the mirror, 0 elsewhere."""
-    mask = direction_from_pixel(camera, pixel_sample_positions(camera))[1].astype(np.float32)
+    mask = camera.direction_from_pixel(pixel_sample_positions(camera))[1].astype(np.float32)
     mask.setflags(write=False)
     return mask
 

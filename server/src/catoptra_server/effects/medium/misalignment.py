@@ -27,9 +27,11 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_sample_positions,
 )
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
+    NEEDS_MIRROR,
     EffectBound,
     EffectParameter,
     EffectType,
@@ -71,8 +73,9 @@ class Misalignment:
         translation_m = (self.x_m, self.y_m, self.axial_m)
         return CameraPoseOffset(translation_m, self.roll_rad, self.pitch_rad)
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the largest displacement, and by pixels that turn black."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         # Decided without the map, which takes a Newton search for every pixel.
         if self.camera_pose_offset == CameraPoseOffset():
             return EffectBound(0.0, "the camera is aligned")
@@ -100,20 +103,22 @@ class Misalignment:
         return summary
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Warp the image to the displaced camera."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         warped = warp(image, _warp_map(self, camera))
         warped[lookup_offset_map(self, camera)[..., 2] == 0.0] = 0.0
         return warped
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
         """Displacement map."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         return {"displacement_px": lookup_offset_map(self, camera)}
 
 
@@ -144,4 +149,5 @@ EFFECT_TYPE = EffectType(
         EffectParameter("MisalignmentRoll", "roll_rad", 0.0, -0.1, 0.1),
         EffectParameter("MisalignmentPitch", "pitch_rad", 0.0, -0.1, 0.1),
     ),
+    needs_mirror=True,
 )

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -28,7 +28,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     float32_array,
 )
-from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -42,10 +41,10 @@ class Vignetting:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Loss of the brightest light at the rim, in grey levels."""
         # At the rim and not in the image's corners: pixels outside the mirror are black.
-        tangent = camera.rim_radius_px * inverse_focal_length(camera)
+        tangent = camera.rim_radius_px * camera.inverse_focal_length
         # A gain below 1 changes the brightest light most, and the rim has the smallest gain.
         value = max_change_by_gain((1.0 + tangent**2) ** -2, summary.max_radiance)
         angle = math.degrees(math.atan(tangent))
@@ -56,31 +55,31 @@ class Vignetting:
         return summary
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Darken the image."""
         return image * cosine_fourth_map(camera).astype(image.dtype)
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
         """Image centre and focal length."""
         return {
             "centre_px": float32_array(*camera.centre_px),
-            "inverse_focal_length": float32_array(inverse_focal_length(camera)),
+            "inverse_focal_length": float32_array(camera.inverse_focal_length),
         }
 
 
 @lru_cache(maxsize=4)
-def cosine_fourth_map(camera: OmniCamera) -> Floats:
+def cosine_fourth_map(camera: RadialCamera) -> Floats:
     """Factor of each pixel centre, (h, w, 1)."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
     # 1 / (1 + tan^2)^2 needs no arctangent and has no cancellation on the axis.
-    tangent2 = (u[None, :] ** 2 + v[:, None] ** 2) * inverse_focal_length(camera) ** 2
+    tangent2 = (u[None, :] ** 2 + v[:, None] ** 2) * camera.inverse_focal_length**2
     factor: Floats = ((1.0 + tangent2) ** -2)[..., None]
     factor.setflags(write=False)
     return factor

@@ -27,10 +27,12 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_sample_positions,
 )
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
+    NEEDS_MIRROR,
     EffectBound,
     EffectParameter,
     EffectType,
@@ -38,6 +40,7 @@ from catoptra_server.effects.effect import (
     Uniforms,
     float32_array,
 )
+from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.kernels.contaminants import (
     Contaminants,
     particle_cells,
@@ -50,7 +53,9 @@ from catoptra_server.effects.kernels.disc_kernel import (
     table_row,
 )
 from catoptra_server.effects.kernels.grey_levels import grey_level, max_change_by_gain
-from catoptra_server.effects.kernels.lens_blur import Aperture, circle_of_confusion_map
+from catoptra_server.effects.kernels.lens_blur import (
+    circle_of_confusion_map,
+)
 from catoptra_server.effects.kernels.luminance import mean_luminance
 from catoptra_server.effects.kernels.mirror_surface_table import mirror_surface_table
 from catoptra_server.effects.kernels.noise import camera_noise_key
@@ -76,8 +81,9 @@ class MirrorDust:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Loss of white in a dark image, or gain of black in a white image: the larger."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         coverage = max_coverage(self, camera)
         loss = max_change_by_gain(1.0 - coverage, summary.max_radiance)
         gain = grey_level(coverage * self.albedo * summary.max_radiance)
@@ -88,9 +94,10 @@ class MirrorDust:
         return summary
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Mix the image with the scattered light by coverage."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         coverage = coverage_map(self, camera, context.noise_seed.camera_key).astype(
             image.dtype, copy=False
         )
@@ -101,11 +108,12 @@ class MirrorDust:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
         """Coverage of each pixel, and the radiance of contaminants."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         return {
             "coverage": coverage_map(self, camera, context.noise_seed.camera_key),
             "scattered_radiance": float32_array(self._scattered_luminance(measure_mean_luminance)),
@@ -235,4 +243,5 @@ EFFECT_TYPE = EffectType(
         EffectParameter("DustAlbedo", "albedo", 0.3, 0.0, 1.0),
         *APERTURE_PARAMETERS,
     ),
+    needs_mirror=True,
 )

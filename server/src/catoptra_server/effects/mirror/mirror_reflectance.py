@@ -21,9 +21,11 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
+    NEEDS_MIRROR,
     EffectBound,
     EffectParameter,
     EffectType,
@@ -31,7 +33,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     float32_array,
 )
-from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -54,8 +55,9 @@ class MirrorReflectance:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Largest change of the brightest light at any angle of incidence."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         # All radii, not the ends: metals have a minimum of R between normal and grazing incidence.
         gains = self.relative_reflectances(camera)
         value = max(max_change_by_gain(float(gain), summary.max_radiance) for gain in gains)
@@ -82,18 +84,20 @@ class MirrorReflectance:
         return relative
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Multiply the image by the relative reflectance."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         return image * _gain_map(self, camera).astype(image.dtype)
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
         """Image centre, rim radius, and gains by radius."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         return {
             "centre_px": float32_array(*camera.centre_px),
             "rim_px": float32_array(camera.rim_radius_px),
@@ -124,7 +128,7 @@ def mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
     radius_px = radius_fraction * camera.rim_radius_px
     t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
     # Half of theta + psi; t is tan(theta / 2) already.
-    psi = np.arctan(radius_px * inverse_focal_length(camera))
+    psi = np.arctan(radius_px * camera.inverse_focal_length)
     angle: Floats = np.arctan(t) + 0.5 * psi
     return angle
 
@@ -153,4 +157,5 @@ EFFECT_TYPE = EffectType(
         EffectParameter("MirrorIndex", "refractive_index", 0.96, 0.01, 10.0),
         EffectParameter("MirrorExtinction", "extinction_coefficient", 6.7, 0.0, 20.0),
     ),
+    needs_mirror=True,
 )

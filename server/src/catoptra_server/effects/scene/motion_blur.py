@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import INSTANTANEOUS
@@ -34,7 +34,7 @@ class MotionBlur:
     changes_scene: ClassVar[bool] = True
     reads: ClassVar[frozenset[str]] = MOTION_FIELDS
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the largest spread of a point."""
         # The whole exposure, though centred on the pose: a point is spread over both halves.
         return bound_motion(summary, camera, self.exposure_s)

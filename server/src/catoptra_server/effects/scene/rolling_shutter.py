@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import INSTANTANEOUS
@@ -40,7 +40,7 @@ class RollingShutter:
     changes_scene: ClassVar[bool] = True
     reads: ClassVar[frozenset[str]] = MOTION_FIELDS
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the largest displacement between the pose and a row's exposure."""
         if self.readout_s == 0.0:
             return EffectBound(0.0, "a global shutter")
@@ -62,7 +62,7 @@ class RollingShutter:
         return replace(camera_state, shutter=shutter)
 
 
-def _max_readout_fractions(camera: OmniCamera) -> Floats:
+def _max_readout_fractions(camera: RadialCamera) -> Floats:
     """Fraction of the readout between the pose and the farthest row of each ring, (NUM_RINGS,)."""
     radius_px = ring_scales_and_radii(camera)[1]
     # The mirror's axis need not be on the central row, at which the pose is taken.

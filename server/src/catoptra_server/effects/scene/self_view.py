@@ -14,9 +14,10 @@ from dataclasses import replace
 from typing import ClassVar
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.effect import EffectBound, EffectType
+from catoptra_server.effects.effect import NEEDS_MIRROR, EffectBound, EffectType
 from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -29,8 +30,9 @@ class SelfView:
     changes_scene: ClassVar[bool] = True
     reads: ClassVar[frozenset[str]] = frozenset({"ego_body_max_angle_rad", "max_radiance"})
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change from black to the brightest, if any of the ego body is in view."""
+        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         angle_rad = min(summary.ego_body_max_angle_rad, camera.rim_rad)
         if angle_rad == 0.0:
             return EffectBound(0.0, "no part of the robot is in view")
@@ -55,4 +57,4 @@ class SelfView:
         return replace(camera_state, objects=(*camera_state.objects, camera_state.ego_body))
 
 
-EFFECT_TYPE = EffectType("SelfView", SelfView)
+EFFECT_TYPE = EffectType("SelfView", SelfView, needs_mirror=True)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import EffectBound, EffectType
@@ -29,7 +29,7 @@ class Shadows:
     changes_scene: ClassVar[bool] = True
     reads: ClassVar[frozenset[str]] = frozenset({"max_shadow_loss"})
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Loss, in grey levels, of the surface that changes most in shadow."""
         # A pair and not a ratio: how visible a loss is depends on the light that remains.
         loss = summary.max_shadow_loss

@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -53,7 +53,7 @@ class AutoExposure:
         gain = self.target_luminance / mean_luminance if mean_luminance > 0.0 else self.max_gain
         return min(max(gain, self.min_gain), self.max_gain)
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change of the grey that changes most, by the smallest or the largest gain."""
         # The mean lies between 0 and the maximum, and the change grows with the distance of the
         # gain from 1 on either side: both ends decide.
@@ -66,14 +66,14 @@ class AutoExposure:
         return replace(summary, max_radiance=self.max_gain * summary.max_radiance)
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Multiply the image by the gain of its mean luminance."""
         return image * image.dtype.type(self.gain(mean_luminance(image, camera)))
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

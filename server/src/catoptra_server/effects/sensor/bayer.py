@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import EffectBound, EffectType, Real, Uniforms
@@ -35,7 +35,7 @@ class Bayer:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Grey level of the brightest light."""
         # A single bright pixel on black loses two of its colours: no smaller bound holds.
         value = grey_level(summary.max_radiance)
@@ -46,7 +46,7 @@ class Bayer:
         return summary
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Measure one colour per pixel and interpolate the others."""
         raw = mosaic(image)
@@ -63,7 +63,7 @@ class Bayer:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -46,7 +46,7 @@ class Blooming:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Gain of a black pixel with the brightest light above and below."""
         # Weights sum to 1 over both sides: a black pixel with saturated columns above and below
         # receives the whole fraction, and no pixel more.
@@ -68,7 +68,7 @@ class Blooming:
         return tuple((rows + 1 - k) / (rows * (rows + 1)) for k in range(1, rows + 1))
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Add the overflow to the image."""
         excess = np.maximum(image - image.dtype.type(1.0), image.dtype.type(0.0))
@@ -85,7 +85,7 @@ class Blooming:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

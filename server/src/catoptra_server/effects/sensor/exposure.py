@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -47,7 +47,7 @@ class Exposure:
         """Factor of the linear image."""
         return self.exposure_s / self.white_exposure_s
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change of the grey that changes most."""
         value = max_change_by_gain(self.gain, summary.max_radiance)
         return EffectBound(value, f"the exposure is {self.gain:.3g} times that of white")
@@ -58,7 +58,7 @@ class Exposure:
         return replace(summary, max_radiance=self.gain * summary.max_radiance)
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Multiply the image by the gain."""
         # The gain is rounded to the image's type first, as the shader's uniform is.
@@ -66,7 +66,7 @@ class Exposure:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

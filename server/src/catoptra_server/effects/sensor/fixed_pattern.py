@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
@@ -54,7 +54,7 @@ class FixedPattern:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change by the largest normal variate of the grey that changes most."""
         # Both variates at their maximum in one pixel: never exceeded, though hardly ever reached.
         dark = self.dsnu_e / self.full_well_e
@@ -72,7 +72,7 @@ class FixedPattern:
         return replace(summary, max_radiance=gain * summary.max_radiance + dark)
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Apply each pixel's gain and dark signal to the image."""
         seed = NoiseSeed(context.noise_seed.camera_key)
@@ -81,7 +81,7 @@ class FixedPattern:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -47,7 +47,7 @@ class Quantisation:
         """Code of white."""
         return float(2 ** int(self.adc_bits) - 1)
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change by half a step of the grey that changes most."""
         value = max_change_by_offset(
             lambda radiance: np.full_like(radiance, 0.5 / self.max_code), summary.max_radiance
@@ -61,7 +61,7 @@ class Quantisation:
         return replace(summary, max_radiance=min(rounded, 1.0))
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Round the image to the converter's codes."""
         real = image.dtype.type
@@ -72,7 +72,7 @@ class Quantisation:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -54,7 +54,7 @@ class ReadNoise:
         """Standard deviation in radiance."""
         return self.read_noise_e / self.full_well_e
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change by the largest normal variate of the grey that changes most."""
         value = max_change_by_offset(
             lambda radiance: np.full_like(radiance, MAX_NORMAL_VARIATE * self.standard_deviation),
@@ -71,7 +71,7 @@ class ReadNoise:
         return replace(summary, max_radiance=summary.max_radiance + noise)
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Add amplifier noise."""
         # The effect's name is the purpose in the key: shot noise of the same frame is independent.
@@ -81,7 +81,7 @@ class ReadNoise:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

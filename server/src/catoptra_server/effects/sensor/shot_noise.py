@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -48,7 +48,7 @@ class ShotNoise:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change by the largest normal variate of the grey that changes most."""
         value = max_change_by_offset(
             lambda radiance: MAX_NORMAL_VARIATE * np.sqrt(radiance / self.full_well_e),
@@ -65,7 +65,7 @@ class ShotNoise:
         return replace(summary, max_radiance=min(brightest + noise, 1.0))
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Add photon noise and clip at the full well."""
         key = frame_noise_key(context.noise_seed, self.name)
@@ -77,7 +77,7 @@ class ShotNoise:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
@@ -41,7 +41,7 @@ class WhiteBalance:
     reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change of the grey that changes most."""
         gains = (self.red_gain, self.blue_gain)
         value = max(max_change_by_gain(gain, summary.max_radiance) for gain in gains)
@@ -54,7 +54,7 @@ class WhiteBalance:
         return replace(summary, max_radiance=min(summary.max_radiance, 1.0) * max_gain)
 
     def apply(
-        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Clip the image at the full well and amplify red and blue."""
         # Clipped before the gains: amplified afterwards a full well keeps the three colours' ratio.
@@ -63,7 +63,7 @@ class WhiteBalance:
 
     def uniforms(
         self,
-        camera: OmniCamera,
+        camera: RadialCamera,
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import moderngl
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster.effect_chain import LinearImageTarget
 from catoptra_server.render.raster.passes import Pass, image_bytes
@@ -21,7 +21,7 @@ class AccumulationPass:
         self,
         context: moderngl.Context,
         programs: ShaderPrograms,
-        camera: OmniCamera,
+        camera: RadialCamera,
         sharp_passes: tuple[Pass, Pass],
         image: LinearImageTarget,
         target: moderngl.Framebuffer,

@@ -15,11 +15,11 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.kernels.luminance import LUMINANCE_WEIGHTS, count_mirror_pixels
+from catoptra_server.effects.kernels.luminance import LUMINANCE_WEIGHTS, count_valid_pixels
 from catoptra_server.effects.kernels.noise import QUANTILE_TABLE_SIDE, normal_quantile_table
 from catoptra_server.render.raster.passes import AveragePass, Pass, image_bytes
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
@@ -47,7 +47,7 @@ class EffectChain:
         context: moderngl.Context,
         programs: ShaderPrograms,
         effects: tuple[ImageEffect, ...],
-        camera: OmniCamera,
+        camera: RadialCamera,
         target: moderngl.Framebuffer,
         *,
         ranges: RangeSource | None = None,
@@ -88,7 +88,9 @@ class EffectChain:
         """Size of the images between the passes."""
         return sum(image.memory_bytes for image in self._images)
 
-    def _make_effect_pass(self, effect: ImageEffect, camera: OmniCamera, index: int) -> EffectPass:
+    def _make_effect_pass(
+        self, effect: ImageEffect, camera: RadialCamera, index: int
+    ) -> EffectPass:
         """Pass of the effect at an index of the chain."""
         source, target = self._images[index % 2], self._images[(index + 1) % 2]
         return EffectPass(
@@ -127,7 +129,7 @@ class EffectPass:
         context: moderngl.Context,
         programs: ShaderPrograms,
         effect: ImageEffect,
-        camera: OmniCamera,
+        camera: RadialCamera,
         source: moderngl.Texture,
         target: moderngl.Framebuffer,
         *,
@@ -269,7 +271,7 @@ class LuminanceMeter:
         self._image = image
         self._sums: LinearImageTarget | None = None
 
-    def measure_mean_luminance(self, camera: OmniCamera) -> float:
+    def measure_mean_luminance(self, camera: RadialCamera) -> float:
         """Mean luminance of the pixels that see the mirror."""
         if self._sums is None:
             self._sums = LinearImageTarget(self._context, _METER_GRID_SIDE, _METER_GRID_SIDE)
@@ -287,7 +289,7 @@ class LuminanceMeter:
         # float32 sum over the whole image would lose digits. Pixels off the mirror are black, so
         # the total is the mirror's.
         colours = self._sums.read().sum(axis=(0, 1), dtype=np.float64)
-        return float(colours @ LUMINANCE_WEIGHTS) / max(count_mirror_pixels(camera), 1)
+        return float(colours @ LUMINANCE_WEIGHTS) / max(count_valid_pixels(camera), 1)
 
     def close(self) -> None:
         """Free the resources of a measurement, if any."""

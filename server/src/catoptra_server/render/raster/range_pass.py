@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.raster.face_pass import frame_depth_range, frustum_planes
@@ -40,7 +40,7 @@ class RangePass:
         programs: ShaderPrograms,
         scene: SceneBuffers,
         atlas: Atlas,
-        camera: OmniCamera,
+        camera: RadialCamera,
         lookup_map: moderngl.Texture,
     ) -> None:
         """Create the atlas of ranges and the texture of pixel ranges.
