@@ -99,7 +99,7 @@ def write_full_robot(folder: Path, size_px: int = 360) -> Path:
     """Write a robot with all sensors, two cameras, and all image effects of `p2at_omni_real`."""
     real = (ROBOTS / "p2at_omni_real.ini").read_text(encoding="utf-8")
     _, _, effects = real.partition("ResolutionY=480\n")
-    assert effects.lstrip().startswith("SelfView"), "p2at_omni_real.ini has another order of keys"
+    assert effects.lstrip().startswith("Shadows"), "p2at_omni_real.ini has another order of keys"
     text = (
         f"[Configuration]\nBasedOn={ROBOTS / 'p2at_omni_full.ini'}\n\n"
         f"[Catoptra.OmniCaptureCamera]\nResolutionX={size_px}\nResolutionY={size_px}\n"

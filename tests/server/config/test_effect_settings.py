@@ -20,7 +20,7 @@ from catoptra_server.effects.effect import (
 )
 from catoptra_server.effects.sensor.quantisation import Quantisation
 from catoptra_server.effects.sensor.read_noise import ReadNoise
-from helpers.configs import OMNI_ROBOT
+from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, write_edited_copy
 
 REAL = OMNI_ROBOT.with_name("p2at_omni_real.ini")
 
@@ -37,8 +37,15 @@ def make_section(tmp_path: Path, *lines: str) -> EffectSettings:
     return read_effect_settings(IniFile(path).get_section("Camera"))
 
 
-def test_robot_when_its_file_names_no_effect_has_none() -> None:
-    assert read_settings(OMNI_ROBOT) == NO_EFFECT_SETTINGS
+def test_robot_when_its_file_names_no_effect_has_none(tmp_path: Path) -> None:
+    plain = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("SelfView=auto", ""))
+    assert read_settings(plain) == NO_EFFECT_SETTINGS
+
+
+@pytest.mark.parametrize("name", ["p2at_omni", "omni_p2dx", "p2at_omni_scout", "p2at_omni_live"])
+def test_bundled_omnidirectional_robot_sees_itself(name: str) -> None:
+    modes = {one.effect.name: one.mode for one in read_settings(ROBOTS / f"{name}.ini").settings}
+    assert modes["SelfView"] is EffectMode.AUTO
 
 
 def test_real_robot_when_read_names_every_effect_in_optical_order() -> None:
