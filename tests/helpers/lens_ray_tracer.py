@@ -147,7 +147,12 @@ def render_through_lens(
         normal = quadric.normal(hits)
         away = direction - 2.0 * (direction * normal).sum(axis=1, keepdims=True) * normal
         away /= np.linalg.norm(away, axis=1, keepdims=True)
-        rays = WorldRays(pose.transform_points(hits) - centre, pose.rotate_directions(away))
+        # Steps of zero: the rays of an aperture are finer than any texel.
+        rays = WorldRays(
+            pose.transform_points(hits) - centre,
+            pose.rotate_directions(away),
+            np.zeros((len(hits), 2, 3)),
+        )
         radiance = shade_hits(meshes, rays, find_first_hits(meshes, rays), lighting)
         light = np.zeros((len(on_mirror), 3))
         light[on_mirror] = np.clip(radiance, 0.0, max_radiance)

@@ -95,6 +95,24 @@ def write_smooth_texture(path: Path, *, size: int = 64) -> Path:
     return path
 
 
+def write_fine_texture(path: Path) -> Path:
+    """Write an image file of odd sides, checkers of 2 px with coarse spots; return its path."""
+    rows, columns = np.mgrid[:45, :61]
+    grey = (
+        90 + 100 * ((rows // 2 + columns // 2) % 2) + 60 * (np.hypot(rows - 20, columns - 30) < 9)
+    )
+    Image.fromarray(np.stack((grey, 250 - grey, grey // 2), axis=-1).astype(np.uint8)).save(path)
+    return path
+
+
+def make_fine_floor(texture: Path) -> World:
+    """A floor to the horizon: from a camera 0.6 m above, its texture is finer than any pixel, far
+    away at grazing angles."""
+    material = Material((0.9, 0.85, 0.8), texture)
+    floor = Item("floor", Rectangle((40, 30), (100, 100)), Pose.identity(), material)
+    return World("fine floor", (floor,), lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT))
+
+
 def make_omni_camera(
     *, mirror: CentralMirror = PAPER_MIRROR, width_px: int = 200, rim_deg: float = 120.0
 ) -> OmniCamera:

@@ -8,7 +8,8 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.scene_batches import upload_texture
 from catoptra_server.scene import shading
-from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.colour import linear_from_srgb, srgb_from_linear
+from catoptra_server.scene.texture_levels import build_levels
 from catoptra_server.scene.world_description import PointLight
 from helpers.shaders import evaluate_shader
 
@@ -48,6 +49,18 @@ def test_point_irradiance_at_the_light_is_finite(context: moderngl.Context) -> N
     expected = shading.point_irradiance(LIGHTS, place, normal)
     # Float32 puts the point 3e-8 m from the light; by definition it counts as a millimetre.
     np.testing.assert_allclose(shown, expected, rtol=1e-3, atol=50.0)
+
+
+def test_levels_of_a_texture_are_the_model_s(context: moderngl.Context) -> None:
+    image = np.random.default_rng(5).integers(0, 256, (21, 38, 3), dtype=np.uint8)
+    texture = upload_texture(context, image)
+    levels = build_levels(image)
+    sizes = [level.shape[1::-1] for level in levels]
+    assert sizes == [(38, 21), (19, 10), (9, 5), (4, 2), (2, 1), (1, 1)]
+    for number, level in enumerate(levels):
+        stored = np.frombuffer(texture.read(level=number, alignment=1), np.uint8)
+        expected = np.rint(255.0 * srgb_from_linear(level.astype(np.float64)))
+        np.testing.assert_array_equal(stored.reshape(level.shape), expected)
 
 
 def test_texture_is_filtered_in_linear_light_and_repeats(context: moderngl.Context) -> None:

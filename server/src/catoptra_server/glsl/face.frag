@@ -11,14 +11,17 @@
 #else
 #define COLOUR flat
 #endif
-#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(TEXTURED)
 in vec3 offset;                      // from the viewpoint, world axes, metres
+#endif
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
 flat in vec3 facet_normal;
 COLOUR in vec3 facet_albedo;
 #endif
 #ifdef TEXTURED
 uniform sampler2D albedo_texture;    // stored as sRGB, so that OpenGL filters linear light
 in vec2 texture_coordinates;
+#include "include/texture_levels.glsl"
 #endif
 COLOUR in vec3 facet_radiance;
 out vec4 colour;
@@ -33,7 +36,7 @@ void main()
     linear += facet_albedo * direct_irradiance(offset, facet_normal);
 #endif
 #ifdef TEXTURED
-    linear *= texture(albedo_texture, texture_coordinates).rgb;
+    linear *= texture_mean(albedo_texture, texture_coordinates, offset);
 #endif
     colour = vec4(linear, 1.0);
 }

@@ -50,9 +50,11 @@ from helpers.worlds import (
     DIRECTIONAL_LIGHT,
     HEMISPHERE_LIGHT,
     POINT_LIGHT,
+    make_fine_floor,
     make_omni_camera,
     make_plan,
     make_test_world,
+    write_fine_texture,
     write_smooth_texture,
 )
 
@@ -168,6 +170,16 @@ def test_images_of_a_room_agree(
 ) -> None:
     texture = write_smooth_texture(tmp_path / "waves.png") if has_texture else None
     world = make_test_world(lights=LIGHTS[lights], texture=texture)
+    check_agreement(world, omni_ray_table(CAMERA, make_plan(CAMERA, samples=samples)))
+
+
+@pytest.mark.parametrize("lights", LIGHTS)
+@pytest.mark.parametrize("samples", [1, 2, 4])
+def test_images_of_a_fine_texture_at_grazing_angles_agree(
+    tmp_path: Path, samples: int, lights: str
+) -> None:
+    world = make_fine_floor(write_fine_texture(tmp_path / "checkers.png"))
+    world = replace(world, lights=LIGHTS[lights])
     check_agreement(world, omni_ray_table(CAMERA, make_plan(CAMERA, samples=samples)))
 
 

@@ -17,6 +17,7 @@ from catoptra_protocol.optics.mirrors import (
     HyperbolicMirror,
     ParabolicMirror,
 )
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
@@ -28,21 +29,26 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera, Image
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.engine_choice import EngineName
+from catoptra_server.render.trace.ray_table import omni_ray_table
+from catoptra_server.scene import texture_levels
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, Rectangle, World
 from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.reference_caster import cast_rays
-from helpers.trace_engines import ENGINES, open_renderer
+from helpers.trace_engines import ENGINES, open_engine, open_renderer
 from helpers.worlds import (
     CAMERA_STATE,
     DIRECTIONAL_LIGHT,
     HEMISPHERE_LIGHT,
     POINT_LIGHT,
+    make_fine_floor,
     make_omni_camera,
     make_plan,
     make_test_world,
+    write_fine_texture,
     write_smooth_texture,
 )
 
@@ -131,9 +137,10 @@ def test_image_with_texture_and_point_light_is_that_of_the_float64_caster(
     make_renderer: MakeRenderer, tmp_path: Path, samples: int
 ) -> None:
     camera = make_omni_camera(width_px=56)
+    # Texels of a metre: all samples read the image itself, as the caster does.
     world = make_test_world(
         lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
-        texture=write_smooth_texture(tmp_path / "waves.png"),
+        texture=write_smooth_texture(tmp_path / "waves.png", size=2),
     )
     image = render_image(make_renderer, world, camera, make_plan(camera, samples=samples))
     grid = pixel_sample_positions(camera, samples)
@@ -149,6 +156,32 @@ def test_image_with_texture_and_point_light_is_that_of_the_float64_caster(
     difference = np.abs(image - 255.0 * srgb_from_linear(mean))[certain]
     # Half a level is rounding; float32 rays and texture coordinates move it by little more.
     assert difference.max() < 0.6
+
+
+def test_fine_texture_seen_from_afar_aliases_at_most_half_as_much_as_without_levels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = make_fine_floor(write_fine_texture(tmp_path / "checkers.png"))
+    mean = render_levels("kernel", world, samples=16)
+    by_kernel, by_reference = (
+        rms(render_levels(engine, world, samples=1) - mean) for engine in ENGINES
+    )
+    # No footprint larger than a texel: each sample has a single one's colour.
+    monkeypatch.setattr(texture_levels, "MAX_STRETCH", 0.0)
+    aliased = rms(render_levels("reference", world, samples=1) - mean)
+    assert max(by_kernel, by_reference) < 0.5 * aliased
+
+
+def render_levels(engine_name: EngineName, world: World, *, samples: int) -> Floats:
+    """(100, 100, 3) image in grey levels."""
+    camera = make_omni_camera(width_px=100)
+    with open_engine(engine_name, world) as engine:
+        rays = engine.prepare(omni_ray_table(camera, make_plan(camera, samples=samples)))
+        return rays.render_srgb(CAMERA_STATE).astype(np.float64)
+
+
+def rms(difference: Floats) -> float:
+    return float(np.sqrt(np.square(difference).mean()))
 
 
 def test_rim_when_sampled_fades_into_black(make_renderer: MakeRenderer) -> None:

@@ -18,6 +18,7 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.depth_range import MAX_NEAR_M, DepthRange
 from catoptra_server.render.raster.dynamic_object_buffer import object_distance_range
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, image_bytes
+from catoptra_server.render.raster.sample_spacing import SampleSpacing
 from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 
 
@@ -115,6 +116,7 @@ class FacePass(Generic[FaceLayoutT]):
         scene: SceneBuffers,
         atlas: FaceLayoutT,
         samples: int,
+        spacing: SampleSpacing | None = None,
     ) -> None:
         """Create the texture and its framebuffers.
 
@@ -123,6 +125,7 @@ class FacePass(Generic[FaceLayoutT]):
             scene: Scene on the device.
             atlas: Layout of the planar images.
             samples: Multisampling of each texel; 1 for none.
+            spacing: Samples of the image that the faces are for; None: the texels themselves.
 
         Raises:
             DomainError: The device offers fewer samples.
@@ -133,6 +136,7 @@ class FacePass(Generic[FaceLayoutT]):
             )
         self._context = context
         self._scene = scene
+        self._spacing = spacing
         self.atlas = atlas
         self._clip_from_mirror = np.stack([cell.clip_from_mirror for cell in atlas.cells])
         self._max_depth_ratio = max(cell.max_depth_ratio for cell in atlas.cells)
@@ -166,6 +170,7 @@ class FacePass(Generic[FaceLayoutT]):
         # Before set_frame: whether objects' programs need uniforms depends on the upload.
         scene.dynamic_objects.upload(camera_state.objects)
         scene.set_frame(viewpoint, depth.clip_z_from_w)
+        scene.set_spacing(self._spacing, pose.rotation[:, 2])
         self._begin()
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
         calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)

@@ -21,6 +21,7 @@ from catoptra_server.render.raster.gl_device import GlDevice, open_device
 from catoptra_server.render.raster.omni_passes import OmniPasses, make_lookup_map
 from catoptra_server.render.raster.passes import AveragePass, OutputImage
 from catoptra_server.render.raster.raster_views import RasterOmniView, RasterView
+from catoptra_server.render.raster.sample_spacing import fit_spacing
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.render_plan import RenderPlan
@@ -83,7 +84,7 @@ class RasterRenderer:
         self._check_thread()
         with self._device.context as context, ExitStack() as undo:
             # Resources built so far are freed if a later one does not fit the device.
-            faces = self._make_face_pass(plan, undo)
+            faces = self._make_face_pass(camera, plan, undo)
             output = OutputImage(context, camera.width_px, camera.height_px)
             undo.callback(output.close)
             lookup_map = make_lookup_map(
@@ -107,12 +108,15 @@ class RasterRenderer:
             thread=self._thread,
         )
 
-    def _make_face_pass(self, plan: RenderPlan, undo: ExitStack) -> FacePass[Atlas]:
+    def _make_face_pass(
+        self, camera: OmniCamera, plan: RenderPlan, undo: ExitStack
+    ) -> FacePass[Atlas]:
         """Face pass of a plan, registered for closing."""
         atlas = pack_atlas(
             plan.face_regions, guard_texels=GUARD_TEXELS, max_texels=self._max_texels
         )
-        faces = FacePass(self._device.context, self._scene, atlas, plan.face_samples)
+        spacing = fit_spacing(camera, plan.samples)
+        faces = FacePass(self._device.context, self._scene, atlas, plan.face_samples, spacing)
         undo.callback(faces.close)
         return faces
 

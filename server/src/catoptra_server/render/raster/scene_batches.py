@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.render.raster.sample_spacing import SampleSpacing, set_spacing
 from catoptra_server.render.raster.shader_programs import (
     Definitions,
     ProgramSpec,
@@ -20,8 +21,10 @@ from catoptra_server.render.raster.shader_programs import (
 )
 from catoptra_server.render.raster.split_positions import SPLIT_FORMAT
 from catoptra_server.scene import shading
+from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.texture_files import Texture
+from catoptra_server.scene.texture_levels import build_levels
 from catoptra_server.scene.triangle_clusters import TriangleClusters, visible_runs
 from catoptra_server.scene.world_description import Light
 
@@ -133,6 +136,11 @@ class SceneBatches:
             texture=upload_texture(self._context, scene.textures[index - 1]) if index > 0 else None,
         )
 
+    def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
+        """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""
+        for program in self.programs:
+            set_spacing(program, spacing, axis)
+
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
         calls = 0
@@ -169,13 +177,19 @@ def upload_values(
 
 
 def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Texture:
-    """Texture that repeats and is filtered as shading.sample_texture does.
+    """Texture that repeats and is filtered as texture_levels.sample_levels does.
 
     Row 0 of the image is row 0 of the texture, so (0, 0) is the image's top left corner.
     """
     height, width = image.shape[:2]
     texture = context.texture((width, height), 3, image.tobytes(), internal_format=_SRGB8)
-    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    # The driver's levels take the place of ours, whose means are of linear light and of all texels.
+    coarser = build_levels(image)[1:]
+    texture.build_mipmaps(0, len(coarser))
+    for number, level in enumerate(coarser, start=1):
+        encoded = np.rint(255.0 * srgb_from_linear(level.astype(np.float64))).astype(np.uint8)
+        texture.write(encoded.tobytes(), level=number)
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     return texture
 
 

@@ -18,6 +18,7 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.depth_range import DepthRangeFinder
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
+from catoptra_server.render.raster.sample_spacing import SampleSpacing
 from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, upload_values
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.shadowed_scene import ShadowedScene
@@ -44,6 +45,9 @@ class LitScene(Protocol):
             viewpoint: (3,) position in the scene's frame, metres.
             depth_from_forward: (a, b) of clip z = a w + b.
         """
+
+    def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
+        """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
@@ -140,6 +144,10 @@ class SceneBuffers:
                 viewpoint, depth_from_forward, lights=lights, origin=self.origin
             )
         )
+
+    def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
+        """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""
+        self._batches.set_spacing(spacing, axis)
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""

@@ -11,6 +11,7 @@ import moderngl
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
+from catoptra_server.render.raster.sample_spacing import SampleSpacing
 from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
@@ -66,6 +67,10 @@ class ShadowedScene:
             frame.apply_to(program)
             self._maps.apply_to(program, viewpoint)
         self._maps.bind()
+
+    def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
+        """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""
+        self._batches.set_spacing(spacing, axis)
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""

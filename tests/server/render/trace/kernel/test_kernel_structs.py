@@ -15,6 +15,7 @@ HEADER = Path(kernel_structs.__file__).parent / "src/kernel.h"
 # Names that Python's other classes have already.
 C_NAMES = {
     "TextureStruct": "Texture",
+    "TextureLevelStruct": "TextureLevel",
     "LightStruct": "Light",
     "HemisphereStruct": "Hemisphere",
     "SurfacesStruct": "Surfaces",

@@ -23,6 +23,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.render.trace.kernel.scene_arrays import (
+    Owned,
     caster_arrays,
     encoded_table,
     hemisphere_struct,
@@ -154,10 +155,14 @@ def test_casters_are_the_triangles_that_occlude() -> None:
 def test_textures_have_their_size_without_border(textured: SceneMesh) -> None:
     wide = replace(textured, textures=(textured.textures[0], textured.textures[0][:3, :5]))
     owned = texture_array(wide)
-    sizes = [(struct.width, struct.height) for struct in owned.struct]
-    assert sizes == [(64, 64), (5, 3)]
+    second = owned.owners[1]
+    assert isinstance(second, Owned)
+    assert [struct.num_levels for struct in owned.struct] == [7, 3]
+    assert owned.struct[1].levels == ctypes.addressof(second.struct)
+    sizes = [(level.width, level.height) for level in second.struct]
+    assert sizes == [(5, 3), (2, 1), (1, 1)]
     np.testing.assert_array_equal(
-        read_array(owned.struct[1].texels, (5, 7, 4), np.uint16), owned.owners[1]
+        read_array(second.struct[0].texels, (5, 7, 4), np.uint16), second.owners[0]
     )
 
 
@@ -165,7 +170,7 @@ def test_textures_when_there_are_none_are_one_empty_place() -> None:
     owned = texture_array(build_scene(make_test_world()))
     assert len(owned.struct) == 1
     assert isinstance(owned.struct[0], TextureStruct)
-    assert owned.struct[0].texels is None
+    assert owned.struct[0].levels is None
 
 
 def test_lights_are_those_that_can_be_occluded_directional_ones_first() -> None:

@@ -53,7 +53,8 @@ def shade(
     """Radiance from the viewpoint, and the hits."""
     mesh = trace_scene(scene, CENTRE, world.lights)
     placed = [PlacedMesh(mesh, interpolate_poses((Pose.identity(),), None))]
-    rays = WorldRays(np.tile(VIEWPOINT - CENTRE, (len(directions), 1)), directions)
+    steps = np.zeros((len(directions), 2, 3))
+    rays = WorldRays(np.tile(VIEWPOINT - CENTRE, (len(directions), 1)), directions, steps)
     hits = find_first_hits(placed, rays)
     lighting = Lighting(CENTRE, world.background, has_shadows)
     return shade_hits(placed, rays, hits, lighting), hits

@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.reference.affine import interpolate_poses
 from catoptra_server.render.trace.reference.placed_mesh import (
+    FirstHits,
+    Indices,
     PlacedMesh,
     WorldRays,
     find_first_hits,
@@ -24,6 +27,7 @@ from helpers.shadows import box_item, floor_item, make_world
 from helpers.worlds import make_test_world, write_smooth_texture
 
 AHEAD = np.array([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+RAYS_AHEAD = WorldRays(np.zeros((2, 3)), AHEAD, np.zeros((2, 2, 3)))
 
 
 def place_cubes(*poses: Pose) -> list[PlacedMesh]:
@@ -31,9 +35,17 @@ def place_cubes(*poses: Pose) -> list[PlacedMesh]:
     return [PlacedMesh(mesh, interpolate_poses((pose,), None)) for pose in poses]
 
 
+def make_hits(triangle: Indices, weights: Floats) -> tuple[FirstHits, WorldRays]:
+    """Hits on the first mesh by rays from above, whose neighbours are the same rays."""
+    count = len(triangle)
+    down = np.tile((0.0, 0.0, 1.0), (count, 1))
+    hits = FirstHits(np.ones(count), np.zeros(count, dtype=np.int32), triangle, weights)
+    return hits, WorldRays(np.zeros((count, 3)), down, np.zeros((count, 2, 3)))
+
+
 def test_first_hit_is_the_nearest_of_all_meshes() -> None:
     cubes = place_cubes(*(Pose.from_rpy((x, 0.0, 0.0)) for x in (3.0, 2.0, 4.0)))
-    hits = find_first_hits(cubes, WorldRays(np.zeros((2, 3)), AHEAD))
+    hits = find_first_hits(cubes, RAYS_AHEAD)
     assert hits.object.tolist() == [1, NOTHING]
     assert hits.triangle[1] == NOTHING
     np.testing.assert_allclose(hits.distance, (1.8, np.inf))
@@ -41,7 +53,7 @@ def test_first_hit_is_the_nearest_of_all_meshes() -> None:
 
 def test_first_hit_of_meshes_at_one_place_is_the_earlier_one_s() -> None:
     cubes = place_cubes(*[Pose.from_rpy((3.0, 0.0, 0.0))] * 2)
-    assert find_first_hits(cubes, WorldRays(np.zeros((2, 3)), AHEAD)).object[0] == 0
+    assert find_first_hits(cubes, RAYS_AHEAD).object[0] == 0
 
 
 def test_albedo_of_a_textured_mesh_is_that_of_the_shading_model(tmp_path) -> None:  # type: ignore[no-untyped-def]
@@ -49,7 +61,7 @@ def test_albedo_of_a_textured_mesh_is_that_of_the_shading_model(tmp_path) -> Non
     mesh = trace_scene(scene, np.zeros(3), ())
     triangle = np.arange(len(scene), dtype=np.int32)
     weights = np.random.default_rng(2).dirichlet((1.0, 1.0, 1.0), len(scene))[:, 1:]
-    found = mesh.albedo_at(triangle, weights)
+    found = mesh.albedo_at(*make_hits(triangle, weights))
     textured = scene.texture_index >= 0
     np.testing.assert_array_equal(found[~textured], scene.albedo[~textured])
     uv = scene.uv[:, 0] + np.einsum("nc,nci->ni", weights, scene.uv[:, 1:] - scene.uv[:, :1])
@@ -63,9 +75,9 @@ def test_albedo_of_a_mesh_with_colours_at_its_corners_lies_between_them() -> Non
     scene = build_scene(make_world(floor_item()))
     colours = np.random.default_rng(3).uniform(size=(len(scene), 3, 3))
     mesh = trace_scene(replace(scene, corner_albedo=colours), np.zeros(3), ())
-    triangle, weights = np.array((0, 1), dtype=np.int32), np.array(((0.2, 0.5), (1.0, 0.0)))
+    hits = make_hits(np.array((0, 1), dtype=np.int32), np.array(((0.2, 0.5), (1.0, 0.0))))
     expected = 0.3 * colours[0, 0] + 0.2 * colours[0, 1] + 0.5 * colours[0, 2], colours[1, 1]
-    np.testing.assert_allclose(mesh.albedo_at(triangle, weights), expected)
+    np.testing.assert_allclose(mesh.albedo_at(*hits), expected)
 
 
 def test_triangles_that_cast_no_shadow_are_seen_but_occlude_nothing() -> None:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.texture_levels import uv_gradients
 
 Indices = npt.NDArray[np.int32]
 
@@ -186,14 +187,7 @@ def has_corner_colours(scene: SceneMesh) -> Bools:
 def uv_planes(scene: SceneMesh, triangle: npt.NDArray[np.integer]) -> tuple[Floats, Floats]:
     """Texture coordinates of triangles' planes: (n, 2) at the origin, (n, 2, 3) gradients."""
     corners, uv = scene.corners[triangle], scene.uv[triangle]
-    edges = corners[:, 1:] - corners[:, :1]
-    # The dual of the two edges within their plane; a triangle without area has none.
-    gram = np.einsum("nai,nbi->nab", edges, edges)
-    area = gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2
-    adjugate = np.stack((gram[:, 1, 1], -gram[:, 0, 1], -gram[:, 1, 0], gram[:, 0, 0]), axis=-1)
-    inverse = adjugate.reshape(-1, 2, 2) / np.where(area > 0.0, area, 1.0)[:, None, None]
-    dual = np.einsum("nab,nbi->nai", inverse, edges)
-    gradient = np.einsum("nak,nai->nki", uv[:, 1:] - uv[:, :1], dual)
+    gradient = uv_gradients(corners, uv)
     offset = uv[:, 0] - np.einsum("nki,ni->nk", gradient, corners[:, 0])
     return offset, gradient
 

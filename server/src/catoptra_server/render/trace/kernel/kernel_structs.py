@@ -32,10 +32,16 @@ class MeshArrays(ctypes.Structure):
     ]
 
 
-class TextureStruct(ctypes.Structure):
+class TextureLevelStruct(ctypes.Structure):
     """Linear texels with a border."""
 
     _fields_: ClassVar[Fields] = [("width", c_int32), ("height", c_int32), ("texels", c_void_p)]
+
+
+class TextureStruct(ctypes.Structure):
+    """A texture at all its levels."""
+
+    _fields_: ClassVar[Fields] = [("num_levels", c_int32), ("levels", c_void_p)]
 
 
 class LightStruct(ctypes.Structure):
@@ -144,6 +150,7 @@ class FrameCounts(ctypes.Structure):
 # In the order of `catoptra_abi`.
 STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     MeshArrays,
+    TextureLevelStruct,
     TextureStruct,
     LightStruct,
     SurfacesStruct,

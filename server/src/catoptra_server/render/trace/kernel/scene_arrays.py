@@ -22,6 +22,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     LightStruct,
     MeshArrays,
     SurfacesStruct,
+    TextureLevelStruct,
     TextureStruct,
 )
 from catoptra_server.render.trace.kernel.padded_texels import pad_texels
@@ -30,6 +31,7 @@ from catoptra_server.scene import shading
 from catoptra_server.scene.dynamic_object import ObjectMesh
 from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.texture_levels import Levels, build_levels
 from catoptra_server.scene.world_description import DirectionalLight, Light, PointLight
 
 # Embree loads corners by vectors of four floats: the last ones reach beyond the array.
@@ -144,13 +146,20 @@ def _uv_frames(uv: Floats) -> npt.NDArray[np.float32]:
 
 
 def texture_array(scene: SceneMesh) -> Owned:
-    """Textures of a scene."""
-    texels = tuple(pad_texels(image) for image in scene.textures)
-    structs = (TextureStruct * max(1, len(texels)))()
-    for struct, image, padded in zip(structs, scene.textures, texels, strict=False):
-        struct.height, struct.width = image.shape[:2]
-        struct.texels = padded.ctypes.data
-    return Owned(structs, texels)
+    """Textures of a scene, each at all its levels."""
+    textures = [_texture_levels(build_levels(image)) for image in scene.textures]
+    structs = [TextureStruct(len(one.struct), ctypes.addressof(one.struct)) for one in textures]
+    return Owned((TextureStruct * max(1, len(structs)))(*structs), tuple(textures))
+
+
+def _texture_levels(levels: Levels) -> Owned:
+    """The levels of one texture."""
+    texels = tuple(pad_texels(level) for level in levels)
+    structs = [
+        TextureLevelStruct(level.shape[1], level.shape[0], padded.ctypes.data)
+        for level, padded in zip(levels, texels, strict=True)
+    ]
+    return Owned((TextureLevelStruct * len(structs))(*structs), texels)
 
 
 def light_array(

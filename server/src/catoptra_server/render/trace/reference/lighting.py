@@ -80,7 +80,7 @@ def _shade_mesh(
     points = _lit_points(meshes[number], rays, hits)
     irradiance = _irradiance(meshes, number, points, lighting)
     irradiance[mesh.facets.unlit[hits.triangle]] = 1.0
-    return mesh.albedo_at(hits.triangle, hits.weights) * irradiance
+    return mesh.albedo_at(hits, rays) * irradiance
 
 
 def _lit_points(placed: PlacedMesh, rays: WorldRays, hits: FirstHits) -> _Points:

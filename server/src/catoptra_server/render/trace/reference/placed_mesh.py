@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +12,17 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.reference.affine import Affine
 from catoptra_server.render.trace.reference.embree_mesh import EmbreeMesh
 from catoptra_server.render.trace.trace_engine import NOTHING
-from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.dynamic_object import ObjectMesh
 from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import LitFacets, sample_texture
-from catoptra_server.scene.texture_files import Texture
+from catoptra_server.scene.shading import LitFacets
+from catoptra_server.scene.texture_levels import (
+    Levels,
+    build_levels,
+    footprint_texels,
+    sample_levels,
+    uv_gradients,
+    uv_steps,
+)
 from catoptra_server.scene.world_description import Light
 
 Indices = npt.NDArray[np.int32]
@@ -41,24 +46,33 @@ class TracedMesh:
     """(m,) texture of each triangle, -1 for none; None for a mesh without textures."""
     uv: Floats | None = None
     """(m, 3, 2) texture coordinates, beside the texture index."""
-    textures: tuple[npt.NDArray[np.float32], ...] = ()
-    """(h, w, 3) linear texels; in float64 a texture of 4096 px would take 400 MB."""
+    textures: tuple[Levels, ...] = ()
+    """Linear texels of each texture, at all levels."""
+    uv_gradients: Floats | None = None
+    """(m, 2, 3) change of texture coordinates a metre, beside the texture index."""
 
-    def albedo_at(self, triangle: Indices, weights: Floats) -> Floats:
-        """(n, 3) albedo at (n, 2) barycentric weights of (n,) triangles, by a texture if any."""
+    def albedo_at(self, hits: FirstHits, rays: WorldRays) -> Floats:
+        """(n, 3) albedo where rays meet the mesh in its own frame, by a texture if any."""
+        triangle, weights = hits.triangle, hits.weights
         albedo = self.facets.albedo.take(triangle, axis=0)
         if self.corner_albedo is not None:
             albedo = _interpolate(self.corner_albedo.take(triangle, axis=0), weights)
-        if self.texture_index is None or self.uv is None:
+        if self.texture_index is None or self.uv is None or self.uv_gradients is None:
             return albedo
-        texture, uv = (
-            self.texture_index[triangle],
-            _interpolate(self.uv.take(triangle, axis=0), weights),
+        texture = self.texture_index[triangle]
+        uv = _interpolate(self.uv.take(triangle, axis=0), weights)
+        steps = uv_steps(
+            self.uv_gradients.take(triangle, axis=0),
+            self.facets.normals.take(triangle, axis=0),
+            hits.distance,
+            rays.directions,
+            rays.steps,
         )
-        for number, texels in enumerate(self.textures):
-            rays = np.flatnonzero(texture == number)
-            # Float64 by its coordinates, whatever the texels are.
-            albedo[rays] *= sample_texture(cast(Floats, texels), uv[rays])
+        for number, levels in enumerate(self.textures):
+            those = np.flatnonzero(texture == number)
+            height, width = levels[0].shape[:2]
+            footprint = footprint_texels(steps[those], (width, height))
+            albedo[those] *= sample_levels(levels, uv[those], footprint)
         return albedo
 
 
@@ -80,7 +94,8 @@ def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> 
         scene.corner_albedo,
         scene.texture_index if scene.textures else None,
         scene.uv if scene.textures else None,
-        tuple(_linear_texels(texture) for texture in scene.textures),
+        tuple(build_levels(texture) for texture in scene.textures),
+        uv_gradients(scene.corners, scene.uv) if scene.textures else None,
     )
 
 
@@ -88,11 +103,6 @@ def trace_object(mesh: ObjectMesh, lights: tuple[Light, ...]) -> TracedMesh:
     """A dynamic object's mesh, in the object's frame."""
     surface = EmbreeMesh(mesh.corners)
     return TracedMesh(surface, surface, mesh, lights)
-
-
-def _linear_texels(texture: Texture) -> npt.NDArray[np.float32]:
-    """(h, w, 3) linear light of an sRGB image."""
-    return linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)[texture]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +127,8 @@ class WorldRays:
     """(n, 3) metres."""
     directions: Floats
     """(n, 3) unit."""
+    steps: Floats
+    """(n, 2, 3) from a direction to those of the samples to the right and below."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

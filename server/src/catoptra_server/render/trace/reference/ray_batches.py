@@ -28,6 +28,9 @@ class RayBatch:
     """(n, 3) unit."""
     origins: Floats
     """(n, 3) metres."""
+    steps: Floats
+    """(n, 2, 3) from a direction to those of the samples to the right and below; one mean step each
+    for the rays of a block."""
     times: Floats | None
     """(n,) times within the exposure, if the table has times."""
 
@@ -52,6 +55,7 @@ def read_batch(table: RayTable, tiles: slice) -> RayBatch:
         # Unit in float32 only.
         directions / np.linalg.norm(directions, axis=-1, keepdims=True),
         np.zeros_like(directions) if origins is None else origins,
+        _mean_steps(table.directions[tiles], is_valid)[rays // BLOCK_RAYS],
         None if times is None else times.astype(np.float64),
     )
 
@@ -59,6 +63,26 @@ def read_batch(table: RayTable, tiles: slice) -> RayBatch:
 def _select_vectors(blocks: npt.NDArray[np.float32], rays: npt.NDArray[np.intp]) -> Floats:
     """(n, 3) vectors of some rays in (t, samples^2, 3, 16) blocks."""
     return blocks.swapaxes(-1, -2).reshape(-1, 3)[rays].astype(np.float64)
+
+
+def _mean_steps(directions: npt.NDArray[np.float32], is_valid: npt.NDArray[np.integer]) -> Floats:
+    """(blocks, 2, 3) mean steps to the right and down between valid rays; zero where are none.
+
+    Args:
+        directions: (t, samples^2, 3, 16).
+        is_valid: (t, samples^2, 16) of zeros and ones.
+    """
+    grid = directions.astype(np.float64).reshape(-1, 3, TILE_PX, TILE_PX)
+    valid = is_valid.reshape(-1, 1, TILE_PX, TILE_PX).astype(np.float64)
+    steps = []
+    for axis in (3, 2):
+        before = [slice(None)] * 4
+        after = [slice(None)] * 4
+        before[axis], after[axis] = slice(0, -1), slice(1, None)
+        pairs = valid[tuple(before)] * valid[tuple(after)]
+        total = ((grid[tuple(after)] - grid[tuple(before)]) * pairs).sum(axis=(2, 3))
+        steps.append(total / np.maximum(pairs.sum(axis=(2, 3)), 1.0))
+    return np.stack(steps, axis=1)
 
 
 def mean_pixels(values: Floats, samples: int) -> Floats:

@@ -61,7 +61,8 @@ class _Frame:
         directions = camera.vectors(batch.directions)
         # Between two poses a rotation's entries shorten: distances are metres of unit directions.
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-        rays = WorldRays(camera.points(batch.origins), directions)
+        steps = np.stack([camera.vectors(batch.steps[:, i]) for i in range(2)], axis=1)
+        rays = WorldRays(camera.points(batch.origins), directions, steps)
         meshes = tuple(
             PlacedMesh(mesh, interpolate_poses(poses, batch.times)) for mesh, poses in self.meshes
         )

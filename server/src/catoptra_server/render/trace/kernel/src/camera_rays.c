@@ -42,6 +42,57 @@ static void place_rays_singly(const FrameState *state, size_t block, RayBlock *r
     }
 }
 
+/* Sum of the steps between neighbours in a row or column that are both valid; 1 or TILE_PX lanes
+ * apart. */
+static Vec3 mean_step(const float *directions, uint32_t valid, int lanes) {
+    Vec3 sum = {0, 0, 0};
+    int pairs = 0;
+    for (int lane = 0; lane + lanes < BLOCK_RAYS; lane++) {
+        int is_in_row = lanes > 1 || lane % TILE_PX < TILE_PX - 1;
+        if (!is_in_row || !(valid >> lane & valid >> (lane + lanes) & 1))
+            continue;
+        const float *here = directions + lane, *there = here + lanes;
+        sum = add(sum, (Vec3){there[0] - here[0], there[BLOCK_RAYS] - here[BLOCK_RAYS],
+                              there[2 * BLOCK_RAYS] - here[2 * BLOCK_RAYS]});
+        pairs++;
+    }
+    return pairs ? scale(1.0f / (float)pairs, sum) : sum;
+}
+
+/* The same of a block whose rays are all valid: steps between first and last add up. */
+static void sum_full_steps(const float *directions, float sums[2][3]) {
+    enum { LAST = TILE_PX - 1 };
+    for (int axis = 0; axis < 3; axis++) {
+        const float *from = directions + axis * BLOCK_RAYS;
+        float right = 0.0f, down = 0.0f;
+        for (int i = 0; i < TILE_PX; i++) {
+            right += from[TILE_PX * i + LAST] - from[TILE_PX * i];
+            down += from[TILE_PX * LAST + i] - from[i];
+        }
+        sums[0][axis] = right * (1.0f / (TILE_PX * LAST));
+        sums[1][axis] = down * (1.0f / (TILE_PX * LAST));
+    }
+}
+
+RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays) {
+    const float *directions = state->rays->directions + rays->index * 3 * BLOCK_RAYS;
+    uint32_t valid = state->rays->valid[rays->index];
+    float sums[2][3];
+    RaySteps steps;
+    if (valid == 0xffff) {
+        sum_full_steps(directions, sums);
+        steps = (RaySteps){{vec3(sums[0]), vec3(sums[1])}};
+    } else {
+        steps = (RaySteps){{mean_step(directions, valid, 1), mean_step(directions, valid, TILE_PX)}};
+    }
+    /* A camera turns by little within an exposure: the first ray's pose serves all of a block. */
+    Pose pose;
+    pose_at(state->frame->camera, state->frame->num_poses, 1, rays->time[0], &pose);
+    for (int i = 0; i < 2; i++)
+        steps.step[i] = rotate(pose.rotation, steps.step[i]);
+    return steps;
+}
+
 void load_block(const FrameState *state, size_t block, RayBlock *rays) {
     if (state->rays->origins || state->rays->times)
         place_rays_singly(state, block, rays);
@@ -50,4 +101,5 @@ void load_block(const FrameState *state, size_t block, RayBlock *rays) {
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         rays->limit[lane] = INFINITY;
     rays->active = state->rays->valid[block];
+    rays->index = block;
 }

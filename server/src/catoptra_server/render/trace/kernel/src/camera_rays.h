@@ -4,6 +4,14 @@
 
 #include "frame_state.h"
 
+/* Steps from a ray to its neighbours to the right and below, in the world; means over a block, zero
+ * where no two neighbours are valid. Twin: reference/ray_batches.RayBatch.steps. */
+typedef struct {
+    Vec3 step[2];
+} RaySteps;
+
+RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays);
+
 /* Rays of a block of the table, without limits, in Embree's coordinates. */
 void load_block(const FrameState *state, size_t block, RayBlock *rays);
 

@@ -7,7 +7,7 @@
 
 int32_t catoptra_abi(int32_t structure) {
     static const int32_t sizes[] = {
-        sizeof(MeshArrays), sizeof(Texture), sizeof(Light), sizeof(Surfaces),
+        sizeof(MeshArrays), sizeof(TextureLevel), sizeof(Texture), sizeof(Light), sizeof(Surfaces),
         sizeof(Scene),      sizeof(RayTable), sizeof(Pose), sizeof(Frame), sizeof(FrameCounts),
     };
     int32_t count = sizeof sizes / sizeof *sizes;

@@ -1,6 +1,6 @@
 #include "facet_plane.h"
 
-#include "textures.h"
+#include "texture_levels.h"
 
 int has_constant_light(const FrameState *state, int32_t triangle, int is_unshadowed) {
     uint8_t flags = state->scene->mesh->arrays.flags[triangle];
@@ -48,33 +48,63 @@ void find_distances(const FacetPlane *plane, const RayBlock *rays, float distanc
                                  n.z * rays->direction[2][i]);
 }
 
-/* Texture coordinates of rays from one origin: all vector code. */
-static void find_coordinates(const FacetPlane *plane, const RayBlock *rays, float *u,
-                             float *v) {
+/* Texture coordinates and footprints: all vector code. */
+static void find_coordinates(const FacetPlane *plane, const RayBlock *rays,
+                             const TextureLevel *image, const PlaneSteps *steps,
+                             TexturePoints *points) {
     Vec3 origin = {rays->origin[0][0], rays->origin[1][0], rays->origin[2][0]};
     Vec3 from_first = subtract(origin, plane->first);
     float height = -dot(plane->normal, from_first);
     float u_origin = plane->u_offset + dot(plane->u_gradient, from_first);
     float v_origin = plane->v_offset + dot(plane->v_gradient, from_first);
     Vec3 n = plane->normal, gu = plane->u_gradient, gv = plane->v_gradient;
+    float width = (float)image->width, rows = (float)image->height;
     for (int i = 0; i < BLOCK_RAYS; i++) {
         float x = rays->direction[0][i], y = rays->direction[1][i], z = rays->direction[2][i];
-        float distance = height / (n.x * x + n.y * y + n.z * z);
-        u[i] = u_origin + distance * (gu.x * x + gu.y * y + gu.z * z);
-        v[i] = v_origin + distance * (gv.x * x + gv.y * y + gv.z * z);
+        float inverse_cosine = 1.0f / (n.x * x + n.y * y + n.z * z);
+        float distance = height * inverse_cosine;
+        float along_u = gu.x * x + gu.y * y + gu.z * z, along_v = gv.x * x + gv.y * y + gv.z * z;
+        points->u[i] = u_origin + distance * along_u;
+        points->v[i] = v_origin + distance * along_v;
+        Footprint footprint =
+            find_footprint(steps, distance, inverse_cosine, width * along_u, rows * along_v);
+        points->squares[i] = footprint.squares;
+        points->area[i] = footprint.area;
     }
+}
+
+static void read_image(const Texture *texture, const TexturePoints *points, Vec3 radiance,
+                       float result[3][BLOCK_RAYS]) {
+    TexelSquare squares[BLOCK_RAYS];
+    /* All texels are requested before the first is used. */
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        squares[lane] = find_texels(texture->levels, points->u[lane], points->v[lane]);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        Texel colour = mix_texels(&squares[lane]);
+        set_lane(result, lane, multiply(radiance, (Vec3){colour[0], colour[1], colour[2]}));
+    }
+}
+
+static void read_levels(const Texture *texture, const TexturePoints *points, Vec3 radiance,
+                        float result[3][BLOCK_RAYS]) {
+    TexelChoice texels[BLOCK_RAYS];
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        texels[lane] = find_level_texels(texture, choose_level(texture, points->texels[lane]),
+                                         points->u[lane], points->v[lane]);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        set_lane(result, lane, multiply(radiance, mix_levels(&texels[lane])));
 }
 
 void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
                    const RayBlock *rays, Vec3 radiance, float result[3][BLOCK_RAYS]) {
     const Texture *texture =
         state->scene->textures + state->scene->mesh->arrays.texture[triangle];
-    float u[BLOCK_RAYS], v[BLOCK_RAYS];
-    TexelSquare squares[BLOCK_RAYS];
-    find_coordinates(plane, rays, u, v);
-    /* All texels are requested before the first is used. */
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        squares[lane] = find_texels(texture, u[lane], v[lane]);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        set_lane(result, lane, multiply(radiance, mix_texels(&squares[lane])));
+    RaySteps ray_steps = find_ray_steps(state, rays);
+    PlaneSteps steps = find_plane_steps(plane, &ray_steps, texture->levels);
+    TexturePoints points;
+    find_coordinates(plane, rays, texture->levels, &steps, &points);
+    if (measure_footprints(&points))
+        read_levels(texture, &points, radiance, result);
+    else
+        read_image(texture, &points, radiance, result);
 }

@@ -44,6 +44,11 @@ typedef struct {
 typedef struct {
     int32_t width, height; /* without border */
     const uint16_t *texels; /* (height + 2, width + 2, 4), 65535 = white, the fourth unused */
+} TextureLevel;
+
+typedef struct {
+    int32_t num_levels;
+    const TextureLevel *levels; /* the image, then each of half the sides of the one before */
 } Texture;
 
 typedef struct {

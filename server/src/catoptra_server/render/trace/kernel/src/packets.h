@@ -15,6 +15,7 @@ typedef struct {
     float time[BLOCK_RAYS];
     float limit[BLOCK_RAYS]; /* hits beyond are ignored */
     uint32_t active;         /* bit mask of the rays that are traced */
+    size_t index;            /* of the block in the camera's table of rays */
 } RayBlock;
 
 typedef struct {

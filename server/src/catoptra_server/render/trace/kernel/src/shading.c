@@ -2,10 +2,12 @@
 
 #include "hit_points.h"
 #include "light_map.h"
-#include "textures.h"
+#include "facet_plane.h"
+#include "texture_levels.h"
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* Distance of a shadow ray's origin in front of its facet, relative to the largest coordinate:
  * positions and corners are rounded to 2^-24 each, and a hit on a plane loses a few times that.
@@ -195,13 +197,67 @@ static void add_light(const FrameState *state, const Light *light, const RayBloc
                      scale(factor[lane], multiply(surface->albedo[lane], intensity)));
 }
 
-static Vec3 texture_at(const FrameState *state, int triangle, float u, float v) {
+/* Coordinates and footprints of the hits with one facet, a bit mask of which is returned: vector
+ * code for all rays of the block, kept where they meet the facet. */
+static uint32_t find_facet_points(const FrameState *state, const RayBlock *rays,
+                                  const HitBlock *hits, const HitPoints *at,
+                                  const RaySteps *ray_steps, int32_t triangle,
+                                  TexturePoints *points) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
+    const TextureLevel *image = state->scene->textures[mesh->texture[triangle]].levels;
     const float *uv = mesh->uv + 6 * (size_t)triangle;
-    const Texture *texture = state->scene->textures + mesh->texture[triangle];
-    TexelSquare square = find_texels(texture, uv[0] + u * uv[2] + v * uv[4],
-                                     uv[1] + u * uv[3] + v * uv[5]);
-    return mix_texels(&square);
+    FacetPlane plane = find_facet_plane(state, triangle);
+    PlaneSteps steps = find_plane_steps(&plane, ray_steps, image);
+    Vec3 n = plane.normal, gu = scale((float)image->width, plane.u_gradient);
+    Vec3 gv = scale((float)image->height, plane.v_gradient);
+    uint32_t mask = 0;
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        int is_here = hits->triangle[i] == triangle;
+        float x = rays->direction[0][i], y = rays->direction[1][i], z = rays->direction[2][i];
+        Footprint footprint = find_footprint(
+            &steps, at->distance[i], 1.0f / (n.x * x + n.y * y + n.z * z),
+            gu.x * x + gu.y * y + gu.z * z, gv.x * x + gv.y * y + gv.z * z);
+        float u = uv[0] + at->u[i] * uv[2] + at->v[i] * uv[4];
+        float v = uv[1] + at->u[i] * uv[3] + at->v[i] * uv[5];
+        points->u[i] = is_here ? u : points->u[i];
+        points->v[i] = is_here ? v : points->v[i];
+        points->squares[i] = is_here ? footprint.squares : points->squares[i];
+        points->area[i] = is_here ? footprint.area : points->area[i];
+    }
+    for (int i = 0; i < BLOCK_RAYS; i++)
+        mask |= (uint32_t)(hits->triangle[i] == triangle) << i;
+    return mask;
+}
+
+/* Coordinates and footprints of textured hits; of the other rays, points without a size. */
+static void find_texture_points(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                                const SurfaceBlock *surface, TexturePoints *points) {
+    RaySteps steps = find_ray_steps(state, rays);
+    memset(points, 0, sizeof *points);
+    /* Objects have no textures: a triangle's number is one of the static scene. */
+    for (uint32_t left = surface->textured; left;)
+        left &= ~find_facet_points(state, rays, hits, &surface->points, &steps,
+                                   hits->triangle[__builtin_ctz(left)], points);
+}
+
+static void apply_textures(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                           const SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
+    TexturePoints points;
+    find_texture_points(state, rays, hits, surface, &points);
+    measure_footprints(&points);
+    TexelChoice texels[BLOCK_RAYS];
+    /* All texels are requested before the first is used. */
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(surface->textured >> lane & 1))
+            continue;
+        int32_t number = state->scene->mesh->arrays.texture[hits->triangle[lane]];
+        const Texture *texture = state->scene->textures + number;
+        texels[lane] = find_level_texels(texture, choose_level(texture, points.texels[lane]),
+                                         points.u[lane], points.v[lane]);
+    }
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        if (surface->textured >> lane & 1)
+            multiply_lane(radiance, lane, mix_levels(&texels[lane]));
 }
 
 /* Radiance from the tables; which other rays' radiance has to be computed, and how. */
@@ -272,9 +328,6 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     if (surface.lit)
         for (int light = 0; light < state->scene->num_lights; light++)
             add_light(state, &state->scene->lights[light], rays, hits, &surface, radiance);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        if (surface.textured >> lane & 1)
-            multiply_lane(radiance, lane,
-                          texture_at(state, hits->triangle[lane], surface.points.u[lane],
-                                     surface.points.v[lane]));
+    if (surface.textured)
+        apply_textures(state, rays, hits, &surface, radiance);
 }

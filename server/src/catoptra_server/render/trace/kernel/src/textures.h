@@ -33,7 +33,7 @@ static inline int32_t find_texel(float coordinate, int32_t size, float *fraction
 }
 
 /* Texels around texture coordinates, requested from memory; the texture repeats. */
-static inline TexelSquare find_texels(const Texture *texture, float u, float v) {
+static inline TexelSquare find_texels(const TextureLevel *texture, float u, float v) {
     TexelSquare square;
     size_t stride = (size_t)texture->width + 2;
     size_t column = (size_t)find_texel(u, texture->width, &square.fx);
@@ -55,12 +55,11 @@ static inline Texel load_texel(const uint16_t *texel) {
 }
 
 /* Linear colour at the point. a + f (b - a) is exact for equal texels. */
-static inline Vec3 mix_texels(const TexelSquare *square) {
+static inline Texel mix_texels(const TexelSquare *square) {
     Texel a = load_texel(square->upper), b = load_texel(square->upper + 4);
     Texel c = load_texel(square->lower), d = load_texel(square->lower + 4);
     Texel upper = a + square->fx * (b - a), lower = c + square->fx * (d - c);
-    Texel colour = (upper + square->fy * (lower - upper)) * (1.0f / MAX_TEXEL);
-    return (Vec3){colour[0], colour[1], colour[2]};
+    return (upper + square->fy * (lower - upper)) * (1.0f / MAX_TEXEL);
 }
 
 #endif

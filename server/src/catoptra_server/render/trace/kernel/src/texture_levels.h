@@ -1,0 +1,125 @@
+/* Which level of a texture a sample reads. Float64 twin: scene/texture_levels.
+ *
+ * The steps of rays to their neighbours, on the plane of a facet and in texels, span the footprint
+ * of a sample. A block has one pair of steps in space; on the plane each ray has its own. In a
+ * header, for it is a part of the loops over a textured frame's rays.
+ */
+#ifndef CATOPTRA_TEXTURE_LEVELS_H
+#define CATOPTRA_TEXTURE_LEVELS_H
+
+#include "camera_rays.h"
+#include "facet_plane.h"
+#include "textures.h"
+
+/* Twin: scene/texture_levels.MAX_STRETCH. */
+#define MAX_STRETCH 3.0f
+
+/* A block's steps to the right and down, along a facet's normal and texture coordinates. */
+typedef struct {
+    float normal[2];
+    float u[2], v[2]; /* in texels of the image */
+} PlaneSteps;
+
+static inline PlaneSteps find_plane_steps(const FacetPlane *plane, const RaySteps *steps,
+                                          const TextureLevel *image) {
+    PlaneSteps on_plane;
+    for (int i = 0; i < 2; i++) {
+        on_plane.normal[i] = dot(plane->normal, steps->step[i]);
+        on_plane.u[i] = (float)image->width * dot(plane->u_gradient, steps->step[i]);
+        on_plane.v[i] = (float)image->height * dot(plane->v_gradient, steps->step[i]);
+    }
+    return on_plane;
+}
+
+/* A footprint in texels: sum of the squares of its axes, and their product. */
+typedef struct {
+    float squares, area;
+} Footprint;
+
+/* Footprint of a ray at a distance along its direction; `inverse_cosine` is 1 / (normal . direction),
+ * `u` and `v` are the direction's texels of the image a metre. */
+static inline Footprint find_footprint(const PlaneSteps *steps, float distance,
+                                       float inverse_cosine, float u, float v) {
+    float right = steps->normal[0] * inverse_cosine, down = steps->normal[1] * inverse_cosine;
+    float u0 = distance * (steps->u[0] - right * u), u1 = distance * (steps->u[1] - down * u);
+    float v0 = distance * (steps->v[0] - right * v), v1 = distance * (steps->v[1] - down * v);
+    float area = u0 * v1 - u1 * v0;
+    return (Footprint){u0 * u0 + u1 * u1 + v0 * v0 + v1 * v1, __builtin_fabsf(area)};
+}
+
+/* Texels across a footprint. */
+static inline float footprint_texels(Footprint footprint) {
+    float squares = footprint.squares, twice = 2.0f * footprint.area;
+    float difference = squares > twice ? squares - twice : 0.0f;
+    float longer = __builtin_sqrtf(0.5f * (squares + __builtin_sqrtf(difference * (squares + twice))));
+    float limit = longer > 0.0f ? MAX_STRETCH * footprint.area / longer : 0.0f;
+    return longer < limit ? longer : limit;
+}
+
+/* Where the rays of a block meet textures. */
+typedef struct {
+    _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS];
+    float squares[BLOCK_RAYS], area[BLOCK_RAYS]; /* of their footprints */
+    float texels[BLOCK_RAYS];                    /* across their footprints */
+} TexturePoints;
+
+/* Texels across all footprints; whether any is more than one. */
+static inline int measure_footprints(TexturePoints *points) {
+    int is_any_large = 0;
+    for (int i = 0; i < BLOCK_RAYS; i++)
+        is_any_large |= !(points->squares[i] <= 1.0f);
+    if (is_any_large)
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            points->texels[i] = footprint_texels((Footprint){points->squares[i], points->area[i]});
+    else
+        __builtin_memset(points->texels, 0, sizeof points->texels);
+    return is_any_large;
+}
+
+/* A level, and the weight of the next coarser one. */
+typedef struct {
+    int32_t level;
+    float weight;
+} LevelChoice;
+
+static inline LevelChoice choose_level(const Texture *texture, float texels) {
+    /* Also what is not a number, of a plane that holds the viewpoint. */
+    if (!(texels > 1.0f))
+        return (LevelChoice){0, 0.0f};
+    /* 2^k (1 + weight): the exponent and the fraction of the number itself. */
+    uint32_t bits;
+    __builtin_memcpy(&bits, &texels, sizeof bits);
+    int32_t level = (int32_t)(bits >> 23) - 127;
+    if (level >= texture->num_levels - 1)
+        return (LevelChoice){texture->num_levels - 1, 0.0f};
+    bits = (bits & 0x7fffff) | 0x3f800000;
+    float one_to_two;
+    __builtin_memcpy(&one_to_two, &bits, sizeof one_to_two);
+    /* Below one and a half of its texels a level is read alone: half of the second look-ups. */
+    float weight = 2.0f * one_to_two - 3.0f;
+    return (LevelChoice){level, weight > 0.0f ? weight : 0.0f};
+}
+
+/* The texels that a choice reads, requested from memory. */
+typedef struct {
+    TexelSquare fine, coarse;
+    float weight;
+} TexelChoice;
+
+static inline TexelChoice find_level_texels(const Texture *texture, LevelChoice choice, float u,
+                                            float v) {
+    const TextureLevel *fine = texture->levels + choice.level;
+    TexelChoice texels = {.fine = find_texels(fine, u, v), .weight = choice.weight};
+    if (choice.weight > 0.0f)
+        texels.coarse = find_texels(fine + 1, u, v);
+    return texels;
+}
+
+static inline Vec3 mix_levels(const TexelChoice *texels) {
+    Texel colour = mix_texels(&texels->fine);
+    if (texels->weight > 0.0f)
+        colour += texels->weight * (mix_texels(&texels->coarse) - colour);
+    return (Vec3){colour[0], colour[1], colour[2]};
+}
+
+#endif
