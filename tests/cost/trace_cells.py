@@ -14,7 +14,7 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import Image, OmniView
+from catoptra_server.render.renderer import Image, View
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.scene_mesh import build_scene
@@ -104,7 +104,7 @@ class Racers:
         settings = RenderSettings(samples=samples)
         return plan_from_settings(settings, camera, kind=self.choice.kind, reason="race")
 
-    def prepare(self, size_px: int, samples: int) -> OmniView:
+    def prepare(self, size_px: int, samples: int) -> View:
         """View of the product."""
         camera = make_camera(size_px)
         return self.choice.renderer.prepare(camera, self.plan(camera, samples))
@@ -175,7 +175,7 @@ def compare_pictures(pairs: Sequence[tuple[Image, Image]]) -> tuple[int, float]:
 
 
 def measure_cost(
-    view: OmniView,
+    view: View,
     what: str,
     *,
     changed: list[CameraState],

@@ -12,8 +12,11 @@ from catoptra_server.frames.frame_request import (
     ViewRequest,
 )
 from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.planning.camera_spec import PerspectiveCameraSpec
 
-VIEW = ViewRequest(PerspectiveCamera(4, 3, 1.0), CameraState(Pose.identity()))
+VIEW = ViewRequest(
+    PerspectiveCameraSpec(PerspectiveCamera(4, 3, 1.0)), CameraState(Pose.identity())
+)
 SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
 
 

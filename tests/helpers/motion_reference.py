@@ -17,7 +17,7 @@ from catoptra_protocol.optics.omni_camera import (
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
-from catoptra_server.render.renderer import OmniView
+from catoptra_server.render.renderer import View
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.twist import Twist
@@ -118,9 +118,7 @@ def time_samples(duration_s: float, count: int) -> Floats:
     return ((np.arange(count) + 0.5) / count - 0.5) * duration_s
 
 
-def average_frames(
-    view: OmniView, camera_state: CameraState, duration_s: float, count: int
-) -> Floats:
+def average_frames(view: View, camera_state: CameraState, duration_s: float, count: int) -> Floats:
     """Mean light of sharp frames of a moving robot."""
     frames = (
         view.render_linear(camera_state_after(camera_state, t))

@@ -196,7 +196,7 @@ class FakeViewProvider:
         self.view_requests.append(request)
         image = self.view.render(request.camera_state)
         spec = request.camera
-        camera = spec.camera if isinstance(spec, OmniCameraSpec) else spec
+        camera = spec.camera
         rgb = np.full((camera.height_px, camera.width_px, 3), image.rgb.flat[0], dtype=np.uint8)
         bound = self.error_bound(request.camera)
         bounds = bound.as_dict() if bound else None

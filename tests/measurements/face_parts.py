@@ -20,7 +20,7 @@ from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
 from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.face_region import FaceRegion
-from catoptra_server.render.renderer import OmniView, Renderer
+from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
@@ -39,7 +39,7 @@ def part_layouts() -> dict[str, tuple[FaceRegion, ...]]:
     return parts
 
 
-def prepare_view(renderer: Renderer, parts: tuple[FaceRegion, ...], samples: int) -> OmniView:
+def prepare_view(renderer: Renderer, parts: tuple[FaceRegion, ...], samples: int) -> View:
     plan = plan_from_settings(
         RenderSettings(PerPixel(), samples),
         make_camera(),

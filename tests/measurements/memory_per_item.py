@@ -27,7 +27,7 @@ from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects.effect import ImageEffect, is_image_effect
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import create_renderer
-from catoptra_server.render.renderer import OmniView, Renderer
+from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
@@ -64,7 +64,7 @@ def render(
     camera = make_camera(width_px)
     settings = RenderSettings(PerPixel(), samples)
     plan = plan_from_settings(settings, camera, kind=kind, reason="measured")
-    view: OmniView = renderer.prepare(camera, plan)
+    view: View = renderer.prepare(camera, plan)
     view.render(CAMERA_STATE, effects)
 
 

@@ -12,7 +12,7 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.frames.camera_plans import CameraPlans, ErrorBoundTable
 from catoptra_server.planning.budget_monitor import BudgetStatus
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.render_planner import RenderPlanner
@@ -150,6 +150,6 @@ def test_cameras_are_limited_and_so_are_published_bounds() -> None:
 
 
 def test_perspective_camera_has_the_plan_of_the_preferred_renderer() -> None:
-    planned = make_plans().find(PerspectiveCamera(20, 10, 1.0))
+    planned = make_plans().find(PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)))
     assert planned.plan.renderer is RendererKind.TRACE
     assert (planned.choice, planned.bounds) == (None, None)

@@ -14,7 +14,7 @@ from catoptra_server.frames.frame_request import (
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.frames.view_cache import RenderedView
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.robot.render_settings import RenderSettings
 from helpers.frame_requests import VIEW, make_request
 from helpers.robots import CAMERA, FakeViewProvider
@@ -90,7 +90,9 @@ def test_frame_when_one_view_has_no_bound_has_none() -> None:
     omni = ViewRequest(
         OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), CameraState(Pose.identity())
     )
-    perspective = ViewRequest(PerspectiveCamera(8, 6, 1.0), CameraState(Pose.identity()))
+    perspective = ViewRequest(
+        PerspectiveCameraSpec(PerspectiveCamera(8, 6, 1.0)), CameraState(Pose.identity())
+    )
     frame = render_frame(
         make_request(omni, perspective, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0
     )

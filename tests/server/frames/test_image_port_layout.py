@@ -14,7 +14,7 @@ from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSett
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.frames.frame_request import IMAGE_PORT, ImagePortChannel
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.robot.mount import (
     Mount,
 )
@@ -126,7 +126,7 @@ def test_image_port_without_an_omni_camera_shows_the_first_camera_at_its_size() 
     spawn(fleet)
     frame = render_channel(fleet, views)
     assert (frame.rgb.shape, frame.metadata.camera) == ((10, 12, 3), "Ahead")
-    assert views.view_requests[0].camera == PerspectiveCamera(12, 10, 1.0)
+    assert views.view_requests[0].camera == PerspectiveCameraSpec(PerspectiveCamera(12, 10, 1.0))
     assert dict(frame.metadata.camera_model or ())["Projection"] == "perspective"
 
 
@@ -155,7 +155,7 @@ def test_image_port_when_a_camera_zooms_shows_the_new_field_of_view() -> None:
     client = spawn(fleet)
     fleet.execute(client, Set("Camera", "Ahead", "FOV", "0.5"), 0.0)
     render_channel(fleet, views)
-    assert views.view_requests[0].camera == PerspectiveCamera(12, 10, 0.5)
+    assert views.view_requests[0].camera == PerspectiveCameraSpec(PerspectiveCamera(12, 10, 0.5))
 
 
 def test_tiles_when_robots_spawn_are_assigned_in_order_and_reported() -> None:

@@ -11,7 +11,7 @@ from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.frames.planned_camera import PlannedCamera
 from catoptra_server.planning.budget_monitor import BudgetMonitor
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.perspective_plan import plan_perspective_view
@@ -77,5 +77,7 @@ def test_target_that_the_scene_exceeds_is_not_met() -> None:
 
 def test_lens_has_no_bounds() -> None:
     plan = plan_perspective_view(2, kind=RendererKind.TRACE, reason="test")
-    planned = PlannedCamera(PerspectiveCamera(20, 10, 1.0), plan, BudgetMonitor(0.0))
+    planned = PlannedCamera(
+        PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)), plan, BudgetMonitor(0.0)
+    )
     assert (planned.plan_text, planned.bounds) == (str(plan), None)

@@ -22,7 +22,7 @@ from catoptra_server.frames.frame_request import (
 )
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread
 from catoptra_server.frames.view_cache import RenderedView, ViewFailedError
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.camera_variant import CameraVariant
 from helpers.frame_requests import VIEW, make_request
 from helpers.loopback import DEADLINE_S
@@ -115,7 +115,9 @@ class _FailingViews(FakeViewProvider):
         return super().render(request)
 
 
-BROKEN = ViewRequest(PerspectiveCamera(4, 3, 2.0), CameraState(Pose.identity()))
+BROKEN = ViewRequest(
+    PerspectiveCameraSpec(PerspectiveCamera(4, 3, 2.0)), CameraState(Pose.identity())
+)
 BROKEN_CHANNEL = CameraChannel("R", "Broken")
 
 
@@ -231,7 +233,9 @@ def test_plans_do_not_keep_frames_waiting() -> None:
     assert len(store.frames) == 2
 
 
-SLOW = ViewRequest(PerspectiveCamera(4, 3, 1.5), CameraState(Pose.identity()))
+SLOW = ViewRequest(
+    PerspectiveCameraSpec(PerspectiveCamera(4, 3, 1.5)), CameraState(Pose.identity())
+)
 
 
 class _SlowViews(FakeViewProvider):

@@ -37,7 +37,7 @@ from catoptra_server.effects.sensor.quantisation import Quantisation
 from catoptra_server.frames.camera_plans import ErrorBoundTable
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import ViewCache, ViewFailedError
-from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
+from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.plan_choice import PlanChoice
@@ -103,7 +103,9 @@ def make_cache(renderer: Any, *, capacity: int = 16) -> ViewCache:
 
 def render(views: ViewCache, *widths: int) -> None:
     for width in widths:
-        views.render(ViewRequest(PerspectiveCamera(width, 10, 1.0), CAMERA_STATE))
+        views.render(
+            ViewRequest(PerspectiveCameraSpec(PerspectiveCamera(width, 10, 1.0)), CAMERA_STATE)
+        )
 
 
 def test_no_view_is_prepared_before_the_first_frame() -> None:
@@ -164,9 +166,18 @@ class EffectRenderer(CountingRenderer):
         super().prepare(camera, plan)
         return EffectView(self.log, camera, self.changes)
 
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> Any:
+        super().prepare_perspective(camera, samples)
+        return EffectView(self.log, camera, self.changes)
+
 
 class EffectView(CountingView):
-    def __init__(self, log: list[str], camera: OmniCamera, changes: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        log: list[str],
+        camera: PerspectiveCamera | OmniCamera,
+        changes: Mapping[str, float],
+    ) -> None:
         super().__init__(log, camera)
         self._changes = changes
 
@@ -199,6 +210,32 @@ def test_camera_when_its_effects_are_negligible_is_rendered_without_and_reports_
     )
     assert renderer.log == ["prepare omni 8", "radiance", "draw"]
     assert [(one.effect, one.enabled) for one in view.effect_decisions] == [("Quantisation", False)]
+
+
+def test_perspective_camera_decides_and_draws_effects_as_a_mirror_does() -> None:
+    renderer = EffectRenderer()
+    settings = EffectSettings(
+        tuple(
+            EffectSetting(effect, EffectMode.AUTO)
+            for effect in (Blooming(0.1, 8.0), Quantisation(8), Quantisation(12))
+        )
+    )
+    spec = PerspectiveCameraSpec(PerspectiveCamera(8, 6, 1.0), settings)
+    view = make_cache(renderer).render(ViewRequest(spec, CAMERA_STATE))
+    assert renderer.log[0] == "prepare 8"
+    assert renderer.log[-1].split()[0] == "draw"
+    drawn = [one.effect for one in view.effect_decisions if one.enabled]
+    assert "Quantisation" in drawn
+    assert renderer.log[-1].split()[1:] == drawn
+    assert len(view.effect_decisions) == 3
+
+
+def test_perspective_camera_without_effects_summarizes_no_scene() -> None:
+    renderer = EffectRenderer()
+    spec = PerspectiveCameraSpec(PerspectiveCamera(8, 6, 1.0))
+    view = make_cache(renderer).render(ViewRequest(spec, CAMERA_STATE))
+    assert (renderer.log, view.effect_decisions) == (["prepare 8", "draw"], ())
+    assert view.error_bounds is None
 
 
 def test_camera_when_a_state_calls_for_an_effect_keeps_its_view() -> None:
@@ -348,7 +385,7 @@ def test_bound_of_a_prepared_view_is_published() -> None:
 
 
 def test_perspective_camera_has_no_bound() -> None:
-    request = ViewRequest(PerspectiveCamera(20, 10, 1.0), CAMERA_STATE)
+    request = ViewRequest(PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)), CAMERA_STATE)
     assert make_cache(CountingRenderer()).render(request).error_bounds is None
 
 
@@ -448,7 +485,10 @@ class FaultyRenderers:
         return FaultyRenderer(self.faults, self.log, name)
 
 
-LENS, MIRROR = PerspectiveCamera(20, 10, 1.0), OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
+LENS, MIRROR = (
+    PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)),
+    OmniCameraSpec(CAMERA.camera, CAMERA.render_settings),
+)
 BOTH_KINDS = pytest.mark.parametrize("camera", [LENS, MIRROR], ids=["lens", "mirror"])
 PLACES = pytest.mark.parametrize("place", ["prepare", "render"])
 

@@ -17,7 +17,7 @@ from catoptra_server.frames import view_store
 from catoptra_server.frames.planned_camera import PlannedCamera
 from catoptra_server.frames.view_store import ViewStore
 from catoptra_server.planning.budget_monitor import BudgetMonitor
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.perspective_plan import plan_perspective_view
 from catoptra_server.planning.renderer_choice import RendererChoice, create_renderer
@@ -147,7 +147,7 @@ def test_views_of_a_renderer_are_closed_together_and_a_failing_one_stops_nothing
     renderer = SizedRenderer()
     store = make_store(renderer)
     use(store, 2, 3)
-    lens = PerspectiveCamera(20, 10, 1.0)
+    lens = PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0))
     plan = plan_perspective_view(0, kind=TRACE, reason="test")
     view = store.get(PlannedCamera(lens, plan, BudgetMonitor(0.0)))
 

@@ -20,7 +20,7 @@ from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.renderer import OmniView
+from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.scene_mesh import build_scene
@@ -122,20 +122,20 @@ def test_fog_in_a_rendered_scene_stays_within_its_bound(background: float, step:
     assert change > 0.25 if bound > 0.5 else change <= 0.5
 
 
-def prepare_trace(world: World, device: GlDevice) -> OmniView:
+def prepare_trace(world: World, device: GlDevice) -> View:
     renderer = TraceRenderer(build_scene(world), world, threads=1)
     return renderer.prepare(FLAT, make_plan(FLAT))
 
 
-def prepare_raster(world: World, device: GlDevice) -> OmniView:
+def prepare_raster(world: World, device: GlDevice) -> View:
     renderer = RasterRenderer(build_scene(world), world, device=device)
     return renderer.prepare(FLAT, make_plan(FLAT))
 
 
-Prepare = Callable[[World, GlDevice], OmniView]
+Prepare = Callable[[World, GlDevice], View]
 
 
-def measure_codes(view: OmniView, chain: tuple[ImageEffect, ...], index: int) -> Floats:
+def measure_codes(view: View, chain: tuple[ImageEffect, ...], index: int) -> Floats:
     """Codes at the centre of a flat field, from one exposure."""
     camera_state = replace(CAMERA_STATE, noise_seed=NoiseSeed((1, 2), index))
     return STEPS * view.render_linear(camera_state, chain)[CENTRE].astype(np.float64)

@@ -23,7 +23,7 @@ from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.renderer import OmniView
+from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.startup import StartupConfig
 from helpers.motion_reference import (
@@ -89,7 +89,7 @@ def with_scene_effects(world: str, camera_state: CameraState, *effects: Effect) 
     return apply_scene_effects(camera_state, plan_effects(effect_settings, summary, CAMERA))
 
 
-def assert_like_frames(world: str, view: OmniView, camera_state: CameraState) -> None:
+def assert_like_frames(world: str, view: View, camera_state: CameraState) -> None:
     mean = average_frames(view, camera_state, T_S, FRAMES)
     sharp = view.render_linear(camera_state).astype(np.float64)
     long = with_scene_effects(world, camera_state, MotionBlur(T_S))
@@ -135,7 +135,7 @@ def test_blur_when_rastered_equals_the_mean_of_64_frames(
 ROWS = slice(2, None, 5)
 
 
-def rows_of_frames(view: OmniView, camera_state: CameraState) -> Floats:
+def rows_of_frames(view: View, camera_state: CameraState) -> Floats:
     """ROWS of the image whose every row is that of the frame at the row's own time."""
     rows = range(CAMERA.height_px)[ROWS]
     times_s = T_S * ((np.arange(CAMERA.height_px) + 0.5) / CAMERA.height_px - 0.5)

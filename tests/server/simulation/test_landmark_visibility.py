@@ -13,7 +13,7 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
+from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.landmark_shapes import items_from_landmark
@@ -39,7 +39,7 @@ OMNI = OmniCameraSpec(
     ),
     RenderSettings(),
 )
-PERSPECTIVE = PerspectiveCamera(320, 240, 1.2)
+PERSPECTIVE = PerspectiveCameraSpec(PerspectiveCamera(320, 240, 1.2))
 HEIGHT_M = 0.5
 
 

@@ -11,7 +11,7 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, pixel_from_direction
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
+from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.render_settings import RenderSettings
@@ -33,7 +33,7 @@ OMNI = OmniCameraSpec(
     ),
     RenderSettings(),
 )
-PERSPECTIVE = PerspectiveCamera(320, 240, 1.2)
+PERSPECTIVE = PerspectiveCameraSpec(PerspectiveCamera(320, 240, 1.2))
 SCENE = build_scene(make_room_world())
 # The optical axis down: the frame of an upright robot's mirror.
 POSE = Pose.from_rpy((0.5, 0.0, 0.0))

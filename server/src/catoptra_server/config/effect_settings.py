@@ -1,10 +1,13 @@
-"""Effects of a capture camera's section: a mode for each, and their parameters.
+"""Effects of a camera's section: a mode for each, and their parameters.
 
 The keys are those of EFFECT_TYPES in `effects/`: `ShotNoise=auto` is a mode, `FullWell=18000` a
 parameter that several effects share. An effect without a mode is neither simulated nor reported.
+The keys are the same for a capture camera and for a perspective one, which has no mirror.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.effects import EFFECT_TYPES
@@ -22,12 +25,31 @@ _DEFAULT_BASIS = DecisionBasis.MEASURED.value
 
 
 def read_effect_settings(section: SectionReader) -> EffectSettings:
-    """Settings of the effects that a section gives a mode, in optical order.
+    """Settings of the effects that a capture camera's section gives a mode, in optical order.
 
     Raises:
         ConfigError: for a parameter outside its range or an unknown mode.
     """
-    settings = [_read_effect_setting(section, kind) for kind in EFFECT_TYPES]
+    return _read_effect_settings(section, EFFECT_TYPES)
+
+
+def read_lens_effect_settings(section: SectionReader) -> EffectSettings:
+    """Settings of the effects that the section of a camera without a mirror gives a mode.
+
+    Raises:
+        ConfigError: for an effect of mirrors, a parameter outside its range or an unknown mode.
+    """
+    kinds = [kind for kind in EFFECT_TYPES if not kind.needs_mirror]
+    for kind in EFFECT_TYPES:
+        if kind.needs_mirror and section.has_key(kind.name):
+            known = ", ".join(one.name for one in kinds)
+            expected = f"an effect of a lens, which has no mirror: {known}"
+            raise section.make_error(kind.name, expected=expected)
+    return _read_effect_settings(section, kinds)
+
+
+def _read_effect_settings(section: SectionReader, kinds: Sequence[EffectType]) -> EffectSettings:
+    settings = [_read_effect_setting(section, kind) for kind in kinds]
     return EffectSettings(
         tuple(setting for setting in settings if setting is not None),
         threshold_grey_levels=section.get_float(

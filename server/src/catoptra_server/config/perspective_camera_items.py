@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_server.config.effect_settings import read_lens_effect_settings
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mounting import read_mount
 from catoptra_server.config.section_reader import SectionReader
@@ -27,7 +28,7 @@ def read_perspective_camera(
     *,
     limit_bytes: int = DEFAULT_LIMIT_BYTES,
 ) -> PerspectiveCameraDescription:
-    """Camera of an item, with the field of view and resolution of the section of its class.
+    """Camera of an item, with field of view, resolution and effects of the section of its class.
 
     Defaults and units (radians) are those of UDK's DefaultUSAR.ini.
 
@@ -53,10 +54,11 @@ def read_perspective_camera(
         ),
         min_fov_rad=min_fov_rad,
         max_fov_rad=max_fov_rad,
+        effects=read_lens_effect_settings(section),
     )
     camera = PerspectiveCamera(description.width_px, description.height_px, description.fov_rad)
     MemoryBudget(limit_bytes).reserve(
-        perspective_view_size(camera).num_bytes,
+        perspective_view_size(camera, has_effects=bool(description.effects.settings)).num_bytes,
         where=section.find_location("ResolutionX"),
         key=f"{section.name}.ResolutionX",
         value=f"{camera.width_px} x {camera.height_px} px",

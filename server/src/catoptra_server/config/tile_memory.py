@@ -74,6 +74,7 @@ def _view_sizes(robot: RobotDescription, tile: Tile) -> Iterable[tuple[str, View
         yield (
             perspective.name,
             perspective_view_size(
-                PerspectiveCamera(tile.width_px, tile.height_px, perspective.fov_rad)
+                PerspectiveCamera(tile.width_px, tile.height_px, perspective.fov_rad),
+                has_effects=bool(perspective.effects.settings),
             ),
         )

@@ -63,7 +63,7 @@ class EffectPlan:
     """Enabled effects that change the image."""
     thresholds: Mapping[str, float] = field(default_factory=dict, compare=False)
     """Change that nobody sees, grey levels, of the enabled effects that the frame itself decides
-    on: `renderer.OmniView.render`."""
+    on: `renderer.View.render`."""
 
     @property
     def enabled_effects(self) -> tuple[Effect, ...]:

@@ -67,7 +67,7 @@ class MountedCamera:
             self.camera.robot_from_camera(robot.joint_angles_rad),
             twist=robot.twist,
             objects=visible.objects,
-            # Perspective cameras have no effects, hence no view of the robot's own body.
+            # No effect of a camera without a mirror shows the robot itself.
             ego_body=visible.ego_body if isinstance(spec, OmniCameraSpec) else None,
             noise_seed=robot.noise_seed_for(self.camera.name),
         )

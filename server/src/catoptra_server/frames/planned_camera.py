@@ -47,9 +47,8 @@ class PlannedCamera:
 
     def _derive(self) -> None:
         # Once a plan: every frame looks up the same view, and carries the same text and numbers.
-        camera = self.spec.camera if isinstance(self.spec, OmniCameraSpec) else self.spec
         # The reason quotes targets and predicted times.
-        self.view_key = camera, replace(self.plan, reason="")
+        self.view_key = self.spec.camera, replace(self.plan, reason="")
         self.plan_text = str(self.plan)
         self._plan_choice, self._scene_angle_rad = self.choice, None
         if self.choice is not None and self.choice.bound is not None:

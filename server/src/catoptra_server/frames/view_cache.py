@@ -43,7 +43,7 @@ from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.rounding_error import coordinate_errors
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import OmniView, RenderedImage
+from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 
 log = logging.getLogger(__name__)
@@ -65,7 +65,7 @@ class RenderedView:
     error_bounds: Mapping[str, float] | None = None
     """Bounds of the image error by name; None for perspective cameras, whose error has no bound."""
     effect_decisions: tuple[EffectDecision, ...] = ()
-    """Decisions about the effects of an omnidirectional camera, in optical order."""
+    """Decisions about the effects of the camera, in optical order."""
     choice: PlanChoice | None = None
     """Choice of the plan; None for a perspective camera."""
 
@@ -196,16 +196,15 @@ class ViewCache:
     def _render_by_plan(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
         """Render a view by a plan."""
         if not isinstance(planned.spec, OmniCameraSpec):
-            rendered = RenderedView(
-                self._views.get(planned).render(camera_state), planned.plan_text
-            )
+            rendered = self._render_with_effects(planned, camera_state)
             self._views.trim()
             return rendered
         # Planned anew before a frame, not after: the frame's plan is the one that rendered it.
         self._plans.replan_if_due(planned)
-        view = cast(OmniView, self._views.get(planned))
+        # Prepared ahead of the clock: the first frame's time is not that of the later ones.
+        self._views.get(planned)
         begin_s = self._clock()
-        rendered = self._render_omni(planned.spec, camera_state, planned, view)
+        rendered = self._render_with_effects(planned, camera_state)
         frame_ms = 1e3 * (self._clock() - begin_s)
         self._plans.record_frame(planned, frame_ms, rendered.image.stage_ms)
         self._trials.record_frame(planned, camera_state, frame_ms)
@@ -225,19 +224,14 @@ class ViewCache:
 
     def _draw(self, planned: PlannedCamera, camera_state: CameraState) -> None:
         """Draw a frame for nobody."""
-        spec = cast(OmniCameraSpec, planned.spec)
-        view = cast(OmniView, self._views.get(planned))
-        self._render_omni(spec, camera_state, planned, view)
+        self._render_with_effects(planned, camera_state)
         self._views.trim()
 
-    def _render_omni(
-        self,
-        camera: OmniCameraSpec,
-        camera_state: CameraState,
-        planned: PlannedCamera,
-        view: OmniView,
+    def _render_with_effects(
+        self, planned: PlannedCamera, camera_state: CameraState
     ) -> RenderedView:
         """Render a view with the effects that the camera state calls for."""
+        camera, view = planned.spec, self._views.get(planned)
         if not camera.effect_settings.settings:
             self._bound_frame(planned, camera_state)
             return RenderedView(
@@ -248,7 +242,7 @@ class ViewCache:
             )
         plan = self._decide_effects(camera, camera_state)
         wanted = apply_scene_effects(camera_state, plan)
-        limited = limit_time_samples(wanted, camera.camera, cast(RenderPlan, planned.plan))
+        limited = limit_time_samples(wanted, camera.camera, planned.plan)
         self._bound_frame(planned, limited)
         image = view.render(limited, plan.image_effects, plan.thresholds)
         decisions = plan.decide_by_frame(image.changes)
@@ -291,7 +285,7 @@ class ViewCache:
             log_fault(log, "no plan was found for a camera")
             raise ViewFailedError("no plan was found: see the server's log") from error
 
-    def _decide_effects(self, camera: OmniCameraSpec, camera_state: CameraState) -> EffectPlan:
+    def _decide_effects(self, camera: CameraSpec, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
         # Radiance bounds never change; a whole summary measures distances from the new pose.
         if needs_radiance_only(camera.effect_settings):

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import logging
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.planned_camera import PlannedCamera, ViewKey
 from catoptra_server.freed_memory import release_freed_memory
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.perspective_plan import PerspectivePlan
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer import View
@@ -90,8 +89,8 @@ class ViewStore:
         renderer = self._renderers.get(planned.plan.renderer)
         view: View
         if isinstance(planned.plan, PerspectivePlan):
-            assert isinstance(camera, PerspectiveCamera), "a lens has a perspective plan"
-            view = renderer.prepare_perspective(camera, planned.plan.samples)
+            assert isinstance(camera, PerspectiveCameraSpec), "a lens has a perspective plan"
+            view = renderer.prepare_perspective(camera.camera, planned.plan.samples)
         else:
             assert isinstance(camera, OmniCameraSpec), "a mirror has a render plan"
             view = renderer.prepare(camera.camera, planned.plan)

@@ -18,5 +18,13 @@ class OmniCameraSpec:
     effect_settings: EffectSettings = NO_EFFECT_SETTINGS
 
 
+@dataclass(frozen=True, slots=True)
+class PerspectiveCameraSpec:
+    """A perspective camera with the effects of its frames."""
+
+    camera: PerspectiveCamera
+    effect_settings: EffectSettings = NO_EFFECT_SETTINGS
+
+
 # Compared by value: robots of one class share a plan and a prepared view.
-CameraSpec = OmniCameraSpec | PerspectiveCamera
+CameraSpec = OmniCameraSpec | PerspectiveCameraSpec

@@ -17,6 +17,7 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
+from catoptra_server.planning.perspective_plan import PerspectivePlan
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.scene.dynamic_object import DynamicObject
 
@@ -33,7 +34,7 @@ _SHUTTER_EFFECTS = frozenset((MotionBlur.name, RollingShutter.name))
 
 
 def limit_time_samples(
-    camera_state: CameraState, camera: RadialCamera, plan: RenderPlan
+    camera_state: CameraState, camera: RadialCamera, plan: RenderPlan | PerspectivePlan
 ) -> CameraState:
     """Camera state whose exposure stays within the budget of rays; itself without a shutter."""
     shutter = camera_state.shutter

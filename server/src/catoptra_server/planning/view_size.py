@@ -33,8 +33,9 @@ def omni_view_size(camera: OmniCamera, settings: RenderSettings, *, has_effects:
     return plan_view_size(camera, plan, has_effects=has_effects)
 
 
-def perspective_view_size(camera: PerspectiveCamera) -> ViewSize:
+def perspective_view_size(camera: PerspectiveCamera, *, has_effects: bool = False) -> ViewSize:
     """Size of the view of a perspective camera."""
     # In raster the samples are the texels of a single face, which has no lookup map: 14 bytes a
     # sample, fewer than trace's rays.
-    return ViewSize(camera.width_px * camera.height_px, DEFAULT_SAMPLES**2)
+    num_pixels = camera.width_px * camera.height_px
+    return ViewSize(num_pixels, DEFAULT_SAMPLES**2, has_effects=has_effects)

@@ -1,6 +1,6 @@
 """The renderer protocol: a view is prepared once for a camera and a plan, then rendered per frame.
 
-To add a renderer, implement Renderer and OmniView in a folder of its own and add a line to
+To add a renderer, implement Renderer and View in a folder of its own and add a line to
 `planning/renderer_choice.py`.
 """
 
@@ -67,25 +67,15 @@ class FaceCamera:
 
 
 class View(Protocol):
-    """A camera that is ready to be rendered: all constants of the view are precomputed."""
+    """A camera that is ready to be rendered: all constants of the view are precomputed.
+
+    Image effects change the image in linear light, before it is encoded. Their resources are built
+    at their first use; without effects the image is encoded directly.
+    """
 
     @property
     def memory_bytes(self) -> int:
         """Size of the view's arrays, in memory and on the device; grows as effects are used."""
-
-    def render(self, camera_state: CameraState) -> RenderedImage:
-        """Render one exposure of the camera."""
-
-    def close(self) -> None:
-        """Free the view's resources."""
-
-
-class OmniView(View, Protocol):
-    """A view whose image effects can change, in linear light, before it is encoded.
-
-    Resources of effects are built at their first use; without effects the image is encoded
-    directly.
-    """
 
     def render(
         self,
@@ -108,6 +98,9 @@ class OmniView(View, Protocol):
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
 
+    def close(self) -> None:
+        """Free the view's resources."""
+
 
 class Renderer(Protocol):
     """A scene on a device that prepares views."""
@@ -115,7 +108,7 @@ class Renderer(Protocol):
     def describe(self) -> str:
         """One-line description for logs: library, device, threads."""
 
-    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> OmniView:
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
         """Prepare a view of an omnidirectional camera."""
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> View:

@@ -88,6 +88,7 @@ class PerspectiveCameraDescription:
     fov_rad: float
     min_fov_rad: float
     max_fov_rad: float
+    effects: EffectSettings = NO_EFFECT_SETTINGS
 
 
 class SensorDescription(Protocol):

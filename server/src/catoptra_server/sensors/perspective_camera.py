@@ -12,6 +12,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.configurations import TextureRegion
 from catoptra_protocol.usarsim.reports import CameraConfiguration, GeometryItem
 from catoptra_server.frames.multi_view import Tile
+from catoptra_server.planning.camera_spec import PerspectiveCameraSpec
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription, RobotDescription
 
 
@@ -60,15 +61,18 @@ class PerspectiveCameraSensor:
         """Shortest simulation time between two exposures: no limit."""
         return 0.0
 
-    def camera_spec(self, tile: Tile | None = None) -> PerspectiveCamera:
-        """Camera at the size of a tile, at its own size without one."""
+    def camera_spec(self, tile: Tile | None = None) -> PerspectiveCameraSpec:
+        """Camera at the size of a tile, at its own size without one, with its effects."""
+        return PerspectiveCameraSpec(self._camera_for_tile(tile), self.description.effects)
+
+    def _camera_for_tile(self, tile: Tile | None) -> PerspectiveCamera:
         # The horizontal field of view is kept: a tile of another shape shows more or less height.
         width, height = (tile.width_px, tile.height_px) if tile else self.size_px
         return PerspectiveCamera(width, height, self.fov_rad)
 
     def camera_model(self, tile: Tile | None = None) -> Pairs:
         """Key-value pairs of the camera model, enough to compute the direction of every pixel."""
-        return pairs_from_perspective_camera(self.camera_spec(tile))
+        return pairs_from_perspective_camera(self._camera_for_tile(tile))
 
     def configuration(self) -> CameraConfiguration:
         """CONF: fields of view and tile."""

@@ -55,7 +55,7 @@ def compute_landmark_visibility(
 def _project_directions(camera_spec: CameraSpec, directions: Floats) -> tuple[Floats, Bools]:
     """Pixels (n, 2) of directions in the camera frame, and whether each lies in the image."""
     if not isinstance(camera_spec, OmniCameraSpec):
-        return camera_spec.pixel_from_direction(directions)
+        return camera_spec.camera.pixel_from_direction(directions)
     camera = camera_spec.camera
     pixels, valid = pixel_from_direction(camera, directions)
     # The model's domain reaches to the mirror's rim, which may lie outside a cropped image.

@@ -85,7 +85,7 @@ def look_through_pixel(
         along, right, down = direction[2], direction[0], direction[1]
     else:
         # x along the axis of a pinhole camera; its azimuth turns from right to down.
-        direction, is_valid = camera.direction_from_pixel(pixel)
+        direction, is_valid = camera.camera.direction_from_pixel(pixel)
         along, right, down = direction[0], direction[1], direction[2]
     if not is_valid:
         return OUTSIDE
@@ -102,7 +102,7 @@ def look_through_pixel(
 
 
 def _is_in_image(camera: CameraSpec, point_px: tuple[float, float]) -> bool:
-    image = camera.camera if isinstance(camera, OmniCameraSpec) else camera
+    image = camera.camera
     u, v = point_px
     return 0.0 <= u <= image.width_px and 0.0 <= v <= image.height_px
 

@@ -27,7 +27,7 @@ from catoptra_server.effects.effect_plan import EffectDecision, apply_scene_effe
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import create_renderer
-from catoptra_server.render.renderer import OmniView
+from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.robot.robot_description import RobotDescription
@@ -78,7 +78,7 @@ class EffectScene:
     """The paper's field with a robot near its centre, ready to be rendered."""
 
     summarizer: SceneSummarizer
-    view: OmniView
+    view: View
     robot: RobotDescription
 
     def camera_state(self, case: EffectCase) -> CameraState:

@@ -15,7 +15,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.render.projection.atlas import Atlas
+from catoptra_server.render.projection.atlas import Atlas, AtlasCell
+from catoptra_server.render.projection.lens_projection import LensProjection
 from catoptra_server.render.raster.face_pass import frame_depth_range, frustum_planes
 from catoptra_server.render.raster.passes import image_bytes
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
@@ -39,7 +40,7 @@ class RangePass:
         context: moderngl.Context,
         programs: ShaderPrograms,
         scene: SceneBuffers,
-        atlas: Atlas,
+        atlas: Atlas | LensProjection,
         camera: RadialCamera,
         lookup_map: moderngl.Texture,
     ) -> None:
@@ -49,7 +50,7 @@ class RangePass:
             context: OpenGL context.
             programs: Shader programs of the context.
             scene: Scene on the device.
-            atlas: Layout of the view's faces.
+            atlas: Layout of the view's faces, or the projection of its only one.
             camera: Camera model of the image.
             lookup_map: Atlas coordinates of pixel centres, freed with this pass.
         """
@@ -107,9 +108,8 @@ class RangePass:
         visible = self._scene.clusters.in_front_of_planes(
             frustum_planes(clip_from_scene), viewpoint
         )
-        for cell, clip, visible_clusters in zip(
-            self._atlas.cells, clip_from_scene, visible, strict=True
-        ):
+        cells: tuple[AtlasCell | LensProjection, ...] = self._atlas.cells
+        for cell, clip, visible_clusters in zip(cells, clip_from_scene, visible, strict=True):
             self._context.viewport = cell.viewport
             set_uniform(self._surface_program, "clip_from_scene", clip.T)
             self._draw_scene(visible_clusters)

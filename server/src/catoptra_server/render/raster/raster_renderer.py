@@ -18,9 +18,10 @@ from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_at
 from catoptra_server.render.projection.lens_projection import make_lens_projection
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.gl_device import GlDevice, open_device
+from catoptra_server.render.raster.lens_passes import LensPasses
 from catoptra_server.render.raster.omni_passes import OmniPasses, make_lookup_map
-from catoptra_server.render.raster.passes import AveragePass, OutputImage
-from catoptra_server.render.raster.raster_views import RasterOmniView, RasterView
+from catoptra_server.render.raster.passes import OutputImage
+from catoptra_server.render.raster.raster_views import RasterOmniView
 from catoptra_server.render.raster.sample_spacing import fit_spacing
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
@@ -120,17 +121,17 @@ class RasterRenderer:
         undo.callback(faces.close)
         return faces
 
-    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RasterView:
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RasterOmniView:
         """Prepare a view of a perspective camera; samples: along a side of each pixel."""
         return self._make_lens_view(camera, samples)
 
-    def prepare_face(self, camera: FaceCamera, samples: int) -> RasterView:
+    def prepare_face(self, camera: FaceCamera, samples: int) -> RasterOmniView:
         """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
         return self._make_lens_view(camera.perspective_camera, samples, camera.mirror_from_camera)
 
     def _make_lens_view(
         self, camera: PerspectiveCamera, samples: int, mirror_from_camera: Floats | None = None
-    ) -> RasterView:
+    ) -> RasterOmniView:
         """View of a perspective camera whose frame is rotated in the mirror frame."""
         self._check_thread()
         cell = make_lens_projection(
@@ -142,8 +143,17 @@ class RasterRenderer:
             # trace's positions.
             faces = FacePass(context, self._scene, cell, 1)
             output = OutputImage(context, camera.width_px, camera.height_px)
-            average = AveragePass(context, self._programs, faces.texture, samples, output.target)
-        view = RasterView(self._device, faces, (average,), output, self._thread)
+        passes = LensPasses(context, self._programs, self._scene, cell, faces, output)
+        view = RasterOmniView(
+            self._device,
+            faces,
+            None,
+            output,
+            make_plain=passes.make_plain,
+            make_linear=passes.make_linear,
+            thread=self._thread,
+        )
+        view.prepare_plain()
         # A zoom of a camera leaves nothing to compile: no discarded frame then.
         if self.program_names != names_before:
             self._warm_up(view)

@@ -19,69 +19,6 @@ from catoptra_server.render.raster.passes import OutputImage, Pass, image_bytes
 from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
 from catoptra_server.render.stage_clock import StageClock
 
-
-class RasterView:
-    """A perspective camera: its passes and its image on the device."""
-
-    def __init__(
-        self,
-        device: GlDevice,
-        faces: FacePass[Atlas] | FacePass[LensProjection],
-        passes: tuple[Pass, ...],
-        output: OutputImage,
-        thread: int,
-    ) -> None:
-        """Take over the passes.
-
-        Args:
-            device: Device that renders.
-            faces: First pass.
-            passes: Passes after the faces.
-            output: Finished image.
-            thread: Identifier of the only thread that may use the view.
-        """
-        self._device = device
-        self._faces = faces
-        self._passes: tuple[Pass, ...] = (faces, *passes)
-        self._output = output
-        self._thread = thread
-
-    @property
-    def pass_names(self) -> tuple[str, ...]:
-        """Names of the passes of every frame."""
-        return tuple(render_pass.name for render_pass in self._passes)
-
-    @property
-    def face_counts(self) -> DrawCounts:
-        """Cost of the last frame's faces."""
-        return self._faces.counts
-
-    @property
-    def memory_bytes(self) -> int:
-        """Size of all images on the device."""
-        return sum(one.memory_bytes for one in self._passes) + self._output.memory_bytes
-
-    def render(self, camera_state: CameraState) -> RenderedImage:
-        """Render one exposure of the camera."""
-        assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
-        # Several contexts may live in one thread, as in the tests: each call makes its own current.
-        with self._device.context as context:
-            clock = StageClock(context.finish)
-            for render_pass in self._passes:
-                render_pass.draw(camera_state)
-                clock.end_stage(render_pass.name)
-            image = self._output.read()
-            clock.end_stage("readback")
-        return RenderedImage(image, clock.stage_ms)
-
-    def close(self) -> None:
-        """Free the view's resources on the device."""
-        with self._device.context:
-            for render_pass in reversed(self._passes):
-                render_pass.close()
-            self._output.close()
-
-
 # Sequences with effects that stay ready, so that a robot that stops and goes does not rebuild its
 # passes each time: standing, slow, fast, and beside a wall. A sequence that measures ranges takes a
 # quarter of a second to build on two cores, and holds 20 MB at 640 px.
@@ -100,7 +37,7 @@ class PassSequence:
     passes: tuple[Pass, ...]
     """Passes in order of rendering."""
     effect_chain: EffectChain | None = None
-    """Effects and encoding, None where the mirror pass encodes by itself."""
+    """Effects and encoding, None where the pass before encodes by itself."""
 
     @property
     def memory_bytes(self) -> int:
@@ -119,13 +56,13 @@ class PassSequence:
 
 
 class RasterOmniView:
-    """An omnidirectional camera: faces, lookup map, and one sequence of passes per effect list."""
+    """A camera: faces, a mirror's lookup map, and one sequence of passes per effect list."""
 
     def __init__(
         self,
         device: GlDevice,
-        faces: FacePass[Atlas],
-        lookup_map: moderngl.Texture,
+        faces: FacePass[Atlas] | FacePass[LensProjection],
+        lookup_map: moderngl.Texture | None,
         output: OutputImage,
         *,
         make_plain: Callable[[], PassSequence],
@@ -137,7 +74,7 @@ class RasterOmniView:
         Args:
             device: Device that renders.
             faces: Face pass of the camera.
-            lookup_map: Atlas coordinates of the image's samples.
+            lookup_map: Atlas coordinates of the image's samples; None for a lens.
             output: Finished image.
             make_plain: Builds the sequence without linear light; called at its first use.
             make_linear: Builds the sequence of effects or of a long exposure; called at its first
@@ -171,7 +108,7 @@ class RasterOmniView:
         sequences = (self._plain_passes, *self._linear_passes.values())
         return (
             self._faces.memory_bytes
-            + image_bytes(self._lookup_map)
+            + (image_bytes(self._lookup_map) if self._lookup_map else 0)
             + self._output.memory_bytes
             + sum(sequence.memory_bytes for sequence in sequences if sequence)
         )
@@ -196,8 +133,8 @@ class RasterOmniView:
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
             has_shutter = camera_state.shutter is not None
-            # Without effects and shutter the mirror pass encodes by itself: no float image is
-            # written and read.
+            # Without effects and shutter the pass after the faces encodes by itself: no float image
+            # is written and read.
             sequence = (
                 self._linear_sequence(effects, has_shutter)
                 if effects or has_shutter
@@ -227,6 +164,11 @@ class RasterOmniView:
             render_pass.draw(camera_state)
             clock.end_stage(render_pass.name)
 
+    def prepare_plain(self) -> None:
+        """Build the passes of frames without effects ahead of the first frame."""
+        with self._device.context:
+            self._plain_sequence()
+
     def _plain_sequence(self) -> PassSequence:
         """Sequence without linear light, built at the first call."""
         if self._plain_passes is None:
@@ -251,5 +193,6 @@ class RasterOmniView:
                 if sequence is not None:
                     sequence.close()
             self._faces.close()
-            self._lookup_map.release()
+            if self._lookup_map is not None:
+                self._lookup_map.release()
             self._output.close()

@@ -1,4 +1,4 @@
-"""A traced image of an omnidirectional camera: encoded at once, or changed by effects first.
+"""A traced image of a camera: encoded at once, or changed by effects first.
 
 The effects are those of `effects/` themselves, in float32: NumPy releases the GIL for whole arrays.
 """
@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
@@ -41,7 +41,7 @@ class TraceOmniView:
     """The rays of one camera; those for ranges are prepared at their first use."""
 
     def __init__(
-        self, camera: OmniCamera, rays: TracedRays, prepare_ranges: Callable[[], PixelRangeRays]
+        self, camera: RadialCamera, rays: TracedRays, prepare_ranges: Callable[[], PixelRangeRays]
     ) -> None:
         """Keep the prepared rays.
 
