@@ -20,6 +20,7 @@ from catoptra_server.scene.world_description import (
     Item,
     Light,
     Material,
+    PointLight,
     Rectangle,
     World,
 )
@@ -38,7 +39,12 @@ WORLDS_PER_TABLE = 40
 
 
 def make_random_lights(rng: np.random.Generator) -> tuple[Light, ...]:
-    """One or two oblique lights, the first from above."""
+    """One or two oblique lights, the first from above; or up to two point lights among the
+    items, one of which may be on a surface."""
+    if rng.uniform() < 0.5:
+        places = rng.uniform((-2.0, -2.0, -1.5), (2.0, 2.0, 0.0), (2, 3))
+        lamps = [PointLight(tuple(place), (0.4, 0.3, 0.2)) for place in places]
+        return (AMBIENT, *lamps[: rng.integers(1, 3)])
     directions = rng.normal(size=(2, 3))
     directions[0, 2] = abs(directions[0, 2])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

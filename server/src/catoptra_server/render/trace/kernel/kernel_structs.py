@@ -133,6 +133,8 @@ class FrameStruct(ctypes.Structure):
         ("boxes", c_void_p),
         ("box_object", c_void_p),
         ("has_shadows", c_int32),
+        ("measures_shadows", c_int32),
+        ("watched_object", c_int32),
         ("output", c_int32),
         ("image", c_void_p),
         ("range_m", c_void_p),
@@ -144,7 +146,12 @@ class FrameStruct(ctypes.Structure):
 class FrameCounts(ctypes.Structure):
     """Counts of a frame."""
 
-    _fields_: ClassVar[Fields] = [("num_filled_tiles", c_int32), ("num_tiles", c_int32)]
+    _fields_: ClassVar[Fields] = [
+        ("num_filled_tiles", c_int32),
+        ("num_tiles", c_int32),
+        ("shadow_change", c_float),
+        ("shows_watched", c_int32),
+    ]
 
 
 # In the order of `catoptra_abi`.

@@ -1,6 +1,7 @@
 #include "coverage.h"
 
 #include "light_map.h"
+#include "plane_light.h"
 #include "tiles.h"
 
 #include <math.h>
@@ -242,8 +243,8 @@ static void prove_part(Search *search, const Beam *beam, Part *part) {
         part->content.short_list = &search->short_list;
 }
 
-/* Whether nothing occludes a light on the part of a known plane that a beam sees. */
-static int is_beam_lit(const FrameState *state, const BeamSides *sides, int32_t triangle) {
+/* What is known of the lights on the part of a known plane that a beam sees. */
+static LightProof prove_beam(const FrameState *state, const BeamSides *sides, int32_t triangle) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     Vec3 viewpoint = vec3(state->frame->camera->translation);
     Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
@@ -251,13 +252,15 @@ static int is_beam_lit(const FrameState *state, const BeamSides *sides, int32_t 
     Vec3 corners[4];
     for (int i = 0; i < 4; i++)
         corners[i] = add(viewpoint, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
-    return is_quad_lit(state, triangle, corners);
+    return prove_lights(state, triangle, corners);
 }
 
 static void prove_light(const Search *search, const Beam *beam, TileContent *content) {
     BeamSides sides;
     find_sides(search->state, beam, &sides);
-    content->is_unshadowed = is_beam_lit(search->state, &sides, content->triangle);
+    LightProof proof = prove_beam(search->state, &sides, content->triangle);
+    content->proof.seen |= proof.seen;
+    content->proof.hidden |= proof.hidden;
 }
 
 static int is_unproven(const Part *part) {
@@ -267,7 +270,7 @@ static int is_unproven(const Part *part) {
 
 static int is_unlit(const Search *search, const Part *part) {
     return search->state->frame->has_shadows && part->content.triangle >= 0 &&
-           !part->content.is_unshadowed;
+           !is_light_proven(search->state, part->content.triangle, part->content.proof);
 }
 
 /* Render the tiles of a part of which all is known: without its beams, which memory is slow to

@@ -2,21 +2,6 @@
 
 #include "texture_levels.h"
 
-int has_constant_light(const FrameState *state, int32_t triangle, int is_unshadowed) {
-    uint8_t flags = state->scene->mesh->arrays.flags[triangle];
-    if (flags & FACET_CORNER_COLOURS)
-        return 0;
-    int is_shadowed = state->frame->has_shadows && !is_unshadowed;
-    return flags & FACET_UNLIT || !(state->has_point_lights || is_shadowed);
-}
-
-Vec3 constant_radiance(const FrameState *state, int32_t triangle, int is_unshadowed) {
-    const float *table = state->frame->has_shadows && !is_unshadowed
-                             ? state->scene->ambient_radiance
-                             : state->scene->sharp_radiance;
-    return vec3(table + 3 * (size_t)triangle);
-}
-
 FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     const float *corners = mesh->corners + 9 * (size_t)triangle;

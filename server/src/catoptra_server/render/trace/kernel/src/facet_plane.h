@@ -11,13 +11,6 @@ typedef struct {
     float u_offset, v_offset;
 } FacetPlane;
 
-/* Whether a static facet's radiance is a constant times its texture, for the lights of the frame;
- * `is_unshadowed`: nothing occludes a light on it. */
-int has_constant_light(const FrameState *state, int32_t triangle, int is_unshadowed);
-
-/* Radiance of a facet with constant light, before its texture. */
-Vec3 constant_radiance(const FrameState *state, int32_t triangle, int is_unshadowed);
-
 FacetPlane find_facet_plane(const FrameState *state, int32_t triangle);
 
 /* Distances at which rays from one origin meet the plane. */

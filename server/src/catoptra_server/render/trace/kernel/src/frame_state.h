@@ -12,7 +12,8 @@ typedef struct {
     const RayTable *rays;
     const Frame *frame;
     RTCScene objects; /* the dynamic objects as instances; NULL for none */
-    const uint8_t *object_marks; /* light_map.h; NULL without objects or shadows */
+    const float *object_heights; /* light_map.h; NULL without objects or shadows */
+    struct Measures *measures;   /* measures.h */
     const Vec3 **object_radiance; /* (o,) of each object's facets; NULL: by ray */
     int has_one_origin; /* all rays start at the camera's first pose */
     int has_point_lights;

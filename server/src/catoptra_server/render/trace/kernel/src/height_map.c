@@ -7,8 +7,8 @@
 #include <stdlib.h>
 
 /* Heights and cells are known to this, relative to the extent: float32 rounds each to 6e-8, and
- * they are sums of three products. */
-#define TOLERANCE 1e-6f
+ * they are sums of three products; shadow rays begin 4e-6 of the extent beside their points. */
+#define TOLERANCE 6e-6f
 
 static int32_t *number_surfaces(const Scene *scene) {
     const Surfaces *surfaces = &scene->surfaces;
@@ -21,31 +21,39 @@ static int32_t *number_surfaces(const Scene *scene) {
     return surface_of;
 }
 
-static void set_axes(LightMap *map, const Light *light) {
-    map->towards = vec3(light->vector);
+static void set_axes(LightMap *map, Vec3 towards) {
+    map->towards = towards;
     Vec3 other = fabsf(map->towards.x) < 0.7f ? (Vec3){1, 0, 0} : (Vec3){0, 1, 0};
     Vec3 x_axis = cross(map->towards, other);
     map->x_axis = scale(1.0f / sqrtf(dot(x_axis, x_axis)), x_axis);
     map->y_axis = cross(map->towards, map->x_axis);
 }
 
-static void set_extent(LightMap *map, const MeshArrays *mesh) {
-    float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY}, extent = 0.0f;
+static float find_extent(const MeshArrays *mesh, Vec3 origin) {
+    float extent = max_abs(origin);
+    for (size_t i = 0; i < 3 * (size_t)mesh->num_triangles; i++)
+        extent = fmaxf(extent, max_abs(vec3(mesh->corners + 3 * i)));
+    return extent;
+}
+
+static void set_cells(LightMap *map, float side) {
+    map->cell_side = fmaxf(side / (float)map->side, 1e-6f);
+    map->cells_per_metre = 1.0f / map->cell_side;
+}
+
+/* Across a directional light: the box around the scene. */
+static void set_box(LightMap *map, const MeshArrays *mesh) {
+    float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
     for (size_t i = 0; i < 3 * (size_t)mesh->num_triangles; i++) {
-        Vec3 corner = vec3(mesh->corners + 3 * i);
-        MapPoint point = project(map, corner);
+        MapPoint point = project(map, vec3(mesh->corners + 3 * i));
         low[0] = fminf(low[0], point.x);
         low[1] = fminf(low[1], point.y);
         high[0] = fmaxf(high[0], point.x);
         high[1] = fmaxf(high[1], point.y);
-        extent = fmaxf(extent, max_abs(corner));
     }
-    map->tolerance = TOLERANCE * extent;
     map->left = low[0] - map->tolerance;
     map->top = low[1] - map->tolerance;
-    float side = fmaxf(high[0] - low[0], high[1] - low[1]) + 2.0f * map->tolerance;
-    map->cell_side = fmaxf(side / MAP_SIDE, 1e-6f);
-    map->cells_per_metre = 1.0f / map->cell_side;
+    set_cells(map, fmaxf(high[0] - low[0], high[1] - low[1]) + 2.0f * map->tolerance);
 }
 
 static void insert(MapCell *cell, int32_t surface, float height) {
@@ -64,20 +72,19 @@ static void insert(MapCell *cell, int32_t surface, float height) {
 typedef struct {
     MapPoint corners[3];
     float at_origin, x_slope, y_slope;
-    float highest;
+    float highest, lowest;
     int is_steep; /* along the light: its plane has no height */
 } Caster;
 
-static Caster project_caster(const LightMap *map, const float *corners) {
-    Caster caster;
-    for (int i = 0; i < 3; i++)
-        caster.corners[i] = project(map, vec3(corners + 3 * i));
+static Caster make_caster(const MapPoint corners[3]) {
+    Caster caster = {.corners = {corners[0], corners[1], corners[2]}};
     MapPoint a = caster.corners[0], b = caster.corners[1], c = caster.corners[2];
     caster.highest = fmaxf(a.height, fmaxf(b.height, c.height));
+    caster.lowest = fminf(a.height, fminf(b.height, c.height));
     float bx = b.x - a.x, by = b.y - a.y, cx = c.x - a.x, cy = c.y - a.y;
     float area = bx * cy - by * cx, longest = fmaxf(bx * bx + by * by, cx * cx + cy * cy);
     /* Below a slope of a thousand a cell's height is known to a tenth of a per cent. */
-    caster.is_steep = fabsf(area) < 1e-3f * longest;
+    caster.is_steep = fabsf(area) <= 1e-3f * longest;
     if (!caster.is_steep) {
         float bh = b.height - a.height, ch = c.height - a.height;
         caster.x_slope = (bh * cy - ch * by) / area;
@@ -102,54 +109,153 @@ static int is_beside_cell(const Caster *caster, float x, float y, float half) {
     return 0;
 }
 
-static float highest_in_cell(const LightMap *map, const Caster *caster, float x, float y,
-                             float half) {
-    if (caster->is_steep)
-        return caster->highest;
-    float height = caster->at_origin + caster->x_slope * x + caster->y_slope * y +
-                   half * (fabsf(caster->x_slope) + fabsf(caster->y_slope)) + map->tolerance;
-    return fminf(height, caster->highest);
+/* Whether a cell lies within the caster. */
+static int is_cell_inside(const Caster *caster, float x, float y, float half) {
+    for (int i = 0; i < 3; i++) {
+        MapPoint from = caster->corners[i], to = caster->corners[(i + 1) % 3];
+        MapPoint third = caster->corners[(i + 2) % 3];
+        float nx = from.y - to.y, ny = to.x - from.x;
+        float inner = nx * (third.x - from.x) + ny * (third.y - from.y);
+        float sign = inner < 0.0f ? -1.0f : 1.0f;
+        float centre = sign * (nx * (x - from.x) + ny * (y - from.y));
+        if (!(centre - half * (fabsf(nx) + fabsf(ny)) > 0.0f))
+            return 0;
+    }
+    return 1;
 }
 
-static void add_caster(LightMap *map, const float *corners, int32_t surface) {
-    Caster caster = project_caster(map, corners);
-    const MapPoint *p = caster.corners;
-    float margin = map->tolerance, half = 0.5f * map->cell_side + margin;
+/* Heights of a caster in one cell. */
+static void cast_on_cell(const LightMap *map, const Caster *caster, float x, float y, float half,
+                         int32_t surface, MapCell *cell) {
+    if (caster->is_steep) {
+        insert(cell, surface, caster->highest);
+        return;
+    }
+    float centre = caster->at_origin + caster->x_slope * x + caster->y_slope * y;
+    float rise = half * (fabsf(caster->x_slope) + fabsf(caster->y_slope)) +
+                 height_tolerance(map, caster->highest);
+    insert(cell, surface, fminf(centre + rise, caster->highest));
+    /* A shadow ray begins beside its point, by less than the tolerance. */
+    if (centre - rise > cell->cover && is_cell_inside(caster, x, y, half))
+        cell->cover = fmaxf(centre - rise, caster->lowest);
+}
+
+static void add_caster(LightMap *map, const MapPoint p[3], int32_t surface) {
+    Caster caster = make_caster(p);
+    float margin = 2.0f * lateral_tolerance(map, caster.highest);
+    float half = 0.5f * map->cell_side + margin;
     float left = fminf(p[0].x, fminf(p[1].x, p[2].x)), right = fmaxf(p[0].x, fmaxf(p[1].x, p[2].x));
     float top = fminf(p[0].y, fminf(p[1].y, p[2].y)), bottom = fmaxf(p[0].y, fmaxf(p[1].y, p[2].y));
-    int last_row = cell_of(bottom + margin, map->top, map->cells_per_metre);
-    int last_column = cell_of(right + margin, map->left, map->cells_per_metre);
-    int first_column = cell_of(left - margin, map->left, map->cells_per_metre);
-    for (int row = cell_of(top - margin, map->top, map->cells_per_metre); row <= last_row; row++)
+    int last_row = cell_of(map, bottom + margin, map->top);
+    int last_column = cell_of(map, right + margin, map->left);
+    int first_column = cell_of(map, left - margin, map->left);
+    for (int row = cell_of(map, top - margin, map->top); row <= last_row; row++)
         for (int column = first_column; column <= last_column; column++) {
             float x = map->left + ((float)column + 0.5f) * map->cell_side;
             float y = map->top + ((float)row + 0.5f) * map->cell_side;
             if (!is_beside_cell(&caster, x, y, half))
-                insert(&map->cells[row * MAP_SIDE + column], surface,
-                       highest_in_cell(map, &caster, x, y, half));
+                cast_on_cell(map, &caster, x, y, half, surface,
+                             &map->cells[row * map->side + column]);
         }
 }
 
-static void build_map(LightMap *map, const Scene *scene, const Light *light,
-                      const int32_t *surface_of) {
+/* The part of a polygon on the inner side of a plane through the light (Sutherland and Hodgman
+ * 1974); returns its number of corners. */
+static int clip_polygon(const Vec3 *from, int count, Vec3 inward, Vec3 *clipped) {
+    int kept = 0;
+    for (int i = 0; i < count; i++) {
+        Vec3 a = from[i], b = from[(i + 1) % count];
+        float here = dot(inward, a), next = dot(inward, b);
+        if (here >= 0.0f)
+            clipped[kept++] = a;
+        if ((here >= 0.0f) != (next >= 0.0f))
+            clipped[kept++] = add(a, scale(here / (here - next), subtract(b, a)));
+    }
+    return kept;
+}
+
+/* A caster on a face around a point light; 0 if it reaches to the light, where nothing is known. */
+static int add_to_face(LightMap *map, const float *corners, int32_t surface) {
+    /* Little more than the face, for the rounding of the cut. */
+    const float reach = 1.01f * FACE_REACH;
+    Vec3 z = scale(reach, map->towards), polygon[8], other[8];
+    Vec3 sides[4] = {add(z, map->x_axis), subtract(z, map->x_axis), add(z, map->y_axis),
+                     subtract(z, map->y_axis)};
+    int count = 3;
+    for (int i = 0; i < 3; i++)
+        polygon[i] = subtract(vec3(corners + 3 * i), map->origin);
+    for (int side = 0; side < 4 && count; side++) {
+        Vec3 *from = side % 2 ? other : polygon, *to = side % 2 ? polygon : other;
+        count = clip_polygon(from, count, sides[side], to);
+    }
+    MapPoint points[8];
+    for (int i = 0; i < count; i++) {
+        float depth = dot(map->towards, polygon[i]);
+        if (!(depth > 100.0f * map->tolerance))
+            return 0;
+        points[i] = project(map, add(polygon[i], map->origin));
+    }
+    for (int i = 2; i < count; i++)
+        add_caster(map, (MapPoint[3]){points[0], points[i - 1], points[i]}, surface);
+    return 1;
+}
+
+static int add_mesh_triangle(LightMap *map, const float *corners, int32_t surface) {
+    if (map->is_perspective)
+        return add_to_face(map, corners, surface);
+    MapPoint points[3];
+    for (int i = 0; i < 3; i++)
+        points[i] = project(map, vec3(corners + 3 * i));
+    add_caster(map, points, surface);
+    return 1;
+}
+
+static void fill_map(LightMaps *maps, LightMap *map, const Scene *scene) {
     const MeshArrays *casters =
         scene->casters ? &scene->casters->arrays : &scene->mesh->arrays;
-    map->cells = malloc(sizeof(MapCell) * MAP_CELLS);
-    if (!map->cells)
-        return;
-    set_axes(map, light);
-    set_extent(map, &scene->mesh->arrays);
-    for (int i = 0; i < MAP_CELLS; i++)
-        map->cells[i] = (MapCell){-INFINITY, -INFINITY, -1};
-    for (int32_t i = 0; i < casters->num_triangles; i++) {
+    size_t count = (size_t)map->side * (size_t)map->side;
+    map->cells = malloc(sizeof(MapCell) * count);
+    int is_whole = map->cells != NULL;
+    for (size_t i = 0; is_whole && i < count; i++)
+        map->cells[i] = (MapCell){-INFINITY, -INFINITY, -INFINITY, -1};
+    for (int32_t i = 0; is_whole && i < casters->num_triangles; i++) {
         int32_t triangle = scene->caster_triangles ? scene->caster_triangles[i] : i;
-        add_caster(map, casters->corners + 9 * (size_t)i, surface_of[triangle]);
+        is_whole = add_mesh_triangle(map, casters->corners + 9 * (size_t)i,
+                                     maps->surface_of[triangle]);
     }
-    map->is_built = 1;
+    map->is_built = is_whole;
+    map->first_cell = maps->num_cells;
+    maps->num_cells += is_whole ? count : 0;
+}
+
+static void build_box(LightMaps *maps, LightMap *map, const Scene *scene, const Light *light) {
+    map->side = MAP_SIDE;
+    map->tolerance = TOLERANCE * find_extent(&scene->mesh->arrays, (Vec3){0, 0, 0});
+    set_axes(map, vec3(light->vector));
+    set_box(map, &scene->mesh->arrays);
+    fill_map(maps, map, scene);
+}
+
+static void build_faces(LightMaps *maps, LightMap *faces, const Scene *scene,
+                        const Light *light) {
+    float extent = find_extent(&scene->mesh->arrays, vec3(light->vector));
+    for (int face = 0; face < FACES; face++) {
+        LightMap *map = faces + face;
+        float axis[3] = {0, 0, 0};
+        axis[face / 2] = face % 2 ? -1.0f : 1.0f;
+        map->is_perspective = 1;
+        map->side = FACE_SIDE;
+        map->origin = vec3(light->vector);
+        map->tolerance = TOLERANCE * extent;
+        set_axes(map, vec3(axis));
+        map->left = map->top = -FACE_REACH;
+        set_cells(map, 2.0f * FACE_REACH);
+        fill_map(maps, map, scene);
+    }
 }
 
 void *catoptra_build_light_maps(const Scene *scene) {
-    size_t count = (size_t)scene->num_lights;
+    size_t count = FACES * (size_t)scene->num_lights;
     LightMaps *maps = calloc(1, sizeof *maps + count * sizeof(LightMap));
     if (!maps)
         return NULL;
@@ -158,16 +264,21 @@ void *catoptra_build_light_maps(const Scene *scene) {
         free(maps);
         return NULL;
     }
-    for (int light = 0; light < scene->num_lights; light++)
-        if (scene->lights[light].kind == LIGHT_DIRECTIONAL && scene->mesh->arrays.num_triangles)
-            build_map(&maps->maps[light], scene, &scene->lights[light], maps->surface_of);
+    int num_points = 0;
+    for (int i = 0; i < scene->num_lights && scene->mesh->arrays.num_triangles; i++) {
+        const Light *light = &scene->lights[i];
+        if (light->kind == LIGHT_DIRECTIONAL)
+            build_box(maps, &maps->maps[FACES * i], scene, light);
+        else if (num_points++ < MAX_MAPPED_POINT_LIGHTS)
+            build_faces(maps, &maps->maps[FACES * i], scene, light);
+    }
     return maps;
 }
 
 void catoptra_release_light_maps(void *light_maps, int32_t num_lights) {
     LightMaps *maps = light_maps;
-    for (int32_t light = 0; maps && light < num_lights; light++)
-        free(maps->maps[light].cells);
+    for (int32_t map = 0; maps && map < FACES * num_lights; map++)
+        free(maps->maps[map].cells);
     if (maps)
         free(maps->surface_of);
     free(maps);

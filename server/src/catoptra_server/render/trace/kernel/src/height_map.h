@@ -1,30 +1,45 @@
-/* Height maps of a scene's casters, one across each directional light. */
+/* Height maps of a scene's casters: one across each directional light, six around a point light.
+ *
+ * Around a point light the map is projective: the height of a point is the inverse of its depth, in
+ * which planes are linear as they are across a directional light. Both kinds share all the rest.
+ */
 #ifndef CATOPTRA_HEIGHT_MAP_H
 #define CATOPTRA_HEIGHT_MAP_H
 
 #include "kernel.h"
 #include "vectors.h"
 
-/* 0.8 MB of cells: finer maps prove more, but wait for memory, and take 1.04 to 1.08 of the time. */
-enum { MAP_SIDE = 256, MAP_CELLS = MAP_SIDE * MAP_SIDE };
+#include <stddef.h>
+
+/* 1 MB of cells: finer maps prove more, but wait for memory, and take 1.04 to 1.08 of the time. */
+enum { MAP_SIDE = 256, FACE_SIDE = 128, FACES = 6 };
+/* Faces reach beyond the side of their cube, for parts of the image that lie on two. */
+#define FACE_REACH 1.25f
+/* Maps of the first point lights only: a megabyte and a half each. */
+enum { MAX_MAPPED_POINT_LIGHTS = 16 };
 
 typedef struct {
     float height; /* of the highest surface in the cell */
     float second; /* of all other surfaces */
+    float cover;  /* lowest height of a triangle that covers the whole cell */
     int32_t surface;
 } MapCell;
 
 typedef struct {
-    int is_built;
-    Vec3 towards, x_axis, y_axis; /* unit; the first towards the light */
+    int is_built, is_perspective;
+    int side;
+    Vec3 origin;                  /* the position of a point light */
+    Vec3 towards, x_axis, y_axis; /* unit; towards a directional light, away from a point light */
     float left, top, cell_side, cells_per_metre;
-    float tolerance; /* metres by which heights and positions may be wrong */
-    MapCell *cells;  /* (MAP_SIDE, MAP_SIDE) */
+    float tolerance;    /* metres by which heights and positions may be wrong */
+    size_t first_cell;  /* of the map in an array of all maps' cells */
+    MapCell *cells;     /* (side, side) */
 } LightMap;
 
 typedef struct {
     int32_t *surface_of; /* (n,) surface of each triangle; a number of its own for small ones */
-    LightMap maps[];     /* one for each light; not built for point lights */
+    size_t num_cells;    /* of all maps */
+    LightMap maps[];     /* FACES for each light, of which a directional light has the first */
 } LightMaps;
 
 /* A point across and along a light. */
@@ -33,13 +48,29 @@ typedef struct {
 } MapPoint;
 
 static inline MapPoint project(const LightMap *map, Vec3 point) {
-    return (MapPoint){dot(map->x_axis, point), dot(map->y_axis, point), dot(map->towards, point)};
+    Vec3 p = subtract(point, map->origin);
+    MapPoint at = {dot(map->x_axis, p), dot(map->y_axis, p), dot(map->towards, p)};
+    if (map->is_perspective) {
+        float inverse = 1.0f / at.height;
+        at = (MapPoint){at.x * inverse, at.y * inverse, inverse};
+    }
+    return at;
+}
+
+/* Errors of the height of a point, and of its place in the map. */
+static inline float height_tolerance(const LightMap *map, float height) {
+    return map->is_perspective ? map->tolerance * height * height : map->tolerance;
+}
+
+static inline float lateral_tolerance(const LightMap *map, float height) {
+    return map->is_perspective ? map->tolerance * height : map->tolerance;
 }
 
 /* Row or column of a coordinate; those outside the map belong to its border. */
-static inline int cell_of(float coordinate, float first, float cells_per_metre) {
-    float cell = (coordinate - first) * cells_per_metre;
-    return cell > 0.0f ? cell < (float)(MAP_SIDE - 1) ? (int)cell : MAP_SIDE - 1 : 0;
+static inline int cell_of(const LightMap *map, float coordinate, float first) {
+    float cell = (coordinate - first) * map->cells_per_metre;
+    int last = map->side - 1;
+    return cell > 0.0f ? cell < (float)last ? (int)cell : last : 0;
 }
 
 #endif

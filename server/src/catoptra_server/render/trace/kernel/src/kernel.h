@@ -118,6 +118,8 @@ typedef struct {
     const float *boxes;        /* (b, 6) centre and half size in the frame of an object */
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
     int32_t has_shadows;
+    int32_t measures_shadows; /* shadow_change of the counts is wanted */
+    int32_t watched_object;   /* number in hits of the object of shows_watched; 0 for none */
     int32_t output;
     void *image;       /* (h, w, 3) uint8 or float32, zero; unused for OUTPUT_HITS */
     float *range_m;    /* (t, samples^2, 16), for OUTPUT_HITS */
@@ -129,6 +131,8 @@ typedef struct {
 typedef struct {
     int32_t num_filled_tiles; /* tiles that one surface was proven to fill */
     int32_t num_tiles;
+    float shadow_change;   /* largest change of a pixel by shadows, encoded grey levels */
+    int32_t shows_watched; /* whether the watched object is seen */
 } FrameCounts;
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);

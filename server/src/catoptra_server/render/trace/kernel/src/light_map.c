@@ -4,122 +4,212 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 /* A part of the image whose footprint covers more cells is left to its points. */
 enum { MAX_FOOTPRINT = 64 };
 /* Footprints are widened by this much of themselves: the rays between their corners bulge. */
 #define BULGE 0.1f
+/* Points so near a light that their heights are known to less than this part are left to rays. */
+#define MAX_ERROR 0.01f
 
-static const LightMap *map_of(const FrameState *state, int light) {
+/* Extent of a part of the image, or of an object, in a map. */
+typedef struct {
+    MapPoint low, high;
+} MapBox;
+
+/* The map that holds a point; NULL without one. */
+static const LightMap *map_at(const FrameState *state, int light, Vec3 point) {
     const LightMaps *maps = state->scene->light_maps;
-    return maps && maps->maps[light].is_built ? &maps->maps[light] : NULL;
+    if (!maps)
+        return NULL;
+    const LightMap *map = &maps->maps[FACES * light];
+    if (state->scene->lights[light].kind == LIGHT_POINT) {
+        Vec3 p = subtract(point, vec3(state->scene->lights[light].vector)), size = absolute(p);
+        float parts[3] = {p.x, p.y, p.z};
+        int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
+        map += 2 * axis + (parts[axis] < 0.0f);
+    }
+    return map->is_built ? map : NULL;
 }
 
-static void mark_object(const LightMap *map, Vec3 centre, float radius, uint8_t *marks) {
-    MapPoint point = project(map, centre);
-    float reach = radius + map->tolerance;
-    int last_row = cell_of(point.y + reach, map->top, map->cells_per_metre);
-    int last_column = cell_of(point.x + reach, map->left, map->cells_per_metre);
-    int first_column = cell_of(point.x - reach, map->left, map->cells_per_metre);
-    for (int row = cell_of(point.y - reach, map->top, map->cells_per_metre); row <= last_row; row++)
-        memset(marks + row * MAP_SIDE + first_column, 1, (size_t)(last_column - first_column + 1));
+static void enclose(MapBox *box, MapPoint point) {
+    box->low = (MapPoint){fminf(box->low.x, point.x), fminf(box->low.y, point.y),
+                          fminf(box->low.height, point.height)};
+    box->high = (MapPoint){fmaxf(box->high.x, point.x), fmaxf(box->high.y, point.y),
+                           fmaxf(box->high.height, point.height)};
 }
 
-/* Sphere around a box of an object, over all poses of the object. */
-static void mark_poses(const FrameState *state, const LightMap *map, int at, uint8_t *marks) {
-    const Frame *frame = state->frame;
-    const float *box = frame->boxes + 6 * at;
-    int32_t object = frame->box_object[at];
-    float radius = sqrtf(dot(vec3(box + 3), vec3(box + 3)));
-    for (int step = 0; step < frame->num_poses; step++) {
-        const Pose *pose = frame->object_poses + step * frame->num_objects + object;
-        Vec3 centre = add(rotate(pose->rotation, vec3(box)), vec3(pose->translation));
-        mark_object(map, centre, radius, marks);
+static MapBox empty_box(void) {
+    return (MapBox){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+}
+
+/* Whether a side of the pyramid of a point light's face separates all points from it. */
+static int is_beside_face(const LightMap *map, const Vec3 *points, int count) {
+    Vec3 z = scale(FACE_REACH, map->towards);
+    Vec3 sides[4] = {add(z, map->x_axis), subtract(z, map->x_axis), add(z, map->y_axis),
+                     subtract(z, map->y_axis)};
+    for (int side = 0; side < 4 && map->is_perspective; side++) {
+        int inside = 0;
+        for (int i = 0; i < count; i++)
+            inside += dot(sides[side], subtract(points[i], map->origin)) > -map->tolerance;
+        if (!inside)
+            return 1;
+    }
+    return 0;
+}
+
+/* Extent of a convex set around points; of all of a point light's face if the set reaches behind
+ * the light. */
+static MapBox enclose_points(const LightMap *map, const Vec3 *points, int count) {
+    MapBox box = empty_box();
+    for (int i = 0; i < count; i++) {
+        float depth = dot(map->towards, subtract(points[i], map->origin));
+        if (map->is_perspective && !(depth > 100.0f * map->tolerance))
+            return (MapBox){{-INFINITY, -INFINITY, INFINITY}, {INFINITY, INFINITY, INFINITY}};
+        enclose(&box, project(map, points[i]));
+    }
+    return box;
+}
+
+static void find_corners(const Pose *pose, const float *box, Vec3 corners[8]) {
+    for (int i = 0; i < 8; i++) {
+        Vec3 local = {box[0] + (i & 1 ? box[3] : -box[3]), box[1] + (i & 2 ? box[4] : -box[4]),
+                      box[2] + (i & 4 ? box[5] : -box[5])};
+        corners[i] = add(rotate(pose->rotation, local), vec3(pose->translation));
     }
 }
 
-uint8_t *mark_objects(const FrameState *state, int *failed) {
+static void raise_cells(const LightMap *map, const MapBox *box, float *heights) {
+    float margin = 2.0f * lateral_tolerance(map, fminf(box->high.height, 1e6f));
+    int last_row = cell_of(map, box->high.y + margin, map->top);
+    int last_column = cell_of(map, box->high.x + margin, map->left);
+    int first_column = cell_of(map, box->low.x - margin, map->left);
+    for (int row = cell_of(map, box->low.y - margin, map->top); row <= last_row; row++)
+        for (int column = first_column; column <= last_column; column++) {
+            float *height = heights + row * map->side + column;
+            *height = fmaxf(*height, box->high.height);
+        }
+}
+
+/* A box of an object, over all its poses: between two of them its corners move in straight
+ * lines. */
+static void raise_box(const FrameState *state, const LightMap *map, int at, float *heights) {
     const Frame *frame = state->frame;
-    if (!frame->has_shadows || !frame->num_objects || !state->scene->light_maps)
+    const Pose *poses = frame->object_poses + frame->box_object[at];
+    int last = frame->num_poses > 1 ? frame->num_poses - 1 : 1;
+    for (int step = 0; step < last; step++) {
+        int next = step + 1 < frame->num_poses ? step + 1 : step;
+        Vec3 corners[16];
+        find_corners(poses + step * frame->num_objects, frame->boxes + 6 * at, corners);
+        find_corners(poses + next * frame->num_objects, frame->boxes + 6 * at, corners + 8);
+        if (is_beside_face(map, corners, 16))
+            continue;
+        MapBox box = enclose_points(map, corners, 16);
+        raise_cells(map, &box, heights + map->first_cell);
+    }
+}
+
+float *raise_objects(const FrameState *state, int *failed) {
+    const Frame *frame = state->frame;
+    const LightMaps *maps = state->scene->light_maps;
+    if (!frame->has_shadows || !frame->num_objects || !maps)
         return NULL;
-    uint8_t *marks = calloc((size_t)state->scene->num_lights, MAP_CELLS);
-    *failed = !marks;
-    for (int light = 0; marks && light < state->scene->num_lights; light++)
-        for (int box = 0; map_of(state, light) && box < frame->num_boxes; box++)
-            mark_poses(state, map_of(state, light), box, marks + (size_t)light * MAP_CELLS);
-    return marks;
+    float *heights = malloc(sizeof(float) * (maps->num_cells + 1));
+    *failed = !heights;
+    for (size_t i = 0; heights && i < maps->num_cells; i++)
+        heights[i] = -INFINITY;
+    for (int i = 0; heights && i < FACES * state->scene->num_lights; i++)
+        for (int box = 0; maps->maps[i].is_built && box < frame->num_boxes; box++)
+            raise_box(state, &maps->maps[i], box, heights);
+    return heights;
 }
 
-static int is_cell_lit(const FrameState *state, const LightMap *map, int light, int cell,
-                       int32_t surface, float height) {
-    if (state->object_marks && state->object_marks[(size_t)light * MAP_CELLS + (size_t)cell])
-        return 0;
+static int find_in_cell(const FrameState *state, const LightMap *map, int cell, int32_t surface,
+                        const MapBox *box) {
     const MapCell *entry = &map->cells[cell];
+    float low = box->low.height - 2.0f * height_tolerance(map, box->high.height);
+    float high = box->high.height + 2.0f * height_tolerance(map, box->high.height);
+    if (entry->cover > high)
+        return LIGHT_HIDDEN;
     float others = entry->surface == surface ? entry->second : entry->height;
-    return others < height - map->tolerance;
+    if (!(others < low))
+        return LIGHT_UNKNOWN;
+    int is_behind = state->object_heights &&
+                    !(state->object_heights[map->first_cell + (size_t)cell] < low);
+    return is_behind ? LIGHT_BEHIND_OBJECTS : LIGHT_SEEN;
 }
 
-int is_lit_by_map(const FrameState *state, int light, int32_t triangle, Vec3 point) {
-    const LightMap *map = map_of(state, light);
-    /* Objects that move during the exposure pass between the cells of their poses. */
-    if (!map || (state->frame->num_poses > 1 && state->frame->num_objects))
-        return 0;
+static int is_precise(const LightMap *map, float height) {
+    return height_tolerance(map, height) < MAX_ERROR * fabsf(height) || !map->is_perspective;
+}
+
+int find_light(const FrameState *state, int light, int32_t triangle, Vec3 point) {
+    const LightMap *map = map_at(state, light, point);
+    if (!map)
+        return LIGHT_UNKNOWN;
     const LightMaps *maps = state->scene->light_maps;
     MapPoint at = project(map, point);
-    int cell = cell_of(at.y, map->top, map->cells_per_metre) * MAP_SIDE +
-               cell_of(at.x, map->left, map->cells_per_metre);
-    return is_cell_lit(state, map, light, cell, maps->surface_of[triangle], at.height);
+    if (!is_precise(map, at.height))
+        return LIGHT_UNKNOWN;
+    int cell = cell_of(map, at.y, map->top) * map->side + cell_of(map, at.x, map->left);
+    MapBox box = {at, at};
+    return find_in_cell(state, map, cell, triangle < 0 ? -2 : maps->surface_of[triangle], &box);
 }
 
-static int is_box_lit(const FrameState *state, int light, int32_t surface, const MapPoint *low,
-                      const MapPoint *high) {
-    const LightMap *map = map_of(state, light);
-    int top = cell_of(low->y, map->top, map->cells_per_metre);
-    int bottom = cell_of(high->y, map->top, map->cells_per_metre);
-    int left = cell_of(low->x, map->left, map->cells_per_metre);
-    int right = cell_of(high->x, map->left, map->cells_per_metre);
+/* What all cells of a box agree on. */
+static int find_in_box(const FrameState *state, const LightMap *map, int32_t surface,
+                       const MapBox *box) {
+    int top = cell_of(map, box->low.y, map->top), bottom = cell_of(map, box->high.y, map->top);
+    int left = cell_of(map, box->low.x, map->left), right = cell_of(map, box->high.x, map->left);
     if ((bottom - top + 1) * (right - left + 1) > MAX_FOOTPRINT)
-        return 0;
-    for (int row = top; row <= bottom; row++)
-        for (int column = left; column <= right; column++)
-            if (!is_cell_lit(state, map, light, row * MAP_SIDE + column, surface, low->height))
-                return 0;
-    return 1;
+        return LIGHT_UNKNOWN;
+    int found = find_in_cell(state, map, top * map->side + left, surface, box);
+    for (int row = top; row <= bottom && found; row++)
+        for (int column = left; column <= right && found; column++)
+            if (find_in_cell(state, map, row * map->side + column, surface, box) != found)
+                found = LIGHT_UNKNOWN;
+    return found;
 }
 
-static int is_quad_lit_by(const FrameState *state, int light, int32_t surface,
-                          const Vec3 corners[4]) {
-    const LightMap *map = map_of(state, light);
+/* Whether a part of the image lies on the map, and in front of a point light. */
+static int is_on_map(const LightMap *map, const MapBox *box) {
+    float reach = FACE_REACH;
+    return !map->is_perspective ||
+           (box->low.height > 0.0f && box->low.x > -reach && box->low.y > -reach &&
+            box->high.x < reach && box->high.y < reach && is_precise(map, box->high.height));
+}
+
+static int find_in_quad(const FrameState *state, int light, int32_t surface,
+                        const Vec3 corners[4]) {
+    Vec3 middle = scale(0.25f, add(add(corners[0], corners[1]), add(corners[2], corners[3])));
+    const LightMap *map = map_at(state, light, middle);
     if (!map)
-        return 0;
-    MapPoint low = project(map, corners[0]), high = low;
-    for (int i = 1; i < 4; i++) {
+        return LIGHT_UNKNOWN;
+    MapBox box = empty_box();
+    for (int i = 0; i < 4; i++) {
+        /* Behind a point light, heights are negative. */
         MapPoint point = project(map, corners[i]);
-        low = (MapPoint){fminf(low.x, point.x), fminf(low.y, point.y),
-                         fminf(low.height, point.height)};
-        high = (MapPoint){fmaxf(high.x, point.x), fmaxf(high.y, point.y),
-                          fmaxf(high.height, point.height)};
+        if (!(isfinite(point.x) && isfinite(point.y) && isfinite(point.height)))
+            return LIGHT_UNKNOWN;
+        enclose(&box, point);
     }
-    float x = BULGE * (high.x - low.x) + map->tolerance;
-    float y = BULGE * (high.y - low.y) + map->tolerance;
-    low = (MapPoint){low.x - x, low.y - y, low.height - BULGE * (high.height - low.height)};
-    high = (MapPoint){high.x + x, high.y + y, high.height};
-    return is_box_lit(state, light, surface, &low, &high);
+    float margin = lateral_tolerance(map, box.high.height);
+    float x = BULGE * (box.high.x - box.low.x) + margin;
+    float y = BULGE * (box.high.y - box.low.y) + margin;
+    float height = BULGE * (box.high.height - box.low.height);
+    MapBox widened = {{box.low.x - x, box.low.y - y, box.low.height - height},
+                      {box.high.x + x, box.high.y + y, box.high.height + height}};
+    return is_on_map(map, &widened) ? find_in_box(state, map, surface, &widened) : LIGHT_UNKNOWN;
 }
 
-int is_quad_lit(const FrameState *state, int32_t triangle, const Vec3 corners[4]) {
+LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]) {
     const LightMaps *maps = state->scene->light_maps;
-    if (!maps || state->has_point_lights || state->frame->num_poses > 1)
-        return 0;
-    Vec3 normal = vec3(state->scene->mesh->arrays.normals + 3 * (size_t)triangle);
-    for (int light = 0; light < state->scene->num_lights; light++) {
-        const Light *source = &state->scene->lights[light];
-        /* A facet turned away is dark with and without occluders. */
-        int shines = source->kind == LIGHT_DIRECTIONAL && source->lights_scene &&
-                     dot(normal, vec3(source->vector)) > 0.0f;
-        if (shines && !is_quad_lit_by(state, light, maps->surface_of[triangle], corners))
-            return 0;
+    LightProof proof = {0, 0};
+    int count = maps ? state->scene->num_lights : 0;
+    for (int light = 0; light < count && light < 32; light++) {
+        int found = find_in_quad(state, light, maps->surface_of[triangle], corners);
+        proof.seen |= (uint32_t)(found == LIGHT_SEEN) << light;
+        proof.hidden |= (uint32_t)(found == LIGHT_HIDDEN) << light;
     }
-    return 1;
+    return proof;
 }

@@ -1,24 +1,35 @@
-/* Where nothing can occlude a directional light: a conservative height map of the casters.
+/* Where nothing can occlude a light, or something certainly does: by conservative height maps of
+ * the casters.
  *
  * Cells of a plane across the light store how far towards the light the casters above them reach:
  * the highest surface, and the highest point of all others, so that a surface does not occlude
- * itself. A point as high as all others in its cell is lit without a ray; the map never says that
- * a point is in shadow. Built once, at the first frame with shadows: most points of a scene are lit
- * (95 to 97 % of the soccer field's pixels).
+ * itself. A point as high as all others in its cell is lit without a ray; one below a triangle that
+ * covers its whole cell is hidden without a ray. Built once, at the first frame with shadows: most
+ * points of a scene are lit (95 to 97 % of the soccer field's pixels).
  */
 #ifndef CATOPTRA_LIGHT_MAP_H
 #define CATOPTRA_LIGHT_MAP_H
 
 #include "frame_state.h"
 
-/* Cells of each light's map that dynamic objects may occlude in a frame; NULL without objects, or
- * if memory is short (`*failed`). */
-uint8_t *mark_objects(const FrameState *state, int *failed);
+/* What is known of a light at a point: nothing; nothing occludes it; the static scene occludes it;
+ * nothing but dynamic objects can occlude it. */
+enum { LIGHT_UNKNOWN, LIGHT_SEEN, LIGHT_HIDDEN, LIGHT_BEHIND_OBJECTS };
 
-/* Whether nothing occludes directional light `light` at a point on a static facet. */
-int is_lit_by_map(const FrameState *state, int light, int32_t triangle, Vec3 point);
+/* Lights by their numbers, of the first 32: those that nothing occludes, and those that are
+ * occluded, everywhere on a part of a facet. */
+typedef struct {
+    uint32_t seen, hidden;
+} LightProof;
 
-/* Whether nothing occludes any directional light on the part of a facet between four points. */
-int is_quad_lit(const FrameState *state, int32_t triangle, const Vec3 corners[4]);
+/* How high dynamic objects reach in each cell of all maps of a frame; NULL without objects, or if
+ * memory is short (`*failed`). */
+float *raise_objects(const FrameState *state, int *failed);
+
+/* What is known of a light at a point on a facet of the static scene, or of an object (-1). */
+int find_light(const FrameState *state, int light, int32_t triangle, Vec3 point);
+
+/* What is known of all lights on the part of a static facet between four points. */
+LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]);
 
 #endif

@@ -3,6 +3,7 @@
 #include "coverage.h"
 #include "frame_state.h"
 #include "light_map.h"
+#include "measures.h"
 #include "shading.h"
 #include "tiles.h"
 
@@ -80,14 +81,14 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
     if (reason)
         snprintf(error, ERROR_SIZE, "the dynamic objects cannot be committed: %s", reason);
     int failed = 0;
-    state->object_marks = mark_objects(state, &failed);
+    state->object_heights = raise_objects(state, &failed);
     if (failed)
         snprintf(error, ERROR_SIZE, "out of memory");
     return !reason && !failed;
 }
 
 static void end_frame(FrameState *state) {
-    free((void *)state->object_marks);
+    free((void *)state->object_heights);
     free(state->object_radiance);
     if (state->objects)
         state->device->embree.release_scene(state->objects);
@@ -112,10 +113,14 @@ static int render_all(Device *device, const FrameState *state, const View *view,
 int32_t catoptra_render(Device *device, const Scene *scene, const View *view, const Frame *frame,
                         FrameCounts *counts, char *error) {
     FrameState state;
+    struct Measures measures = {0.0f, 0};
     int is_ready = begin_frame(&state, device, scene, view, frame, error);
+    state.measures = &measures;
     int is_rendered = is_ready && render_all(device, &state, view, counts);
     if (is_ready && !is_rendered)
         snprintf(error, ERROR_SIZE, "out of memory");
+    counts->shadow_change = atomic_load(&measures.shadow_change);
+    counts->shows_watched = atomic_load(&measures.shows_watched);
     end_frame(&state);
     return !is_rendered;
 }

@@ -2,7 +2,7 @@
 #ifndef CATOPTRA_SHADING_H
 #define CATOPTRA_SHADING_H
 
-#include "frame_state.h"
+#include "direct_light.h"
 
 /* Radiance of the facets of each object at its pose, for frames in which it is the same over each
  * facet; NULL where it is not, where a table takes longer than the rays, or where memory is short.
@@ -13,8 +13,9 @@ const Vec3 **light_objects(const FrameState *state);
 int is_tabulated(const FrameState *state, int object, int triangle);
 Vec3 table_entry(const FrameState *state, int object, int triangle);
 
-/* Radiance, (3, 16); rays that are not active are left as they are. */
+/* Radiance, (3, 16), and what of it is lost by shadows; rays that are not active are left as they
+ * are. `proof` holds for all hits, or is NULL; `lost` may be NULL, and its rays are set before. */
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                 float radiance[3][BLOCK_RAYS]);
+                 const LightProof *proof, float radiance[3][BLOCK_RAYS], LostLight *lost);
 
 #endif

@@ -3,8 +3,8 @@
 #include "camera_rays.h"
 #include "facet_plane.h"
 #include "hit_points.h"
-#include "light_map.h"
-#include "pixels.h"
+#include "measures.h"
+#include "plane_light.h"
 #include "shading.h"
 
 #include <math.h>
@@ -60,6 +60,16 @@ static void intersect_scene(const FrameState *state, const ShortList *short_list
         intersect_block(state->device, state->scene->mesh->scene, OBJECT_STATIC, rays, hits);
 }
 
+/* Note whether the watched object is seen. */
+static void watch_object(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
+    int32_t watched = state->frame->watched_object;
+    if (!watched || atomic_load_explicit(&state->measures->shows_watched, memory_order_relaxed))
+        return;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        if (rays->active >> lane & 1 && hits->object[lane] == watched)
+            atomic_store_explicit(&state->measures->shows_watched, 1, memory_order_relaxed);
+}
+
 static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
                       const TileContent *content) {
     clear_hits(hits);
@@ -68,10 +78,13 @@ static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
     else if (content->triangle >= 0)
         set_hits(state, rays, hits, content->triangle);
     /* The scene's hits limit the rays: only nearer objects overwrite them. */
+    if (content->object == OBJECT_NONE)
+        return;
     if (state->objects && content->object == OBJECT_ANY)
         intersect_block(state->device, state->objects, OBJECT_ANY, rays, hits);
-    else if (content->object != OBJECT_NONE && content->object != OBJECT_ANY)
+    else if (content->object != OBJECT_ANY)
         intersect_object(state, content->object, rays, hits);
+    watch_object(state, rays, hits);
 }
 
 void trace_tile(const FrameState *state, int tile) {
@@ -141,13 +154,15 @@ static int is_wholly_valid(const FrameState *state, int tile) {
 }
 
 /* A tile of one radiance: no ray, no sum. */
-static void fill_tile(const FrameState *state, int tile, size_t entry) {
+static void fill_tile(const FrameState *state, int tile, size_t entry, const PlaneLight *light) {
     const Scene *scene = state->scene;
     TilePixels pixels = find_pixels(state, tile);
     char row_of_pixels[TILE_PX * 3 * sizeof(float)];
     for (int column = 0; column < TILE_PX; column++) {
         char *pixel = row_of_pixels + (size_t)column * pixels.pixel_bytes;
-        if (state->frame->output == OUTPUT_LINEAR)
+        if (!light->is_table)
+            write_mean(state, pixel, light->radiance);
+        else if (state->frame->output == OUTPUT_LINEAR)
             write_mean(state, pixel, vec3(scene->sharp_radiance + 3 * entry));
         else
             write_encoded(pixel, scene->encoded[entry]);
@@ -155,75 +170,81 @@ static void fill_tile(const FrameState *state, int tile, size_t entry) {
     for (int row = 0; row < pixels.rows; row++)
         memcpy(pixel_at(&pixels, row, 0), row_of_pixels,
                (size_t)pixels.columns * pixels.pixel_bytes);
+    if (state->frame->measures_shadows && !light->is_table)
+        note_change(state, &state->measures->shadow_change, light->radiance,
+                    add(light->radiance, light->lost));
 }
 
-/* Row of the radiance table if that is all that a tile shows, -1 otherwise. */
-static int64_t find_single_radiance(const FrameState *state, int32_t triangle, int is_unshadowed) {
+/* Radiance of a tile if it is the same all over it; 0 otherwise. */
+static int find_single_radiance(const FrameState *state, const TileContent *content,
+                                PlaneLight *light, size_t *entry) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    if (triangle == SURFACE_BACKGROUND)
-        return mesh->num_triangles;
-    int is_textured = mesh->flags[triangle] & FACET_TEXTURED;
-    return !is_textured && has_constant_light(state, triangle, is_unshadowed) ? triangle : -1;
-}
-
-/* Where a ray of a tile meets a facet's plane. */
-static Vec3 meet_plane(const FrameState *state, const FacetPlane *plane, size_t block, int lane) {
-    const Pose *pose = state->frame->camera;
-    const float *from = state->rays->directions + block * 3 * BLOCK_RAYS + lane;
-    Vec3 direction = rotate(pose->rotation,
-                            (Vec3){from[0], from[BLOCK_RAYS], from[2 * BLOCK_RAYS]});
-    Vec3 origin = vec3(pose->translation);
-    float height = dot(plane->normal, subtract(plane->first, origin));
-    return add(origin, scale(height / dot(plane->normal, direction), direction));
-}
-
-/* Whether no light is occluded anywhere on a block that a facet's plane fills. */
-static int is_block_lit(const FrameState *state, int32_t triangle, size_t block) {
-    if (!state->frame->has_shadows || !state->scene->light_maps || triangle < 0)
-        return 0;
-    FacetPlane plane = find_facet_plane(state, triangle);
-    Vec3 corners[4] = {
-        meet_plane(state, &plane, block, 0),
-        meet_plane(state, &plane, block, TILE_PX - 1),
-        meet_plane(state, &plane, block, BLOCK_RAYS - TILE_PX),
-        meet_plane(state, &plane, block, BLOCK_RAYS - 1),
-    };
-    return is_quad_lit(state, triangle, corners);
-}
-
-static void set_all(float radiance[3][BLOCK_RAYS], Vec3 value) {
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        set_lane(radiance, lane, value);
-}
-
-/* Triangle that all rays of a block meet, or SURFACE_UNKNOWN. */
-static int32_t find_common_triangle(const RayBlock *rays, const HitBlock *hits) {
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        if (hits->object[lane] != OBJECT_STATIC || hits->triangle[lane] != hits->triangle[0])
-            return SURFACE_UNKNOWN;
-    return rays->active == 0xffff ? hits->triangle[0] : SURFACE_UNKNOWN;
-}
-
-static void shade(const FrameState *state, size_t block, const RayBlock *rays,
-                  const HitBlock *hits, int is_unshadowed, float radiance[3][BLOCK_RAYS]) {
-    int32_t triangle = state->has_one_origin ? find_common_triangle(rays, hits) : SURFACE_UNKNOWN;
-    is_unshadowed = is_unshadowed || is_block_lit(state, triangle, block);
-    if (triangle < 0 || !has_constant_light(state, triangle, is_unshadowed)) {
-        shade_block(state, rays, hits, radiance);
-        return;
+    if (content->triangle == SURFACE_BACKGROUND) {
+        *entry = (size_t)mesh->num_triangles;
+        *light = (PlaneLight){.is_table = 1};
+        return 1;
     }
-    Vec3 light = constant_radiance(state, triangle, is_unshadowed);
+    *entry = (size_t)content->triangle;
+    return !(mesh->flags[content->triangle] & FACET_TEXTURED) &&
+           find_plane_light(state, content->triangle, content->proof, light);
+}
+
+/* One radiance times the facet's texture, if it has one. */
+static void fill_block(const FrameState *state, int32_t triangle, const RayBlock *rays,
+                       Vec3 light, float radiance[3][BLOCK_RAYS]) {
     if (state->scene->mesh->arrays.flags[triangle] & FACET_TEXTURED) {
         FacetPlane plane = find_facet_plane(state, triangle);
         texture_block(state, triangle, &plane, rays, light, radiance);
-    } else {
-        set_all(radiance, light);
+        return;
     }
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        set_lane(radiance, lane, light);
+}
+
+static void shade(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                  const TileContent *content, float radiance[3][BLOCK_RAYS], LostLight *lost) {
+    int is_known = content->triangle >= 0 && content->object == OBJECT_NONE;
+    PlaneLight light;
+    if (!is_known || rays->active != 0xffff ||
+        !find_plane_light(state, content->triangle, content->proof, &light)) {
+        shade_block(state, rays, hits, is_known ? &content->proof : NULL, radiance, lost);
+        return;
+    }
+    fill_block(state, content->triangle, rays, light.radiance, radiance);
+    if (lost && max_abs(light.lost) > 0.0f) {
+        fill_block(state, content->triangle, rays, light.lost, lost->radiance);
+        lost->rays = 0xffff;
+    }
+}
+
+/* The samples of a tile without shadows, from the first block on that has any. */
+typedef struct {
+    PixelSums sums;
+    int differs;
+} Unshadowed;
+
+static void add_unshadowed(const FrameState *state, int block, uint32_t active,
+                           float radiance[3][BLOCK_RAYS], const LostLight *lost,
+                           const PixelSums *before, Unshadowed *unshadowed) {
+    if (!unshadowed->differs && !lost->rays)
+        return;
+    if (!unshadowed->differs && block)
+        unshadowed->sums = *before;
+    unshadowed->differs = 1;
+    float sum[3][BLOCK_RAYS];
+    for (int channel = 0; channel < 3; channel++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            sum[channel][lane] =
+                radiance[channel][lane] +
+                (lost->rays >> lane & 1 ? lost->radiance[channel][lane] : 0.0f);
+    add_samples(state, block, active, sum, &unshadowed->sums);
 }
 
 static void render_samples(const FrameState *state, int tile, const TileContent *content) {
     int blocks = state->rays->samples * state->rays->samples;
     PixelSums sums;
+    Unshadowed unshadowed = {.differs = 0};
+    int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
     for (int block = 0; block < blocks; block++) {
         size_t index = (size_t)tile * (size_t)blocks + (size_t)block;
         RayBlock rays;
@@ -235,10 +256,15 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
             write_table_colours(state, tile, rays.active, &hits);
             return;
         }
-        shade(state, index, &rays, &hits, content->is_unshadowed, radiance);
+        LostLight lost = {.rays = 0};
+        shade(state, &rays, &hits, content, radiance, is_measured ? &lost : NULL);
+        if (is_measured)
+            add_unshadowed(state, block, rays.active, radiance, &lost, &sums, &unshadowed);
         add_samples(state, block, rays.active, radiance, &sums);
     }
     write_pixels(state, tile, &sums);
+    if (unshadowed.differs)
+        note_changes(state, tile, &state->measures->shadow_change, &sums, &unshadowed.sums);
 }
 
 static void identify_samples(const FrameState *state, int tile) {
@@ -261,10 +287,10 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
     int32_t triangle = content->triangle;
     int may_fill = triangle != SURFACE_UNKNOWN && content->object == OBJECT_NONE &&
                    is_wholly_valid(state, tile);
-    int64_t entry =
-        may_fill ? find_single_radiance(state, triangle, content->is_unshadowed) : -1;
-    if (entry >= 0)
-        fill_tile(state, tile, (size_t)entry);
+    PlaneLight light;
+    size_t entry;
+    if (may_fill && find_single_radiance(state, content, &light, &entry))
+        fill_tile(state, tile, entry, &light);
     else
         render_samples(state, tile, content);
 }

@@ -2,7 +2,7 @@
 #ifndef CATOPTRA_TILES_H
 #define CATOPTRA_TILES_H
 
-#include "frame_state.h"
+#include "light_map.h"
 #include "short_list.h"
 
 /* Surfaces by their representative triangle; other values say that nothing is known. */
@@ -12,11 +12,11 @@ enum { SURFACE_BACKGROUND = -1, SURFACE_UNKNOWN = -2 };
 typedef struct {
     int32_t triangle; /* whose plane all rays meet first in the static scene, or as above */
     int32_t object;   /* the only dynamic object that rays may meet; OBJECT_NONE or OBJECT_ANY */
-    int is_unshadowed; /* nothing occludes a light anywhere on the triangle's plane */
+    LightProof proof;  /* what is known of the lights on the triangle's plane */
     const ShortList *short_list; /* all that may be seen of the static scene; NULL: not known */
 } TileContent;
 
-#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, 0, NULL})
+#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, NULL})
 
 /* Render a tile; where the triangle is unknown, rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);

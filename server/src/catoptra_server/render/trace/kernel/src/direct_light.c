@@ -1,0 +1,172 @@
+#include "direct_light.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Distance of a shadow ray's origin in front of its facet, relative to the largest coordinate:
+ * positions and corners are rounded to 2^-24 each, and a hit on a plane loses a few times that.
+ * 40 um at 10 m. */
+#define SHADOW_BIAS 0x1p-18f
+/* A lamp and a point of a surface may coincide: the irradiance there is that of a millimetre. */
+#define MIN_SQUARED_DISTANCE 1e-6f
+#define UNLIMITED INFINITY
+
+/* A light as 16 points see it. */
+typedef struct {
+    _Alignas(64) float direction[3][BLOCK_RAYS];
+    float distance[BLOCK_RAYS];
+    float factor[BLOCK_RAYS]; /* irradiance of the unoccluded light, of its intensity */
+} Incidence;
+
+static void find_parallel(Vec3 towards, const HitPoints *points, Incidence *found) {
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        found->factor[i] = towards.x * points->normal[0][i] + towards.y * points->normal[1][i] +
+                           towards.z * points->normal[2][i];
+        found->direction[0][i] = towards.x;
+        found->direction[1][i] = towards.y;
+        found->direction[2][i] = towards.z;
+        found->distance[i] = UNLIMITED;
+    }
+}
+
+/* Vector code: one division and one square root for 16 points. */
+static void find_radial(Vec3 from, const HitPoints *points, Incidence *found) {
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float x = from.x - points->position[0][i], y = from.y - points->position[1][i];
+        float z = from.z - points->position[2][i];
+        float squared = x * x + y * y + z * z;
+        squared = squared > MIN_SQUARED_DISTANCE ? squared : MIN_SQUARED_DISTANCE;
+        float length = __builtin_sqrtf(squared), inverse = 1.0f / length;
+        x *= inverse;
+        y *= inverse;
+        z *= inverse;
+        float cosine = x * points->normal[0][i] + y * points->normal[1][i] +
+                       z * points->normal[2][i];
+        found->direction[0][i] = x;
+        found->direction[1][i] = y;
+        found->direction[2][i] = z;
+        found->distance[i] = length;
+        found->factor[i] = cosine * (inverse * inverse);
+    }
+}
+
+/* Rays whose light is added one by one, instead of from the tables. */
+static uint32_t find_added(const FrameState *state, const Light *light, const HitBlock *hits,
+                           uint32_t lit) {
+    const uint8_t *flags = state->scene->mesh->arrays.flags;
+    int is_in_table = light->kind == LIGHT_DIRECTIONAL && !state->frame->has_shadows;
+    uint32_t added = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(lit >> lane & 1))
+            continue;
+        int is_added = hits->object[lane] != OBJECT_STATIC ||
+                       (light->lights_scene &&
+                        !(is_in_table && !(flags[hits->triangle[lane]] & FACET_CORNER_COLOURS)));
+        added |= (uint32_t)is_added << lane;
+    }
+    return added;
+}
+
+/* Facets turned away from a light are dark without a ray. */
+static uint32_t find_facing(const Incidence *light, uint32_t among) {
+    uint32_t facing = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        facing |= (uint32_t)(light->factor[lane] > 0.0f) << lane;
+    return facing & among;
+}
+
+static void set_shadow_rays(RayBlock *shadow, const RayBlock *rays, const HitPoints *points,
+                            const Incidence *light) {
+    memcpy(shadow->direction, light->direction, sizeof shadow->direction);
+    memcpy(shadow->limit, light->distance, sizeof shadow->limit);
+    memcpy(shadow->time, rays->time, sizeof shadow->time);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        Vec3 position = get_lane(points->position, lane);
+        float here = max_abs(position), there = max_abs(get_lane(rays->origin, lane));
+        float bias = SHADOW_BIAS * (here > there ? here : there);
+        set_lane(shadow->origin, lane,
+                 add(position, scale(bias, get_lane(points->normal, lane))));
+    }
+}
+
+/* Rays by what may occlude a light from their points. */
+typedef struct {
+    uint32_t hidden, unknown, behind_objects;
+} Uncertainty;
+
+static Uncertainty look_up_light(const FrameState *state, int light, const HitBlock *hits,
+                                 const SurfaceBlock *surface, uint32_t facing) {
+    Uncertainty found = {0, 0, 0};
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(facing >> lane & 1))
+            continue;
+        int32_t triangle = hits->object[lane] == OBJECT_STATIC ? hits->triangle[lane] : -1;
+        int known = find_light(state, light, triangle, get_lane(surface->points.position, lane));
+        found.hidden |= (uint32_t)(known == LIGHT_HIDDEN) << lane;
+        found.unknown |= (uint32_t)(known == LIGHT_UNKNOWN) << lane;
+        found.behind_objects |= (uint32_t)(known == LIGHT_BEHIND_OBJECTS) << lane;
+    }
+    return found;
+}
+
+/* Rays from whose points the light is occluded. */
+static uint32_t find_occluded(const FrameState *state, int light, const RayBlock *rays,
+                              const HitBlock *hits, const SurfaceBlock *surface,
+                              const Incidence *incidence, uint32_t facing) {
+    const Scene *scene = state->scene;
+    const Mesh *casters = scene->casters ? scene->casters : scene->mesh;
+    int is_coherent = scene->lights[light].kind == LIGHT_DIRECTIONAL;
+    if (light < 32 && surface->proof.seen >> light & 1)
+        return 0;
+    if (light < 32 && surface->proof.hidden >> light & 1)
+        return facing;
+    Uncertainty found = look_up_light(state, light, hits, surface, facing);
+    uint32_t occluded = found.hidden;
+    if (!(found.unknown | found.behind_objects))
+        return occluded;
+    RayBlock shadow;
+    set_shadow_rays(&shadow, rays, &surface->points, incidence);
+    shadow.active = found.unknown;
+    if (casters->scene && shadow.active)
+        occluded |= occlude_block(state->device, casters->scene, &shadow, is_coherent);
+    shadow.active = (found.unknown | found.behind_objects) & ~occluded;
+    if (state->objects && shadow.active)
+        occluded |= occlude_block(state->device, state->objects, &shadow, is_coherent);
+    return occluded;
+}
+
+/* Add intensity times albedo times factor to the rays of a mask. */
+static void add_reflected(const Light *light, const SurfaceBlock *surface, const float *factor,
+                          uint32_t mask, float radiance[3][BLOCK_RAYS]) {
+    float masked[BLOCK_RAYS];
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        masked[lane] = mask >> lane & 1 ? factor[lane] : 0.0f;
+    for (int channel = 0; channel < 3; channel++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            radiance[channel][lane] += masked[lane] * (surface->albedo[channel][lane] *
+                                                       light->intensity[channel]);
+}
+
+void add_light(const FrameState *state, int number, const RayBlock *rays, const HitBlock *hits,
+               const SurfaceBlock *surface, float radiance[3][BLOCK_RAYS], LostLight *lost) {
+    const Light *light = &state->scene->lights[number];
+    uint32_t added = find_added(state, light, hits, surface->lit);
+    if (!added)
+        return;
+    Incidence incidence;
+    if (light->kind == LIGHT_DIRECTIONAL)
+        find_parallel(vec3(light->vector), &surface->points, &incidence);
+    else
+        find_radial(vec3(light->vector), &surface->points, &incidence);
+    uint32_t facing = find_facing(&incidence, added), occluded = 0;
+    if (facing && state->frame->has_shadows)
+        occluded = find_occluded(state, number, rays, hits, surface, &incidence, facing);
+    if (facing & ~occluded)
+        add_reflected(light, surface, incidence.factor, facing & ~occluded, radiance);
+    if (!lost || !occluded)
+        return;
+    if (!lost->rays)
+        memset(lost->radiance, 0, sizeof lost->radiance);
+    add_reflected(light, surface, incidence.factor, occluded, lost->radiance);
+    lost->rays |= occluded;
+}

@@ -1,0 +1,29 @@
+/* Light of directional and point lights on the hits of a block, and what of it is occluded. */
+#ifndef CATOPTRA_DIRECT_LIGHT_H
+#define CATOPTRA_DIRECT_LIGHT_H
+
+#include "hit_points.h"
+#include "light_map.h"
+
+/* The hits of a block whose radiance is not in a table. */
+typedef struct {
+    HitPoints points;
+    _Alignas(64) float albedo[3][BLOCK_RAYS];
+    uint32_t computed; /* rays with a hit whose radiance is computed */
+    uint32_t lit;      /* those that reflect light */
+    uint32_t textured; /* those with a texture */
+    LightProof proof;  /* of all these rays */
+} SurfaceBlock;
+
+/* Radiance that rays lose by shadows. */
+typedef struct {
+    _Alignas(64) float radiance[3][BLOCK_RAYS]; /* entries of other rays mean nothing */
+    uint32_t rays;                              /* bit mask of those that lose any */
+} LostLight;
+
+/* Add the light of one directional or point light to the lit rays, and what is occluded to `lost`,
+ * which may be NULL. */
+void add_light(const FrameState *state, int light, const RayBlock *rays, const HitBlock *hits,
+               const SurfaceBlock *surface, float radiance[3][BLOCK_RAYS], LostLight *lost);
+
+#endif

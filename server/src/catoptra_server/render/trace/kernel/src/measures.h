@@ -1,0 +1,25 @@
+/* Largest changes that effects make in a frame, in encoded grey levels (0 to 255, not rounded).
+ *
+ * Maxima over all pixels: independent of the order in which threads find them. Pixels whose 8-bit
+ * levels show that they change by less than the largest change so far are skipped.
+ */
+#ifndef CATOPTRA_MEASURES_H
+#define CATOPTRA_MEASURES_H
+
+#include "pixels.h"
+
+#include <stdatomic.h>
+
+struct Measures {
+    _Atomic float shadow_change;
+    atomic_int shows_watched; /* some ray meets the watched object first */
+};
+
+/* Note the change between two linear colours. */
+void note_change(const FrameState *state, _Atomic float *largest, Vec3 one, Vec3 other);
+
+/* Note the changes between the pixels of two sums of samples. */
+void note_changes(const FrameState *state, int tile, _Atomic float *largest,
+                  const PixelSums *one, const PixelSums *other);
+
+#endif

@@ -1,0 +1,20 @@
+/* Facets whose radiance is one constant over a part of the image, by what is proven of the lights. */
+#ifndef CATOPTRA_PLANE_LIGHT_H
+#define CATOPTRA_PLANE_LIGHT_H
+
+#include "light_map.h"
+
+typedef struct {
+    Vec3 radiance; /* before the facet's texture */
+    Vec3 lost;     /* by shadows */
+    int is_table;  /* the radiance is that of the table of frames without shadows */
+} PlaneLight;
+
+/* Whether a static facet's radiance is a constant times its texture, and that constant. */
+int find_plane_light(const FrameState *state, int32_t triangle, LightProof proof,
+                     PlaneLight *found);
+
+/* Whether every light that reaches a facet is proven to be seen, or to be hidden. */
+int is_light_proven(const FrameState *state, int32_t triangle, LightProof proof);
+
+#endif
