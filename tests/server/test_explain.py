@@ -4,6 +4,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -48,8 +49,28 @@ def test_camera_when_its_file_names_effects_is_explained_row_by_row(
 
 
 def test_camera_without_effects_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--robot", "p2at_omni", *QUESTION]) == 0
-    assert "no effects: the robot file names none" in capsys.readouterr().out
+    assert main(["--robot", "p2at", *QUESTION]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("USARBot.P2AT Camera: trace")
+    assert "no effects: the robot file names none" in printed
+
+
+def test_every_camera_of_a_robot_is_explained_the_omnidirectional_one_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "robot.ini"
+    robot.write_text(
+        f"[Configuration]\nBasedOn={find_configuration('robots', 'p2at_omni_full')}\n"
+        "[USARBot.RobotCamera]\nResolutionX=64\nResolutionY=48\nVignetting=auto\n"
+        "MotionBlur=auto\nDefocus=auto\n"
+    )
+    drive = ["--velocity", "0.5,0,1", "--json"]
+    assert main(["--robot", str(robot), *QUESTION, *drive]) == 0
+    omni, lens = json.loads(capsys.readouterr().out)
+    assert (omni["camera"], lens["camera"]) == ("OmniCamPillar_Link4", "Camera")
+    enabled = {one["effect"]: one["enabled"] for one in lens["effects"]}
+    # Focused at infinity, nothing is blurred; the corners are dark, and the robot turns.
+    assert enabled == {"MotionBlur": True, "Defocus": False, "Vignetting": True}
 
 
 def test_explanation_as_json_has_the_same_decisions(
@@ -63,11 +84,9 @@ def test_explanation_as_json_has_the_same_decisions(
     assert report["other_ms"] > 0.0
 
 
-def test_robot_without_an_omnidirectional_camera_is_no_error(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["--robot", "p2at", *QUESTION]) == 0
-    assert capsys.readouterr().out == "no robot has an omnidirectional camera\n"
+def test_robot_without_a_camera_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--robot", "kenaf", *QUESTION]) == 0
+    assert capsys.readouterr().out == "no robot has a camera\n"
 
 
 def test_missing_file_is_named(capsys: pytest.CaptureFixture[str]) -> None:

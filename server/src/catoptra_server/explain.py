@@ -1,4 +1,4 @@
-"""`catoptra-server explain`: effects that a robot's camera needs in a world, and their cost.
+"""`catoptra-server explain`: effects that a robot's cameras need in a world, and their cost.
 
 The decisions are the server's own; the milliseconds are medians of frames rendered here.
 """
@@ -9,10 +9,11 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
@@ -28,12 +29,13 @@ from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.planning.renderer_rule import ImageLoad
+from catoptra_server.planning.renderer_rule import largest_image
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.twist import Twist
+from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
 from catoptra_server.simulation.robot_meshes import build_ego_mesh
 from catoptra_server.startup import StartupConfig, read_startup_config
 
@@ -104,7 +106,7 @@ def main(arguments: Sequence[str]) -> int:
     if parsed.json:
         print(json.dumps([asdict(report) for report in reports], indent=2))
     else:
-        print("\n\n".join(map(str, reports)) or "no robot has an omnidirectional camera")
+        print("\n\n".join(map(str, reports)) or "no robot has a camera")
     return 0
 
 
@@ -115,26 +117,23 @@ def explain_cameras(
     pose: PlanarPose | None = None,
     velocity: PlanarVelocity = ZERO_VELOCITY,
 ) -> Iterator[CameraEffectReport]:
-    """Yield the report of each robot class with an omnidirectional camera.
+    """Yield the report of each camera of the robot classes, the omnidirectional one first.
 
     Args:
         pose: Pose of the robot; None: the world's first start pose.
         velocity: Velocity of the robot during the exposure.
     """
     for robot in startup.robots:
-        if robot.omni_camera is not None:
-            camera_state = build_camera_state(
-                robot, robot.omni_camera, pose or _start_pose(startup), velocity
-            )
-            yield _explain_camera(startup, robot, robot.omni_camera, renderer, camera_state)
+        requests = _request_views(robot, pose or _start_pose(startup), velocity)
+        if requests:
+            yield from _explain_views(startup, robot, requests, renderer)
 
 
 def build_camera_state(
     robot: RobotDescription, omni: OmniCameraDescription, pose: PlanarPose, velocity: PlanarVelocity
 ) -> CameraState:
-    """State of a robot's camera at a pose, while the robot drives."""
-    base = pose.at_height(robot.drive.ride_height_m)
-    twist = velocity.twist.rotate(base.rotation)
+    """State of a robot's omnidirectional camera at a pose, while the robot drives."""
+    base, twist = _place_robot(robot, pose, velocity)
     mesh = build_ego_mesh(robot)
     return mounted_camera_state(
         base,
@@ -144,31 +143,60 @@ def build_camera_state(
     )
 
 
-def _explain_camera(
+def _place_robot(
+    robot: RobotDescription, pose: PlanarPose, velocity: PlanarVelocity
+) -> tuple[Pose, Twist]:
+    """Pose and motion of the chassis in the world."""
+    base = pose.at_height(robot.drive.ride_height_m)
+    return base, velocity.twist.rotate(base.rotation)
+
+
+def _request_views(
+    robot: RobotDescription, pose: PlanarPose, velocity: PlanarVelocity
+) -> dict[str, ViewRequest]:
+    """View of each camera by name, all joints at 0."""
+    requests: dict[str, ViewRequest] = {}
+    omni = robot.omni_camera
+    if omni is not None:
+        spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
+        state = build_camera_state(robot, omni, pose, velocity)
+        requests[omni.name] = ViewRequest(spec, state)
+    base, twist = _place_robot(robot, pose, velocity)
+    for description in robot.perspective_cameras:
+        camera = PerspectiveCameraSensor(description, robot)
+        state = mounted_camera_state(base, camera.robot_from_camera({}), twist=twist)
+        requests[camera.name] = ViewRequest(camera.camera_spec(), state)
+    return requests
+
+
+def _explain_views(
     startup: StartupConfig,
     robot: RobotDescription,
-    omni: OmniCameraDescription,
+    requests: Mapping[str, ViewRequest],
     renderer: str,
-    camera_state: CameraState,
-) -> CameraEffectReport:
-    image = ImageLoad.from_camera(omni.camera, omni.render_settings)
+) -> Iterator[CameraEffectReport]:
+    # As a server chooses: by the omnidirectional camera, whose images are the larger ones.
+    omni = robot.omni_camera
+    image = largest_image([(omni.camera, omni.render_settings)] if omni else [])
     choice = choose_renderer(renderer, startup.scene, startup.world, image=image)
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)
     views = ViewCache(
         RenderPlanner(RendererPool(choice), cache), SceneSummarizer(startup.scene, startup.world)
     )
-    spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
-    times = measure_effect_times(views.render, ViewRequest(spec, camera_state))
-    views.close()
-    return CameraEffectReport(
-        robot.class_name,
-        omni.name,
-        times.view.plan,
-        times.view.effect_decisions,
-        dict(times.effect_ms),
-        times.other_ms,
-    )
+    try:
+        for name, request in requests.items():
+            times = measure_effect_times(views.render, request)
+            yield CameraEffectReport(
+                robot.class_name,
+                name,
+                times.view.plan,
+                times.view.effect_decisions,
+                dict(times.effect_ms),
+                times.other_ms,
+            )
+    finally:
+        views.close()
 
 
 def _start_pose(startup: StartupConfig) -> PlanarPose:
@@ -182,7 +210,7 @@ def _start_pose(startup: StartupConfig) -> PlanarPose:
 def _build_parser() -> argparse.ArgumentParser:
     parser = CommandParser(
         prog="catoptra-server explain",
-        description="Report the effects that a robot's camera needs in a world, with their cost.",
+        description="Report the effects that a robot's cameras need in a world, with their cost.",
     )
     add = parser.add_argument
     add("--robot", required=True, metavar="FILE", help="robot ini, or the name of a bundled one")

@@ -17,7 +17,7 @@ from catoptra_server.effects.effect import DecisionBasis, EffectMode, EffectSett
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import RenderedView
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.camera_spec import CameraSpec
 
 # Of each kind of frame, by turns; the first prepares the view and fills caches.
 _NUM_FRAMES = 9
@@ -93,14 +93,15 @@ def acts_on_frame(decision: EffectDecision) -> bool:
 def _leave_out(request: ViewRequest, names: Sequence[str]) -> ViewRequest:
     """Same view without some of its effects."""
     camera = request.camera
-    if not names or not isinstance(camera, OmniCameraSpec):
+    if not names:
         return request
     settings = tuple(
         replace(one, mode=EffectMode.NEVER) if one.effect.name in names else one
         for one in camera.effect_settings.settings
     )
     fewer: EffectSettings = replace(camera.effect_settings, settings=settings)
-    return replace(request, camera=replace(camera, effect_settings=fewer))
+    bare: CameraSpec = replace(camera, effect_settings=fewer)
+    return replace(request, camera=bare)
 
 
 def _limit_by_later(times_ms: Sequence[float]) -> list[float]:
