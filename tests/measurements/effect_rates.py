@@ -30,9 +30,9 @@ from catoptra_server.effects.effect import (
     EffectSettings,
 )
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
+from catoptra_server.planning.effect_rates import RenderEngine
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.exposure_budget import limit_time_samples
-from catoptra_server.planning.renderer_rule import RenderEngine
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind

@@ -23,10 +23,10 @@ from scenes import CAMERA_STATE, CORRIDOR, FIELD, make_balls, make_camera
 
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.cost_model import fit_nonnegative_rates
+from catoptra_server.planning.effect_rates import RenderEngine
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_rule import (
     ImageLoad,
-    RenderEngine,
     SceneLoad,
     rule_features,
 )

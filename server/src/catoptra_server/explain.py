@@ -177,7 +177,7 @@ def _explain_views(
 ) -> Iterator[CameraEffectReport]:
     # As a server chooses: by the omnidirectional camera, whose images are the larger ones.
     omni = robot.omni_camera
-    image = largest_image([(omni.camera, omni.render_settings)] if omni else [])
+    image = largest_image([(omni.camera, omni.render_settings, omni.effects)] if omni else [])
     choice = choose_renderer(renderer, startup.scene, startup.world, image=image)
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)

@@ -121,7 +121,9 @@ class ServerThreads:
             startup.scene,
             startup.world,
             threads=options.threads,
-            image=largest_image((omni.camera, omni.render_settings) for omni in omnis.values()),
+            image=largest_image(
+                (omni.camera, omni.render_settings, omni.effects) for omni in omnis.values()
+            ),
             instruction_set=options.instruction_set,
             is_reproducible=not is_realtime,
         )

@@ -16,11 +16,12 @@ from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.renderer_trial import MAX_SHARE, NUM_ROUNDS, NUM_WARM_UP_ROUNDS
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.effect_rates import RenderEngine
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.planning.renderer_preferences import WINDOW_FRAMES
-from catoptra_server.planning.renderer_rule import RenderEngine, RendererRule, SceneLoad
+from catoptra_server.planning.renderer_rule import RendererRule, SceneLoad
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind

@@ -12,8 +12,9 @@ import pytest
 import catoptra_server
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_server.planning import renderer_choice
+from catoptra_server.planning.effect_rates import RenderEngine
 from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
-from catoptra_server.planning.renderer_rule import ImageLoad, RenderEngine, RendererRule
+from catoptra_server.planning.renderer_rule import ImageLoad, RendererRule
 from catoptra_server.render import raster
 from catoptra_server.render.raster import OpenGLMissingError
 from catoptra_server.render.renderer_kind import RendererKind

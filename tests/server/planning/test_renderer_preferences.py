@@ -8,10 +8,10 @@ import pytest
 
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_cache import CostCache
+from catoptra_server.planning.effect_rates import RenderEngine
 from catoptra_server.planning.renderer_preferences import WINDOW_FRAMES, RendererPreferences
 from catoptra_server.planning.renderer_rule import (
     ImageLoad,
-    RenderEngine,
     RendererRule,
     SceneLoad,
 )

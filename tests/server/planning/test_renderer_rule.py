@@ -7,9 +7,13 @@ from dataclasses import replace
 
 import pytest
 
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects.scene.motion_blur import MotionBlur
+from catoptra_server.effects.sensor.bayer import Bayer
+from catoptra_server.effects.sensor.shot_noise import ShotNoise
+from catoptra_server.planning.effect_rates import RenderEngine, predict_effects_ms
 from catoptra_server.planning.renderer_rule import (
     ImageLoad,
-    RenderEngine,
     RendererRule,
     SceneLoad,
     largest_image,
@@ -122,8 +126,42 @@ def test_load_of_a_scene_counts_triangles_and_point_lights() -> None:
     assert SceneLoad.from_scene(mesh, lights) == SceneLoad(len(mesh), bool(mesh.textures), 1)
 
 
-def test_largest_image_has_the_most_samples() -> None:
+def test_image_counts_the_effects_that_a_camera_may_need() -> None:
+    camera = make_omni_camera(width_px=100)
+    settings = RenderSettings(samples=2)
+    effects = EffectSettings(
+        (
+            EffectSetting(ShotNoise(18000.0), EffectMode.AUTO),
+            EffectSetting(Bayer(), EffectMode.NEVER),
+        )
+    )
+    image = ImageLoad.from_camera(camera, settings, effects)
+    assert image == ImageLoad(100 * 100, 2, frozenset({"ShotNoise"}))
+    assert "with 1 effects" in str(image)
+    assert ImageLoad.from_camera(camera, settings).effects == frozenset()
+
+
+@pytest.mark.parametrize("engine", RenderEngine)
+def test_effects_lengthen_a_frame_by_their_rates(engine: RenderEngine) -> None:
+    noisy = replace(IMAGE, effects=frozenset({"ShotNoise", "Shadows"}))
+    added_ms = predict_frame_ms(engine, SCENE, noisy) - predict_frame_ms(engine, SCENE, IMAGE)
+    expected_ms = predict_effects_ms(
+        engine, noisy.effects, num_pixels=IMAGE.num_pixels, num_samples=IMAGE.num_samples
+    )
+    assert added_ms == pytest.approx(expected_ms)
+    assert added_ms > 0.0
+
+
+def test_largest_image_takes_longest() -> None:
     small, large = make_omni_camera(width_px=100), make_omni_camera(width_px=120)
-    cameras = [(large, RenderSettings(samples=1)), (small, RenderSettings(samples=2))]
+    none = EffectSettings()
+    cameras = [(large, RenderSettings(samples=1), none), (small, RenderSettings(samples=2), none)]
     assert largest_image(cameras) == ImageLoad(100 * 100, 2)
     assert largest_image([]).num_samples == 0
+    # An image of half the size with costly effects takes longer than a plain one.
+    blurred = EffectSettings((EffectSetting(MotionBlur(1.0 / 60.0), EffectMode.AUTO),))
+    cameras = [
+        (large, RenderSettings(samples=2), none),
+        (small, RenderSettings(samples=2), blurred),
+    ]
+    assert largest_image(cameras).effects == {"MotionBlur"}

@@ -24,7 +24,7 @@ from catoptra_server.planning.candidate_table import (
 )
 from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_calibration import measure_costs
-from catoptra_server.planning.cost_corrections import CostCorrections, added_ms
+from catoptra_server.planning.cost_corrections import NO_ENGINES, CostCorrections, added_ms
 from catoptra_server.planning.cost_model import CostModel
 from catoptra_server.planning.explicit_choice import can_follow_settings, choose_by_settings
 from catoptra_server.planning.explicit_plan import plan_from_settings
@@ -68,7 +68,9 @@ class RenderPlanner:
         self.preferences = RendererPreferences(renderers.rule, cache, device)
         self._calibration = RendererCalibration(renderers, cache, measure)
         self._tables: LruDict[_CostKey, CandidateTable] = LruDict(_MAX_CAMERAS)
-        self._corrections = CostCorrections()
+        self._corrections = CostCorrections(
+            renderers.rule.engines if renderers.rule else NO_ENGINES
+        )
 
     def choose_plan(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]

@@ -1,9 +1,9 @@
 """Choice of a renderer, with its reason: the one module that creates renderers.
 
 `auto` takes raster where a graphics processor answers; else the rule of `renderer_rule` decides
-between trace and software OpenGL, by scene, camera and samples. Where bytes must not depend on the
-machine the rule decides alone. A renderer's library is imported only when that renderer is chosen
-or probed, so a machine without OpenGL runs trace.
+between trace and software OpenGL, by scene, camera, samples and effects. Where bytes must not
+depend on the machine the rule decides alone. A renderer's library is imported only when that
+renderer is chosen or probed, so a machine without OpenGL runs trace.
 
 To add a renderer: a member of `RendererKind`, a function here, its settings in `candidate_plans`.
 """
@@ -20,12 +20,8 @@ from typing import TYPE_CHECKING
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.light_culling import cull_lights
-from catoptra_server.planning.renderer_rule import (
-    ImageLoad,
-    RenderEngine,
-    RendererRule,
-    SceneLoad,
-)
+from catoptra_server.planning.effect_rates import RenderEngine
+from catoptra_server.planning.renderer_rule import ImageLoad, RendererRule, SceneLoad
 from catoptra_server.render.embreex_package import (
     PACKAGE,
     REMEDY,
@@ -97,10 +93,10 @@ def choose_renderer(
 
     Args:
         threads: Threads of trace; 0: one for each processor.
-        image: Largest image that will be rendered; `auto` weighs its pixels and samples.
+        image: Largest image that will be rendered; `auto` weighs its pixels, samples and effects.
         instruction_set: Instruction set of trace's kernel.
-        is_reproducible: Let `auto` follow scene, camera and samples alone, for bytes that depend
-            on no machine: under lockstep, in data sets and in studies.
+        is_reproducible: Let `auto` follow scene, camera, samples and effects alone, for bytes that
+            depend on no machine: under lockstep, in data sets and in studies.
 
     Returns:
         The choice. Raster belongs to the calling thread.
@@ -155,10 +151,10 @@ RENDERER_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {
 
 
 def _choose_by_rule_alone(inputs: _Scene, image: ImageLoad) -> RendererChoice:
-    """Choice by scene, camera and samples; trace where it would be an OpenGL that is missing."""
+    """Choice by scene and camera; trace where it would be an OpenGL that is missing."""
     # Whatever this machine has: the rates of the kernel and of software OpenGL.
     rule = _make_rule(inputs, RenderEngine.KERNEL)
-    reason = f"by scene, camera and samples alone: {rule.explain(image)}"
+    reason = f"by scene, camera and effects alone: {rule.explain(image)}"
     if not has_embreex():
         return _raster_choice_without_trace(inputs)
     if rule.find_fastest(image) is RendererKind.TRACE:

@@ -109,7 +109,7 @@ class RendererPreferences:
         if kind in times.measured:
             return times.measured[kind] / SWITCH_FRACTION
         assert self._rule is not None, "without a rule nothing is tried"
-        image = ImageLoad.from_camera(camera.camera, camera.render_settings)
+        image = ImageLoad.from_camera(camera.camera, camera.render_settings, camera.effect_settings)
         ms = self._rule.predict_frame_ms(kind, image)
         return None if ms is None else ms / _RULE_MARGIN
 

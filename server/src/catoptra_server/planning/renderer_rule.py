@@ -13,10 +13,15 @@ in the other two it is faster by a fifth at most.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from enum import Enum
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
+from catoptra_server.planning.effect_rates import (
+    RenderEngine,
+    find_possible_effects,
+    predict_effects_ms,
+)
 from catoptra_server.planning.explicit_plan import requested_samples
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
@@ -25,17 +30,6 @@ from catoptra_server.scene.world_description import Light, PointLight
 
 # Quantities in millions, as in `cost_model`.
 _PER_MILLION = 1e-6
-
-
-class RenderEngine(Enum):
-    """Code that draws frames; each has rates of its own."""
-
-    KERNEL = "kernel"
-    """Native kernel of the trace renderer."""
-    REFERENCE = "reference"
-    """NumPy reference of the trace renderer."""
-    SOFTWARE_OPENGL = "software OpenGL"
-    """Raster renderer without a graphics processor."""
 
 
 # Milliseconds of one unit of each quantity of `rule_features`.
@@ -73,11 +67,20 @@ class ImageLoad:
     num_pixels: int = 640 * 640
     samples: int = 1
     """Samples along a pixel's side; a pixel has samples^2."""
+    effects: frozenset[str] = frozenset()
+    """Names of the effects that the image may need."""
 
     @classmethod
-    def from_camera(cls, camera: OmniCamera, settings: RenderSettings) -> ImageLoad:
+    def from_camera(
+        cls,
+        camera: OmniCamera,
+        settings: RenderSettings,
+        effects: EffectSettings = NO_EFFECT_SETTINGS,
+    ) -> ImageLoad:
         """Properties of a camera's image."""
-        return cls(camera.width_px * camera.height_px, requested_samples(settings))
+        num_pixels = camera.width_px * camera.height_px
+        names = find_possible_effects(effects, camera)
+        return cls(num_pixels, requested_samples(settings), names)
 
     @property
     def num_samples(self) -> int:
@@ -86,7 +89,9 @@ class ImageLoad:
 
     def __str__(self) -> str:
         megapixels = _PER_MILLION * self.num_pixels
-        return f"{megapixels:.2g} million pixels of {self.samples} x {self.samples} samples"
+        effects = f" with {len(self.effects)} effects" if self.effects else ""
+        samples = f"{self.samples} x {self.samples} samples"
+        return f"{megapixels:.2g} million pixels of {samples}{effects}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +125,11 @@ class RendererRule:
 def predict_frame_ms(engine: RenderEngine, scene: SceneLoad, image: ImageLoad) -> float:
     """Milliseconds of a frame on the rule's machine."""
     features = rule_features(engine, scene, image)
-    return sum(rate * feature for rate, feature in zip(_RATES[engine], features, strict=True))
+    frame_ms = sum(rate * feature for rate, feature in zip(_RATES[engine], features, strict=True))
+    effects_ms = predict_effects_ms(
+        engine, image.effects, num_pixels=image.num_pixels, num_samples=image.num_samples
+    )
+    return frame_ms + effects_ms
 
 
 def rule_features(engine: RenderEngine, scene: SceneLoad, image: ImageLoad) -> tuple[float, ...]:
@@ -137,7 +146,14 @@ def rule_features(engine: RenderEngine, scene: SceneLoad, image: ImageLoad) -> t
     return 1.0, pixels, samples, samples * triangles, *shaded
 
 
-def largest_image(cameras: Iterable[tuple[OmniCamera, RenderSettings]]) -> ImageLoad:
-    """Image with the most samples, of all cameras of a server; a small one without cameras."""
-    images = [ImageLoad.from_camera(camera, settings) for camera, settings in cameras]
-    return max(images, key=lambda image: image.num_samples, default=ImageLoad(num_pixels=0))
+def largest_image(
+    cameras: Iterable[tuple[OmniCamera, RenderSettings, EffectSettings]],
+) -> ImageLoad:
+    """Image that takes longest, of all cameras of a server; a small one without cameras."""
+    images = [ImageLoad.from_camera(*camera) for camera in cameras]
+    return max(images, key=_image_ms, default=ImageLoad(num_pixels=0))
+
+
+def _image_ms(image: ImageLoad) -> float:
+    """Milliseconds of an image of an empty scene: the order of images is that of any engine."""
+    return predict_frame_ms(RenderEngine.KERNEL, SceneLoad(0, False, 0), image)
