@@ -20,7 +20,7 @@ from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, Rendered
 from catoptra_server.render.time_samples import sample_shutter
 from catoptra_server.render.trace.ray_table import Float32s, RayTable
 from catoptra_server.render.trace.srgb_encoding import encode_srgb
-from catoptra_server.render.trace.trace_engine import TracedRays, pixel_ranges
+from catoptra_server.render.trace.trace_engine import TracedRays, TraceRequest, pixel_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,44 +71,50 @@ class TraceOmniView:
         # usual case, and the fastest.
         if not effects and camera_state.shutter is None:
             begin = time.perf_counter()
-            rgb = self._rays.render_srgb(camera_state)
-            return RenderedImage(rgb, {"trace": _elapsed_ms(begin)})
-        light, stage_ms = self._apply_effects(camera_state, effects)
+            frame = self._rays.render(camera_state, TraceRequest(thresholds=thresholds))
+            return RenderedImage(frame.image, {"trace": _elapsed_ms(begin)}, frame.changes)
+        light, stage_ms, changes = self._apply_effects(camera_state, effects, thresholds)
         begin = time.perf_counter()
         rgb = encode_srgb(light)
         # Read-only, as the engine's frames: callers may keep both without a copy.
         rgb.setflags(write=False)
-        return RenderedImage(rgb, stage_ms | {"encode": _elapsed_ms(begin)})
+        return RenderedImage(rgb, stage_ms | {"encode": _elapsed_ms(begin)}, changes)
 
     def render_linear(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
-        return self._apply_effects(camera_state, effects)[0]
+        return self._apply_effects(camera_state, effects, NO_THRESHOLDS)[0]
 
     def _apply_effects(
-        self, camera_state: CameraState, effects: tuple[ImageEffect, ...]
-    ) -> tuple[LinearImage, dict[str, float]]:
-        """Linear image after all effects, and milliseconds by stage."""
-        light, stage_ms = self._render_exposure(camera_state)
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...],
+        thresholds: Mapping[str, float],
+    ) -> tuple[LinearImage, dict[str, float], Mapping[str, float]]:
+        """Linear image after all effects, milliseconds by stage, and changes by effect."""
+        light, stage_ms, changes = self._render_exposure(camera_state, thresholds)
         context = self._make_capture_context(camera_state, effects, stage_ms)
         for effect in effects:
             begin = time.perf_counter()
             light = effect.apply(light, self._camera, context)
             stage_ms[effect.name] = _elapsed_ms(begin)
-        return light, stage_ms
+        return light, stage_ms, changes
 
-    def _render_exposure(self, camera_state: CameraState) -> tuple[LinearImage, dict[str, float]]:
+    def _render_exposure(
+        self, camera_state: CameraState, thresholds: Mapping[str, float]
+    ) -> tuple[LinearImage, dict[str, float], Mapping[str, float]]:
         """Linear image at the sensor: of one instant, or the mean of several time samples."""
         begin = time.perf_counter()
         if camera_state.shutter is None:
-            light = self._rays.render_linear(camera_state)
-            return light, {"trace": _elapsed_ms(begin)}
+            request = TraceRequest(is_linear=True, thresholds=thresholds)
+            frame = self._rays.render(camera_state, request)
+            return np.asarray(frame.image), {"trace": _elapsed_ms(begin)}, frame.changes
         light = np.zeros((self._camera.height_px, self._camera.width_px, 3), dtype=np.float32)
         for sharp_state, weights in sample_shutter(camera_state, self._camera.height_px):
             light += self._rays.render_linear(sharp_state) * weights[:, None, None]
         # One stage for all time samples, as in raster's accumulation pass.
-        return light, {"accumulate": _elapsed_ms(begin)}
+        return light, {"accumulate": _elapsed_ms(begin)}, {}
 
     def _make_capture_context(
         self,

@@ -6,6 +6,8 @@ An engine holds a scene; `prepare` gives it the rays of a camera. Both shade by 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import field
 from typing import Any, Protocol
 
 import numpy as np
@@ -69,12 +71,48 @@ class RayHits:
     """(t, samples^2, 16) STATIC_SCENE, 1 + index of a dynamic object, or NOTHING."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TraceRequest:
+    """Outputs of a frame."""
+
+    is_linear: bool = False
+    """Linear light instead of sRGB."""
+    thresholds: Mapping[str, float] = field(default_factory=dict)
+    """Change that nobody sees, grey levels, by effect: see `OmniView.render`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TracedFrame:
+    """A frame, and what it took."""
+
+    image: npt.NDArray[Any]
+    """(h, w, 3) sRGB, read-only, each sample clipped to [0, 1]; or linear light, not clipped."""
+    changes: Mapping[str, float] = field(default_factory=dict)
+    """Largest change by effect, grey levels: see `RenderedImage.changes`."""
+
+
+# Any pixel may change from the darkest grey level to the brightest.
+ANY_CHANGE = 255.0
+
+
+def find_ego_body(exposure: TracedExposure) -> int:
+    """Number in hits of the ego body, 0 if it is none of the objects."""
+    state = camera_states(exposure)[0]
+    for number, placed in enumerate(state.objects):
+        if state.ego_body is not None and placed.mesh is state.ego_body.mesh:
+            return 1 + number
+    return STATIC_SCENE
+
+
 class TracedRays(Protocol):
     """The rays of one camera, prepared by an engine."""
 
     @property
     def memory_bytes(self) -> int:
         """Size of the rays and of the engine's tables for them."""
+
+    def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
+        """A frame and all other outputs that are wanted."""
 
     def render_srgb(self, exposure: TracedExposure) -> Image:
         """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""

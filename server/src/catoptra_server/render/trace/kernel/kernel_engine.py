@@ -6,12 +6,13 @@ A frame is one call, from the rays and the camera's pose to pixels. C code: `src
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.renderer import NO_THRESHOLDS, Image, LinearImage
 from catoptra_server.render.trace.kernel.exposure_arrays import (
     ObjectTable,
     exposure_arrays,
@@ -40,9 +41,13 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
 from catoptra_server.render.trace.srgb_encoding import srgb_table
 from catoptra_server.render.trace.trace_engine import (
+    ANY_CHANGE,
     RayHits,
     TracedExposure,
+    TracedFrame,
+    TraceRequest,
     camera_states,
+    find_ego_body,
     scene_centre,
 )
 from catoptra_server.scene import shading
@@ -154,13 +159,21 @@ class KernelEngine:
         return KernelRays(rays, self._device, self)
 
     def render(
-        self, view: int, exposure: TracedExposure, output: int, *arrays: npt.NDArray[np.generic]
+        self,
+        view: int,
+        exposure: TracedExposure,
+        output: int,
+        *arrays: npt.NDArray[np.generic],
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> FrameCounts:
         """Render an exposure into arrays: an image, or ranges, triangles and objects."""
         if camera_states(exposure)[0].has_shadows:
             self._prepare_shadows()
         frame = exposure_arrays(exposure, self._centre, self._objects)
         frame.struct.output = output
+        frame.struct.measures_shadows = "Shadows" in thresholds
+        if "SelfView" in thresholds:
+            frame.struct.watched_object = find_ego_body(exposure)
         if output == OUTPUT_HITS:
             struct = frame.struct
             struct.range_m, struct.triangle, struct.object = (a.ctypes.data for a in arrays)
@@ -200,19 +213,26 @@ class KernelRays:
         own = 0 if self._view is None else self._device.view_bytes(self._view)
         return self._table.memory_bytes + own
 
+    def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
+        """A frame and all other outputs that are wanted."""
+        output = OUTPUT_LINEAR if request.is_linear else OUTPUT_SRGB
+        shape = (self._table.height_px, self._table.width_px, 3)
+        image: npt.NDArray[Any] = np.zeros(
+            shape, dtype=np.float32 if request.is_linear else np.uint8
+        )
+        self._render(exposure, output, image, thresholds=request.thresholds)
+        # Frames are handed to other threads, which encode them while the next one is rendered.
+        if not request.is_linear:
+            image.setflags(write=False)
+        return TracedFrame(image, _read_changes(exposure, self.last_counts, request.thresholds))
+
     def render_srgb(self, exposure: TracedExposure) -> Image:
         """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
-        image = np.zeros((self._table.height_px, self._table.width_px, 3), dtype=np.uint8)
-        self._render(exposure, OUTPUT_SRGB, image)
-        # Frames are handed to other threads, which encode them while the next one is rendered.
-        image.setflags(write=False)
-        return image
+        return self.render(exposure, TraceRequest()).image
 
     def render_linear(self, exposure: TracedExposure) -> LinearImage:
         """(h, w, 3) linear light; zero off the mirror. Light beyond white is kept."""
-        image = np.zeros((self._table.height_px, self._table.width_px, 3), dtype=np.float32)
-        self._render(exposure, OUTPUT_LINEAR, image)
-        return image
+        return self.render(exposure, TraceRequest(is_linear=True)).image
 
     def find_hits(self, exposure: TracedExposure) -> RayHits:
         """First hit of each ray."""
@@ -227,9 +247,15 @@ class KernelRays:
         self._engine.trace_bare(self._require_view(), exposure)
 
     def _render(
-        self, exposure: TracedExposure, output: int, *arrays: npt.NDArray[np.generic]
+        self,
+        exposure: TracedExposure,
+        output: int,
+        *arrays: npt.NDArray[np.generic],
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> None:
-        self.last_counts = self._engine.render(self._require_view(), exposure, output, *arrays)
+        self.last_counts = self._engine.render(
+            self._require_view(), exposure, output, *arrays, thresholds=thresholds
+        )
 
     def _require_view(self) -> int:
         if self._view is None:
@@ -241,3 +267,15 @@ class KernelRays:
         if self._view is not None:
             self._device.release_view(self._view)
         self._view = None
+
+
+def _read_changes(
+    exposure: TracedExposure, counts: FrameCounts, thresholds: Mapping[str, float]
+) -> dict[str, float]:
+    """Largest changes by the scene's effects that are drawn and have a threshold."""
+    changes = {}
+    if "Shadows" in thresholds and camera_states(exposure)[0].has_shadows:
+        changes["Shadows"] = counts.shadow_change
+    if "SelfView" in thresholds and find_ego_body(exposure):
+        changes["SelfView"] = ANY_CHANGE if counts.shows_watched else 0.0
+    return changes

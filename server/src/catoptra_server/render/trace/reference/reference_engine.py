@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -32,13 +33,19 @@ from catoptra_server.render.trace.reference.ray_batches import (
     split_tiles,
 )
 from catoptra_server.render.trace.trace_engine import (
+    ANY_CHANGE,
     NOTHING,
+    MovingExposure,
     RayHits,
     TracedExposure,
+    TracedFrame,
+    TraceRequest,
     assemble_tiles,
     camera_states,
+    find_ego_body,
     scene_centre,
 )
+from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import ObjectMesh
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import Light, World
@@ -150,6 +157,28 @@ class ReferenceRays:
         self.memory_bytes = table.memory_bytes
         """Size of the rays."""
 
+    def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
+        """A frame and all other outputs that are wanted; effects are drawn everywhere."""
+        image = self.render_linear(exposure) if request.is_linear else self.render_srgb(exposure)
+        changes = {}
+        if "Shadows" in request.thresholds and camera_states(exposure)[0].has_shadows:
+            changes["Shadows"] = self._measure_shadows(exposure, is_linear=request.is_linear)
+        if "SelfView" in request.thresholds and (number := find_ego_body(exposure)):
+            is_seen = (self.find_hits(exposure).object == number).any()
+            changes["SelfView"] = ANY_CHANGE if is_seen else 0.0
+        return TracedFrame(image, changes)
+
+    def _measure_shadows(self, exposure: TracedExposure, *, is_linear: bool) -> float:
+        """Largest change of a pixel by shadows, encoded grey levels: from two whole frames."""
+        unshadowed = tuple(replace(s, has_shadows=False) for s in camera_states(exposure))
+        lit = unshadowed[0] if len(unshadowed) == 1 else MovingExposure(unshadowed)
+        develop = mean_pixels if is_linear else _mean_clipped_pixels
+        levels = [
+            255.0 * srgb_from_linear(np.clip(self._render(each, develop, 0.0), 0.0, 1.0))
+            for each in (exposure, lit)
+        ]
+        return float(np.abs(levels[0] - levels[1]).max(initial=0.0))
+
     def render_srgb(self, exposure: TracedExposure) -> Image:
         """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
         image = self._render(exposure, encode_pixels, np.uint8(0))
@@ -208,3 +237,8 @@ class ReferenceRays:
 
     def close(self) -> None:
         """Do nothing: threads and scene belong to the engine."""
+
+
+def _mean_clipped_pixels(radiance: Floats, samples: int) -> Floats:
+    """Means of samples that are clipped one by one, as a sensor's."""
+    return mean_pixels(np.clip(radiance, 0.0, 1.0), samples)

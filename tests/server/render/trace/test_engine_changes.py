@@ -1,0 +1,103 @@
+"""Changes by the scene's effects, as each engine measures them in a frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.trace.engine_choice import EngineName
+from catoptra_server.render.trace.ray_table import RayTable
+from catoptra_server.render.trace.trace_engine import TraceRequest
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.world_description import HemisphereLight, Light, PointLight, World
+from helpers.dynamic_objects import place_cube
+from helpers.shadows import (
+    DIM_HEMISPHERE_LIGHT,
+    DIRECTIONAL_LIGHT,
+    box_item,
+    floor_item,
+    make_inward_facing_room,
+    make_world,
+)
+from helpers.trace_engines import ENGINES, open_engine
+from helpers.trace_kernels import make_omni_table
+
+pytestmark = pytest.mark.parametrize("engine", ENGINES)
+
+TABLES = {
+    "1 sample": make_omni_table(width_px=72),
+    "4 samples": make_omni_table(width_px=48, samples=2),
+}
+LAMP = PointLight((0.6, 0.4, -1.4), (0.8, 0.7, 0.6))
+LIGHTS: dict[str, tuple[Light, ...]] = {
+    "directional": (DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
+    "point": (DIM_HEMISPHERE_LIGHT, LAMP),
+    "both": (DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, LAMP),
+    "brighter than white": (HemisphereLight((1.6,) * 3, (1.2,) * 3), DIRECTIONAL_LIGHT, LAMP),
+}
+BOXES = (box_item(0.5, 0.1, -0.15, (0.3, 0.2, 0.3)), box_item(-0.5, -0.4, -0.4, (0.1, 0.4, 0.02)))
+STATE = CameraState(Pose.from_rpy((0.05, 0.03, -1.1), (0.02, 0.1, 0.3)), has_shadows=True)
+REQUEST = TraceRequest(thresholds={"Shadows": 0.5, "SelfView": 0.5})
+LINEAR_REQUEST = replace(REQUEST, is_linear=True)
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
+@pytest.mark.parametrize("lights", LIGHTS.values(), ids=LIGHTS)
+def test_change_by_shadows_is_that_between_frames_with_and_without(
+    engine: EngineName, lights: tuple[Light, ...], table: RayTable
+) -> None:
+    world = make_world(floor_item(), *BOXES, lights=lights)
+    state = replace(STATE, objects=(place_cube(-0.6, 0.5, -0.6),))
+    with open_engine(engine, world) as opened:
+        rays = opened.prepare(table)
+        linear = [
+            rays.render_linear(each).astype(np.float64)
+            for each in (state, replace(state, has_shadows=False))
+        ]
+        measured = rays.render(state, LINEAR_REQUEST).changes["Shadows"]
+        clipped = rays.render(state, REQUEST).changes["Shadows"]
+        plain = rays.render(replace(state, has_shadows=False), REQUEST).changes
+        unmeasured = rays.render(state, TraceRequest()).changes
+    dark, light = (255.0 * srgb_from_linear(np.clip(each, 0.0, 1.0)) for each in linear)
+    expected = np.abs(dark - light).max()
+    assert measured == pytest.approx(expected, abs=0.01)
+    # Samples are clipped one by one before their mean: at most as bright.
+    assert clipped == pytest.approx(expected, abs=0.01) or table.samples > 1
+    assert expected == 0.0 or clipped > 0.5 * expected
+    assert (plain, unmeasured) == ({}, {})
+
+
+def test_change_by_shadows_of_a_convex_room_around_its_lamp_is_nothing(engine: EngineName) -> None:
+    world = make_inward_facing_room(PointLight((0.2, 0.3, -1.7), (0.5, 0.5, 0.5)))
+    with open_engine(engine, world) as opened:
+        frame = opened.prepare(TABLES["4 samples"]).render(STATE, REQUEST)
+    assert frame.changes["Shadows"] == 0.0
+
+
+def test_change_by_shadows_when_threads_differ_is_the_same(engine: EngineName) -> None:
+    world = make_world(floor_item(), *BOXES, lights=LIGHTS["both"])
+    found = []
+    for threads in (1, 2, 3):
+        with open_engine(engine, world, threads=threads) as opened:
+            rays = opened.prepare(TABLES["4 samples"])
+            found += [rays.render(STATE, REQUEST).changes["Shadows"] for _ in range(3)]
+    assert found[0] > 10.0
+    assert len(set(found)) == 1
+
+
+@pytest.mark.parametrize(("height_m", "change"), [(0.6, 255.0), (-3.0, 0.0)])
+def test_change_by_the_self_view_says_whether_the_body_is_seen(
+    engine: EngineName, height_m: float, change: float
+) -> None:
+    # Above a camera whose mirror looks down nothing of the body is seen.
+    other, body = place_cube(1.0, 0.0, -0.5), place_cube(0.05, 0.03, -1.1 + height_m)
+    world = World("empty", (), background=(0.5, 0.5, 0.5))
+    state = replace(STATE, objects=(other, body), ego_body=body)
+    with open_engine(engine, world) as opened:
+        rays = opened.prepare(TABLES["1 sample"])
+        assert rays.render(state, REQUEST).changes["SelfView"] == change
+        assert "SelfView" not in rays.render(replace(state, objects=()), REQUEST).changes
