@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_studies.effects.decision_experiment import DecisionStudy, run_decision_study
-from catoptra_studies.effects.decision_report import evaluate_decisions
+from catoptra_studies.effects.decision_report import evaluate_decisions, is_wrongly_off
 from catoptra_studies.effects.decision_trial import TrialDecision
 
 STUDY = DecisionStudy(
@@ -22,6 +22,23 @@ def test_situations_are_worlds_times_places_times_motions(
     decisions: tuple[TrialDecision, ...],
 ) -> None:
     assert evaluate_decisions(decisions).num_situations == 40
+
+
+def test_no_effect_is_left_out_that_changes_a_pixel_visibly(
+    decisions: tuple[TrialDecision, ...],
+) -> None:
+    wrong = [one for one in decisions if is_wrongly_off(one)]
+    assert wrong == []
+    # Both sides of a threshold occur, so that a decision could be wrong.
+    moving = [one.truth > one.threshold for one in decisions if one.effect == "MotionBlur"]
+    assert any(moving)
+    assert not all(moving)
+
+
+def test_bounds_are_never_below_the_truth(decisions: tuple[TrialDecision, ...]) -> None:
+    # Rounding apart: a bound may be the truth itself, and maps of gains are of 32 bits.
+    below = [one for one in decisions if one.truth > one.bound + 1e-3]
+    assert below == []
 
 
 def test_processes_share_the_places_without_a_change() -> None:

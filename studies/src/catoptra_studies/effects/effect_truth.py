@@ -33,6 +33,9 @@ from catoptra_server.scene.twist import AT_REST
 # Sharp frames of an exposure.
 NUM_SHARP_FRAMES = 64
 
+# Fields of a state that a frame of a known pose and motion does not depend on any further.
+_KNOWN_BY_POSE = frozenset({"world_from_mirror", "twist", "ego_body"})
+
 RenderLinear = Callable[[CameraState], LinearImage]
 """Function that renders a sharp frame, (h, w, 3) linear light."""
 MeasureRanges = Callable[[CameraState], Float32s]
@@ -102,7 +105,8 @@ class EffectTruth:
             elif isinstance(effect, MotionBlur):
                 changed_opening = replace(opening, exposure_s=effect.exposure_s)
             else:
-                raise NotImplementedError(f"no truth of the scene effect {effect.name}")
+                # What a renderer draws for each sample, such as fog, needs no displacement.
+                changed = effect.apply_to_scene(state, 0.0)
             before, after = self._expose(state, opening), self._expose(changed, changed_opening)
             truths[effect.name] = (
                 0.0 if after is before else max_change(encode(before), encode(after))
@@ -205,4 +209,8 @@ def _row_weights(centres_s: Floats, exposure_s: float, begin_s: float, end_s: fl
 
 def _state_key(state: CameraState) -> Hashable:
     """What a sharp frame of a known pose depends on."""
-    return (tuple(id(one.mesh) for one in state.objects), state.has_shadows, state.noise_seed)
+    return tuple(
+        tuple(id(one.mesh) for one in state.objects) if name == "objects" else getattr(state, name)
+        for name in CameraState.__dataclass_fields__
+        if name not in _KNOWN_BY_POSE
+    )
