@@ -79,7 +79,7 @@ def test_self_view_when_in_the_file_shows_the_robot_and_states_its_extent(tmp_pa
             frame = client.get_frame(encoding=ImageEncoding.RAW, robot="Self")
     own, fog = frame.effects
     assert (own.name, own.enabled, own.duration_ms) == ("SelfView", True, None)
-    assert own.reason == "the robot is in view up to 46.7 degrees from the axis"
+    assert own.reason.endswith("the robot is in view up to 46.7 degrees from the axis")
     assert (fog.name, fog.enabled, fog.reason) == ("Fog", False, "the air is clear")
     # Dark where the field is green.
     deck, field = frame.rgb[32, 34].astype(int), frame.rgb[32, 45].astype(int)

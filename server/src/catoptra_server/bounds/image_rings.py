@@ -1,6 +1,6 @@
 """Distance bounds of boxes and planes in the rings of an image, bands of equal image radius.
 
-A ring of the image is a band of incidence angles theta about the mirror axis, at any azimuth. So a
+A ring of the image is a band of angles theta about the optical axis, at any azimuth. So a
 box counts as the solid of revolution that the box sweeps about the axis: a rectangle of (rho, z).
 The rectangle's nearest point within a band is its nearest point to the viewpoint, if in the band,
 or lies on one of the band's two borders. Every value is a lower bound.
@@ -54,7 +54,7 @@ def box_distance_bounds(low: Floats, high: Floats, rings: ImageRings) -> Floats:
     """Distance within which each ring shows nothing of a box; inf: none of the box in the ring.
 
     Args:
-        low: (n, 3) lower corners from the viewpoint, in axes whose z is the mirror axis.
+        low: (n, 3) lower corners from the viewpoint, in axes whose z is the optical axis.
         high: (n, 3) upper corners.
 
     Returns:

@@ -152,7 +152,7 @@ def is_image_effect(effect: Effect) -> TypeGuard[ImageEffect]:
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """Number of an effect in the capture camera's section of a robot file."""
+    """Number of an effect in a camera's section of a robot file."""
 
     key: str
     """Key in the robot file; several effects may share one."""

@@ -1,10 +1,10 @@
-"""Chromatic aberration: the capture camera's lens magnifies red and blue differently from green.
+"""Chromatic aberration: a camera's lens magnifies red and blue differently from green.
 
 Lateral colour of the first order: L'_c(p) = L_c(o + (p - o) / m_c), o the lens's axis in the image,
 m_c the magnification of red or blue over that of green; bilinear between pixels, in linear
 radiance. Axial colour, one focus for each colour, is left out. Domain: magnifications near 1;
-outside the image the border pixel is repeated. Criterion: the largest |p - q| on
-the mirror times the contrast of black and the brightest.
+outside the image the border pixel is repeated. Criterion: the largest |p - q| in view
+times the contrast of black and the brightest.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 Every pixel is the mean of a uniform disc around it, with the diameter of infinity at its image
 radius: |infinity_diameter_px| of `lens_blur`, where the optics are derived. No range is needed:
-beyond half a metre everything has nearly this disc. Nearer objects are the domain of
-`DefocusByDepth`, which then does all of the blur and supersedes this effect. Kernels:
+in a mirror everything beyond half a metre has nearly this disc, and without one everything beyond
+the hyperfocal distance. Nearer objects are the domain of `DefocusByDepth`, which then does all of
+the blur and supersedes this effect. Kernels:
 `disc_kernel`. Domain: that of `lens_blur`; at a depth discontinuity the pixel's own disc counts,
 not its neighbour's. Criterion: the light that the largest disc of anything in view, near or far,
 takes from other pixels, times the contrast of black and the brightest.

@@ -1,10 +1,11 @@
-"""Vignetting: the capture camera's lens darkens the image towards its border, cos^4 psi.
+"""Vignetting: a camera's lens darkens the image towards its border, cos^4 psi.
 
 E = L cos^4(psi), psi the angle between the optical axis and a pixel's chief ray at the pinhole:
-tan(psi) = r / f in pixels, hence cos^4(psi) = 1 / (1 + (r / f)^2)^2. The mirror preserves radiance,
-so only the lens shades. Source: the cosine-fourth law of a thin lens. Domain: all pixels; an
-orthographic capture camera has psi = 0 everywhere and no vignetting. Criterion: the loss of white
-at the rim, in encoded grey levels (in linear ones 255 (1 - cos^4 psi_rim)).
+tan(psi) = r / f in pixels, hence cos^4(psi) = 1 / (1 + (r / f)^2)^2. A mirror preserves radiance,
+so only the lens shades; without a mirror psi is the angle of the pixel's own direction. Source: the
+cosine-fourth law of a thin lens. Domain: all pixels; an orthographic capture camera has psi = 0
+everywhere and no vignetting. Criterion: the loss of white at the rim or in the corners, in encoded
+grey levels (in linear ones 255 (1 - cos^4 psi_rim)).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class Vignetting:
-    """Cosine-fourth shading. No parameters: mirror and image size determine the angles."""
+    """Cosine-fourth shading. No parameters: camera and image size determine the angles."""
 
     name: ClassVar[str] = "Vignetting"
     changes_scene: ClassVar[bool] = False
@@ -43,12 +44,12 @@ class Vignetting:
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Loss of the brightest light at the rim, in grey levels."""
-        # At the rim and not in the image's corners: pixels outside the mirror are black.
+        # At a mirror's rim and not in the image's corners: pixels outside the mirror are black.
         tangent = camera.rim_radius_px * camera.inverse_focal_length
         # A gain below 1 changes the brightest light most, and the rim has the smallest gain.
         value = max_change_by_gain((1.0 + tangent**2) ** -2, summary.max_radiance)
         angle = math.degrees(math.atan(tangent))
-        return EffectBound(value, f"the rim is {angle:.2f} degrees off the lens's axis")
+        return EffectBound(value, f"the image reaches {angle:.2f} degrees off the lens's axis")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same summary: on the axis nothing is lost."""

@@ -32,13 +32,13 @@ class AccumulationPass:
             context: OpenGL context.
             programs: Shader programs of the context.
             camera: Camera, whose rows have a weight each.
-            sharp_passes: Face pass and mirror pass of one time sample. The mirror pass is freed
+            sharp_passes: Face pass and image pass of one time sample. The image pass is freed
                 with this pass, the face pass with its view.
-            image: Target of the mirror pass, freed with this pass.
+            image: Target of the image pass, freed with this pass.
             target: Target of the accumulated light.
         """
         self._context = context
-        self._faces, self._mirror = sharp_passes
+        self._faces, self._image_pass = sharp_passes
         self._image = image
         self._target = target
         self._rows = camera.height_px
@@ -60,7 +60,7 @@ class AccumulationPass:
             # Camera and objects move between time samples, so the faces are rendered anew; the
             # lookup map, fixed to the mirror, stays.
             self._faces.draw(sharp_state)
-            self._mirror.draw(sharp_state)
+            self._image_pass.draw(sharp_state)
             self._weights.write(weights.tobytes())
             self._accumulate()
 
@@ -79,7 +79,7 @@ class AccumulationPass:
 
     def close(self) -> None:
         """Free the pass's resources."""
-        self._mirror.close()
+        self._image_pass.close()
         self._fullscreen_triangle.release()
         self._weights.release()
         self._image.close()

@@ -272,7 +272,7 @@ class LuminanceMeter:
         self._sums: LinearImageTarget | None = None
 
     def measure_mean_luminance(self, camera: RadialCamera) -> float:
-        """Mean luminance of the pixels that see the mirror."""
+        """Mean luminance of the pixels that show anything."""
         if self._sums is None:
             self._sums = LinearImageTarget(self._context, _METER_GRID_SIDE, _METER_GRID_SIDE)
             program = self._programs.get(
@@ -286,8 +286,8 @@ class LuminanceMeter:
         self._image.use(0)
         self._fullscreen_triangle.render(vertices=3)
         # The device sums small rectangles in float32, the sums are added here in float64: a
-        # float32 sum over the whole image would lose digits. Pixels off the mirror are black, so
-        # the total is the mirror's.
+        # float32 sum over the whole image would lose digits. Pixels off a mirror are black, so
+        # the total is that of the others.
         colours = self._sums.read().sum(axis=(0, 1), dtype=np.float64)
         return float(colours @ LUMINANCE_WEIGHTS) / max(count_valid_pixels(camera), 1)
 
