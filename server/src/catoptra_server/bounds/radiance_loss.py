@@ -22,6 +22,24 @@ def max_visible_loss(
     """
     if not lost_radiance.any():
         return NO_SHADOW_LOSS
+    lost, remaining, change = _scale_to_white(lost_radiance, remaining_radiance, can_be_darker)
+    worst = np.unravel_index(int(np.argmax(change)), change.shape)
+    return ShadowLoss(float(lost[worst]), float(remaining[worst]))
+
+
+def visible_losses(
+    lost_radiance: Floats, remaining_radiance: Floats, *, can_be_darker: Bools
+) -> Floats:
+    """(n,) largest changes of the surfaces' channels, grey levels; arguments as above."""
+    change = _scale_to_white(lost_radiance, remaining_radiance, can_be_darker)[2]
+    levels: Floats = 255.0 * change.max(axis=1)
+    return levels
+
+
+def _scale_to_white(
+    lost_radiance: Floats, remaining_radiance: Floats, can_be_darker: Bools
+) -> tuple[Floats, Floats, Floats]:
+    """(n, 3) lost and remaining radiance at the scale that shows most, and encoded changes."""
     # Above white a loss is clipped away: of all scales of a textured surface, the one that just
     # reaches white loses most.
     factor = np.where(
@@ -31,8 +49,7 @@ def max_visible_loss(
     # Encoded, not linear: sRGB is 13 times as steep in the dark as at white, so the largest linear
     # loss is rarely the largest visible one.
     change = _encode_srgb(lost_radiance + remaining_radiance) - _encode_srgb(remaining_radiance)
-    worst = np.unravel_index(int(np.argmax(change)), change.shape)
-    return ShadowLoss(float(lost_radiance[worst]), float(remaining_radiance[worst]))
+    return lost_radiance, remaining_radiance, change
 
 
 def grey_level_change(loss: ShadowLoss) -> float:
