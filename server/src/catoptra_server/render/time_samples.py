@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import RowWeights
+
+# Between two rotations 2 degrees apart the entries are those of a rotation to 2e-4.
+_MAX_TURN_RAD = 0.035
+# A robot that spins for the longest exposure of a minute: coarser, but bounded.
+_MAX_TURNS = 256
 
 
 def sample_shutter(
@@ -35,6 +41,22 @@ def sample_shutter(
         for time_s, row_weights in samples
         if row_weights.any()
     ]
+
+
+def trajectory(camera_state: CameraState) -> tuple[CameraState, ...]:
+    """Sharp camera states, evenly spaced from the begin to the end of an exposure.
+
+    Two, or as many as turns take for poses between two of them to be interpolated entry by entry.
+    Without a shutter the only state is the camera state itself.
+    """
+    shutter = camera_state.shutter
+    if shutter is None:
+        return (camera_state,)
+    total_s = shutter.exposure_s + shutter.readout_s
+    twists = (camera_state.twist, *(placed.twist for placed in camera_state.objects))
+    turn_rad = total_s * max(math.hypot(*twist.angular_rad_s) for twist in twists)
+    steps = min(1 + int(turn_rad / _MAX_TURN_RAD), _MAX_TURNS)
+    return tuple(advance(camera_state, (i / steps - 0.5) * total_s) for i in range(steps + 1))
 
 
 def advance(camera_state: CameraState, time_s: float) -> CameraState:

@@ -18,6 +18,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.time_samples import trajectory
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.scene.scene_mesh import SceneMesh
 
@@ -51,9 +52,14 @@ TracedExposure = CameraState | MovingExposure
 """One state, or several for rays with times; without times the first state counts."""
 
 
+def first_state(exposure: TracedExposure) -> CameraState:
+    """State that decides on all that does not move."""
+    return exposure.states[0] if isinstance(exposure, MovingExposure) else exposure
+
+
 def camera_states(exposure: TracedExposure) -> tuple[CameraState, ...]:
     """States of an exposure, evenly spaced; one if nothing moves."""
-    return exposure.states if isinstance(exposure, MovingExposure) else (exposure,)
+    return exposure.states if isinstance(exposure, MovingExposure) else trajectory(exposure)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +83,8 @@ class TraceRequest:
 
     is_linear: bool = False
     """Linear light instead of sRGB."""
+    has_ranges: bool = False
+    """Whether ranges are wanted, too."""
     thresholds: Mapping[str, float] = field(default_factory=dict)
     """Change that nobody sees, grey levels, by effect: see `OmniView.render`."""
 
@@ -85,10 +93,14 @@ class TraceRequest:
 class TracedFrame:
     """A frame, and what it took."""
 
-    image: npt.NDArray[Any]
+    image: npt.NDArray[Any]  # of the type that the request names
     """(h, w, 3) sRGB, read-only, each sample clipped to [0, 1]; or linear light, not clipped."""
     changes: Mapping[str, float] = field(default_factory=dict)
     """Largest change by effect, grey levels: see `RenderedImage.changes`."""
+    range_m: Float32s | None = None
+    """(h, w) ranges of the pixels, metres; inf where nothing is met."""
+    stage_ms: Mapping[str, float] = field(default_factory=dict)
+    """Milliseconds of parts of the frame that are stages of their own."""
 
 
 # Any pixel may change from the darkest grey level to the brightest.
@@ -97,7 +109,7 @@ ANY_CHANGE = 255.0
 
 def find_ego_body(exposure: TracedExposure) -> int:
     """Number in hits of the ego body, 0 if it is none of the objects."""
-    state = camera_states(exposure)[0]
+    state = first_state(exposure)
     for number, placed in enumerate(state.objects):
         if state.ego_body is not None and placed.mesh is state.ego_body.mesh:
             return 1 + number
@@ -147,6 +159,12 @@ def scene_centre(scene: SceneMesh) -> Floats:
     The centre of the box around a scene; the world's origin for an empty one.
     """
     return np.zeros(3) if len(scene) == 0 else np.asarray(0.5 * (scene.box_min + scene.box_max))
+
+
+@np.errstate(divide="ignore")
+def invert_ranges(inverse_range: Float32s) -> Float32s:
+    """Ranges of inverse ranges, metres; inf of zero."""
+    return np.asarray(1.0 / inverse_range, dtype=np.float32)
 
 
 def pixel_ranges(rays: RayTable, hits: RayHits) -> Float32s:

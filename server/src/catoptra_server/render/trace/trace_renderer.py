@@ -5,10 +5,6 @@ The native kernel where it can run, else its float64 reference in NumPy: `engine
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
-
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
@@ -16,7 +12,7 @@ from catoptra_server.processor_count import count_processors
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.engine_choice import EngineName, EngineRequest, create_engine
-from catoptra_server.render.trace.omni_view import PixelRangeRays, TraceOmniView
+from catoptra_server.render.trace.omni_view import TraceOmniView
 from catoptra_server.render.trace.ray_table import (
     RayTable,
     face_ray_table,
@@ -71,30 +67,19 @@ class TraceRenderer:
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
         """Prepare a view of an omnidirectional camera."""
-        return self._make_view(
-            camera,
-            plan.samples,
-            lambda samples: omni_ray_table(camera, replace(plan, samples=samples)),
-        )
+        return self._make_view(camera, omni_ray_table(camera, plan))
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceOmniView:
         """Prepare a view of a perspective camera; samples: along a side of each pixel."""
-        return self._make_view(camera, samples, partial(lens_ray_table, camera))
+        return self._make_view(camera, lens_ray_table(camera, samples))
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> TraceOmniView:
         """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
-        return self._make_view(camera.perspective_camera, samples, partial(face_ray_table, camera))
+        return self._make_view(camera.perspective_camera, face_ray_table(camera, samples))
 
-    def _make_view(
-        self, camera: RadialCamera, samples: int, build_table: Callable[[int], RayTable]
-    ) -> TraceOmniView:
-        """View of the rays that a number of samples gives; ranges have one ray a pixel."""
-        rays = self._engine.prepare(build_table(samples))
-        return TraceOmniView(camera, rays, lambda: self._prepare_ranges(build_table(1)))
-
-    def _prepare_ranges(self, table: RayTable) -> PixelRangeRays:
-        """Rays through the pixel centres."""
-        return PixelRangeRays(table, self._engine.prepare(table))
+    def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceOmniView:
+        """View of a camera's rays."""
+        return TraceOmniView(camera, self._engine.prepare(table))
 
     def close(self) -> None:
         """Free the engine."""

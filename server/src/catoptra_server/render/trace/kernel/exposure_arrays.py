@@ -11,6 +11,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
 from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct, RayTableStruct
 from catoptra_server.render.trace.kernel.object_boxes import enclose_parts
@@ -70,6 +71,7 @@ class ObjectTable:
 def exposure_arrays(exposure: TracedExposure, centre: Floats, table: ObjectTable) -> Owned:
     """Frame without outputs: poses relative to the (3,) centre of the static scene."""
     states = camera_states(exposure)
+    exposure_fraction, readout_fraction, max_instants = _shutter_fractions(exposure)
     objects = states[0].objects
     camera = _pose_array([state.world_from_mirror for state in states], centre)
     meshes = [table.find_mesh(placed.mesh) for placed in objects]
@@ -90,8 +92,21 @@ def exposure_arrays(exposure: TracedExposure, centre: Floats, table: ObjectTable
         boxes=boxes.ctypes.data,
         box_object=box_object.ctypes.data,
         has_shadows=states[0].has_shadows,
+        exposure=exposure_fraction,
+        readout=readout_fraction,
+        max_instants=max_instants,
+        blur_threshold=-1.0,
     )
     return Owned(struct, (camera, addresses, poses, boxes, box_object))
+
+
+def _shutter_fractions(exposure: TracedExposure) -> tuple[float, float, int]:
+    """Exposure and readout times as fractions of both, and the limit of instants; 0 without."""
+    shutter = exposure.shutter if isinstance(exposure, CameraState) else None
+    if shutter is None:
+        return 0.0, 0.0, 0
+    total_s = shutter.exposure_s + shutter.readout_s
+    return shutter.exposure_s / total_s, shutter.readout_s / total_s, shutter.max_time_samples
 
 
 def _pose_array(poses: Sequence[Pose], centre: Floats) -> npt.NDArray[np.float32]:

@@ -38,7 +38,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     surfaces_struct,
     texture_array,
 )
-from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
+from catoptra_server.render.trace.ray_table import BLOCK_RAYS, Float32s, RayTable
 from catoptra_server.render.trace.srgb_encoding import srgb_table
 from catoptra_server.render.trace.trace_engine import (
     ANY_CHANGE,
@@ -46,8 +46,9 @@ from catoptra_server.render.trace.trace_engine import (
     TracedExposure,
     TracedFrame,
     TraceRequest,
-    camera_states,
     find_ego_body,
+    first_state,
+    invert_ranges,
     scene_centre,
 )
 from catoptra_server.scene import shading
@@ -165,15 +166,19 @@ class KernelEngine:
         output: int,
         *arrays: npt.NDArray[np.generic],
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
+        inverse_range: Float32s | None = None,
     ) -> FrameCounts:
         """Render an exposure into arrays: an image, or ranges, triangles and objects."""
-        if camera_states(exposure)[0].has_shadows:
+        if first_state(exposure).has_shadows:
             self._prepare_shadows()
         frame = exposure_arrays(exposure, self._centre, self._objects)
         frame.struct.output = output
         frame.struct.measures_shadows = "Shadows" in thresholds
         if "SelfView" in thresholds:
             frame.struct.watched_object = find_ego_body(exposure)
+        frame.struct.blur_threshold = thresholds.get("MotionBlur", -1.0)
+        if inverse_range is not None:
+            frame.struct.inverse_range = inverse_range.ctypes.data
         if output == OUTPUT_HITS:
             struct = frame.struct
             struct.range_m, struct.triangle, struct.object = (a.ctypes.data for a in arrays)
@@ -216,15 +221,23 @@ class KernelRays:
     def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
         """A frame and all other outputs that are wanted."""
         output = OUTPUT_LINEAR if request.is_linear else OUTPUT_SRGB
-        shape = (self._table.height_px, self._table.width_px, 3)
+        shape = (self._table.height_px, self._table.width_px)
         image: npt.NDArray[Any] = np.zeros(
-            shape, dtype=np.float32 if request.is_linear else np.uint8
+            (*shape, 3), dtype=np.float32 if request.is_linear else np.uint8
         )
-        self._render(exposure, output, image, thresholds=request.thresholds)
+        inverse = np.zeros(shape, dtype=np.float32) if request.has_ranges else None
+        self._render(exposure, output, image, thresholds=request.thresholds, inverse_range=inverse)
         # Frames are handed to other threads, which encode them while the next one is rendered.
         if not request.is_linear:
             image.setflags(write=False)
-        return TracedFrame(image, _read_changes(exposure, self.last_counts, request.thresholds))
+        counts, shutter = self.last_counts, first_state(exposure).shutter
+        is_blurred = shutter is not None and shutter.exposure_s > 0.0
+        return TracedFrame(
+            image,
+            _read_changes(exposure, counts, request.thresholds),
+            None if inverse is None else invert_ranges(inverse),
+            {"MotionBlur": counts.blur_ms} if is_blurred else {},
+        )
 
     def render_srgb(self, exposure: TracedExposure) -> Image:
         """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
@@ -252,9 +265,15 @@ class KernelRays:
         output: int,
         *arrays: npt.NDArray[np.generic],
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
+        inverse_range: Float32s | None = None,
     ) -> None:
         self.last_counts = self._engine.render(
-            self._require_view(), exposure, output, *arrays, thresholds=thresholds
+            self._require_view(),
+            exposure,
+            output,
+            *arrays,
+            thresholds=thresholds,
+            inverse_range=inverse_range,
         )
 
     def _require_view(self) -> int:
@@ -273,9 +292,14 @@ def _read_changes(
     exposure: TracedExposure, counts: FrameCounts, thresholds: Mapping[str, float]
 ) -> dict[str, float]:
     """Largest changes by the scene's effects that are drawn and have a threshold."""
+    state = first_state(exposure)
     changes = {}
-    if "Shadows" in thresholds and camera_states(exposure)[0].has_shadows:
+    if state.has_shadows:
         changes["Shadows"] = counts.shadow_change
-    if "SelfView" in thresholds and find_ego_body(exposure):
+    if find_ego_body(exposure):
         changes["SelfView"] = ANY_CHANGE if counts.shows_watched else 0.0
-    return changes
+    if state.shutter is not None and state.shutter.readout_s > 0.0:
+        changes["RollingShutter"] = counts.rolling_change
+    if state.shutter is not None and state.shutter.exposure_s > 0.0:
+        changes["MotionBlur"] = counts.blur_change
+    return {name: change for name, change in changes.items() if name in thresholds}

@@ -6,7 +6,7 @@ Pointers are plain addresses of NumPy arrays; whoever fills a structure keeps it
 from __future__ import annotations
 
 import ctypes
-from ctypes import c_float, c_int32, c_void_p
+from ctypes import c_float, c_int32, c_int64, c_void_p
 from typing import ClassVar
 
 OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS = 0, 1, 2
@@ -140,6 +140,11 @@ class FrameStruct(ctypes.Structure):
         ("range_m", c_void_p),
         ("triangle", c_void_p),
         ("object", c_void_p),
+        ("inverse_range", c_void_p),
+        ("exposure", c_float),
+        ("readout", c_float),
+        ("blur_threshold", c_float),
+        ("max_instants", c_int32),
     ]
 
 
@@ -151,6 +156,12 @@ class FrameCounts(ctypes.Structure):
         ("num_tiles", c_int32),
         ("shadow_change", c_float),
         ("shows_watched", c_int32),
+        ("num_blurred_tiles", c_int32),
+        ("num_instants", c_int32),
+        ("num_blur_rays", c_int64),
+        ("blur_change", c_float),
+        ("rolling_change", c_float),
+        ("blur_ms", c_float),
     ]
 
 

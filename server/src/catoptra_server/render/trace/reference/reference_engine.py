@@ -12,8 +12,16 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import Image, LinearImage
-from catoptra_server.render.trace.ray_table import BLOCK_RAYS, TILE_PX, Element, RayTable
+from catoptra_server.render.time_samples import advance, sample_shutter
+from catoptra_server.render.trace.ray_table import (
+    BLOCK_RAYS,
+    TILE_PX,
+    Element,
+    Float32s,
+    RayTable,
+)
 from catoptra_server.render.trace.reference.affine import interpolate_poses
 from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
 from catoptra_server.render.trace.reference.placed_mesh import (
@@ -32,6 +40,7 @@ from catoptra_server.render.trace.reference.ray_batches import (
     read_batch,
     split_tiles,
 )
+from catoptra_server.render.trace.srgb_encoding import encode_srgb
 from catoptra_server.render.trace.trace_engine import (
     ANY_CHANGE,
     NOTHING,
@@ -43,6 +52,8 @@ from catoptra_server.render.trace.trace_engine import (
     assemble_tiles,
     camera_states,
     find_ego_body,
+    first_state,
+    invert_ranges,
     scene_centre,
 )
 from catoptra_server.scene.colour import srgb_from_linear
@@ -160,13 +171,15 @@ class ReferenceRays:
     def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
         """A frame and all other outputs that are wanted; effects are drawn everywhere."""
         image = self.render_linear(exposure) if request.is_linear else self.render_srgb(exposure)
+        sharp = exposure if isinstance(exposure, MovingExposure) else advance(exposure, 0.0)
         changes = {}
-        if "Shadows" in request.thresholds and camera_states(exposure)[0].has_shadows:
-            changes["Shadows"] = self._measure_shadows(exposure, is_linear=request.is_linear)
+        if "Shadows" in request.thresholds and first_state(exposure).has_shadows:
+            changes["Shadows"] = self._measure_shadows(sharp, is_linear=request.is_linear)
         if "SelfView" in request.thresholds and (number := find_ego_body(exposure)):
-            is_seen = (self.find_hits(exposure).object == number).any()
+            is_seen = (self.find_hits(sharp).object == number).any()
             changes["SelfView"] = ANY_CHANGE if is_seen else 0.0
-        return TracedFrame(image, changes)
+        ranges = self._measure_ranges(sharp) if request.has_ranges else None
+        return TracedFrame(image, changes, ranges)
 
     def _measure_shadows(self, exposure: TracedExposure, *, is_linear: bool) -> float:
         """Largest change of a pixel by shadows, encoded grey levels: from two whole frames."""
@@ -179,16 +192,32 @@ class ReferenceRays:
         ]
         return float(np.abs(levels[0] - levels[1]).max(initial=0.0))
 
+    def _measure_ranges(self, exposure: TracedExposure) -> Float32s:
+        """(h, w) inverses of the pixels' mean inverse ranges, metres."""
+        inverse = 1.0 / self.find_hits(exposure).range_m.astype(np.float64)
+        tiles = mean_pixels(inverse[..., None], self._table.samples)
+        inverse_range = assemble_tiles(self._table, tiles, fill=0.0)[..., 0]
+        return invert_ranges(inverse_range.astype(np.float32))
+
     def render_srgb(self, exposure: TracedExposure) -> Image:
         """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
-        image = self._render(exposure, encode_pixels, np.uint8(0))
+        if isinstance(exposure, CameraState) and exposure.shutter is not None:
+            image = encode_srgb(self.render_linear(exposure))
+        else:
+            image = self._render(exposure, encode_pixels, np.uint8(0))
         # Frames are handed to other threads, which encode them while the next one is rendered.
         image.setflags(write=False)
         return image
 
     def render_linear(self, exposure: TracedExposure) -> LinearImage:
         """(h, w, 3) linear light; zero off the mirror. Light beyond white is kept."""
-        return self._render(exposure, mean_pixels, 0.0).astype(np.float32)
+        if isinstance(exposure, MovingExposure):
+            return self._render(exposure, mean_pixels, 0.0).astype(np.float32)
+        # A long exposure is the mean of sharp frames.
+        light = np.zeros((self._table.height_px, self._table.width_px, 3))
+        for sharp_state, weights in sample_shutter(exposure, self._table.height_px):
+            light += self._render(sharp_state, mean_pixels, 0.0) * weights[:, None, None]
+        return light.astype(np.float32)
 
     def _render(
         self,

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* Beams are widened by this, in tangents: rays are float32, and are rotated in float32. */
 #define MARGIN 4e-6f
@@ -151,6 +152,53 @@ static int build_levels(View *view) {
     return view->levels[BEAM_LEVELS - 1].beams != NULL;
 }
 
+/* Columns and rows per change of the direction: the inverse of the mean differences between
+ * neighbouring rays, in the plane of these differences; zero where no two rays are neighbours. */
+static void find_pixel_scale(const RayTable *rays, int tile, float *pixel_scale) {
+    int blocks = rays->samples * rays->samples, columns = 0, rows = 0;
+    Vec3 across = {0, 0, 0}, down = {0, 0, 0};
+    for (int block = 0; block < blocks; block++) {
+        size_t at = (size_t)tile * (size_t)blocks + (size_t)block;
+        const float(*directions)[BLOCK_RAYS] =
+            (const float(*)[BLOCK_RAYS])(rays->directions + at * 3 * BLOCK_RAYS);
+        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+            uint32_t valid = (uint32_t)rays->valid[at] >> lane;
+            if ((valid & 3) == 3 && lane % TILE_PX < TILE_PX - 1 && ++columns)
+                across = add(across, subtract(get_lane(directions, lane + 1),
+                                              get_lane(directions, lane)));
+            if ((valid & 17) == 17 && lane / TILE_PX < TILE_PX - 1 && ++rows)
+                down = add(down, subtract(get_lane(directions, lane + TILE_PX),
+                                          get_lane(directions, lane)));
+        }
+    }
+    if (!columns || !rows)
+        return;
+    across = scale((float)rays->samples / (float)columns, across);
+    down = scale((float)rays->samples / (float)rows, down);
+    float aa = dot(across, across), bb = dot(down, down), ab = dot(across, down);
+    float determinant = aa * bb - ab * ab;
+    if (!(determinant > 0.0f))
+        return;
+    Vec3 column = subtract(scale(bb / determinant, across), scale(ab / determinant, down));
+    Vec3 row = subtract(scale(aa / determinant, down), scale(ab / determinant, across));
+    memcpy(pixel_scale, &column, sizeof column);
+    memcpy(pixel_scale + 3, &row, sizeof row);
+}
+
+static int build_pixel_scales(View *view) {
+    view->pixel_scales = calloc((size_t)view->rays.num_tiles + 1, 6 * sizeof(float));
+    for (int32_t tile = 0; view->pixel_scales && tile < view->rays.num_tiles; tile++)
+        find_pixel_scale(&view->rays, tile, view->pixel_scales + 6 * (size_t)tile);
+    return view->pixel_scales != NULL;
+}
+
+/* What only rays from the viewpoint have. */
+static int build_central(View *view) {
+    return build_levels(view) && build_pixel_scales(view) &&
+           order_by_row(view->rays.samples, &view->by_row) &&
+           order_by_cell(view->rays.samples, &view->by_cell);
+}
+
 View *catoptra_prepare(Device *device, const RayTable *rays, char *error) {
     (void)device;
     View *view = calloc(1, sizeof *view);
@@ -165,7 +213,7 @@ View *catoptra_prepare(Device *device, const RayTable *rays, char *error) {
             view->tile_at[rays->tiles[i]] = i;
     }
     int is_central = !rays->origins && !rays->times;
-    if (!view || !view->tile_at || (is_central && !build_levels(view))) {
+    if (!view || !view->tile_at || (is_central && !build_central(view))) {
         if (view)
             catoptra_release_view(view);
         snprintf(error, ERROR_SIZE, "out of memory");
@@ -179,12 +227,17 @@ int64_t catoptra_view_bytes(const View *view) {
     for (int level = 0; level < BEAM_LEVELS; level++)
         if (view->levels[level].beams)
             bytes += (int64_t)sizeof(Beam) * view->levels[level].rows * view->levels[level].columns;
+    if (view->pixel_scales)
+        bytes += (int64_t)sizeof(float) * 6 * view->rays.num_tiles;
     return bytes;
 }
 
 void catoptra_release_view(View *view) {
     for (int level = 0; level < BEAM_LEVELS; level++)
         free(view->levels[level].beams);
+    free(view->by_row.source);
+    free(view->by_cell.source);
+    free(view->pixel_scales);
     free(view->tile_at);
     free(view);
 }

@@ -6,7 +6,7 @@
 #ifndef CATOPTRA_BEAMS_H
 #define CATOPTRA_BEAMS_H
 
-#include "kernel.h"
+#include "ray_order.h"
 #include "vectors.h"
 
 enum { BEAM_LEVELS = 5 }; /* sides of 1, 2, 4, 8 and 16 tiles */
@@ -28,8 +28,10 @@ typedef struct {
 
 struct View {
     RayTable rays;
-    int32_t tile_rows;
+    int32_t tile_rows; /* of the image, as `rays.tile_columns` */
     int32_t *tile_at; /* (tile_rows, tile_columns) index in the table, -1 for tiles without rays */
+    RayOrder by_row, by_cell; /* no rays where the view's have origins or times of their own */
+    float *pixel_scales; /* (t, 2, 3) columns and rows, px, of a change of the direction */
     BeamLevel levels[BEAM_LEVELS]; /* no beams where rays have origins or times of their own */
 };
 

@@ -3,23 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-/* World directions and origins of a block whose rays share one pose. */
-static void place_rays(const FrameState *state, size_t block, RayBlock *rays) {
-    const Pose *pose = state->frame->camera;
-    const float *from = state->rays->directions + block * 3 * BLOCK_RAYS;
-    const float *r = pose->rotation;
-    for (int axis = 0; axis < 3; axis++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            rays->direction[axis][lane] = r[3 * axis] * from[lane] +
-                                          r[3 * axis + 1] * from[BLOCK_RAYS + lane] +
-                                          r[3 * axis + 2] * from[2 * BLOCK_RAYS + lane];
-    for (int axis = 0; axis < 3; axis++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            rays->origin[axis][lane] = pose->translation[axis];
-    memset(rays->time, 0, sizeof rays->time);
-}
-
-/* The same for rays with origins or times of their own. */
+/* World directions and origins of rays with origins or times of their own. */
 static void place_rays_singly(const FrameState *state, size_t block, RayBlock *rays) {
     const RayTable *table = state->rays;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
@@ -86,18 +70,56 @@ RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays) {
         steps = (RaySteps){{mean_step(directions, valid, 1), mean_step(directions, valid, TILE_PX)}};
     }
     /* A camera turns by little within an exposure: the first ray's pose serves all of a block. */
-    Pose pose;
-    pose_at(state->frame->camera, state->frame->num_poses, 1, rays->time[0], &pose);
+    Pose pose = state->camera;
+    if (!state->has_one_origin)
+        pose_at(state->frame->camera, state->frame->num_poses, 1, rays->time[0], &pose);
     for (int i = 0; i < 2; i++)
         steps.step[i] = rotate(pose.rotation, steps.step[i]);
     return steps;
+}
+
+/* World directions from a pose, and its origin, of directions in the mirror frame. */
+static void turn_rays(const FrameState *state, const float *from, RayBlock *rays) {
+    const Pose *pose = &state->camera;
+    const float *r = pose->rotation;
+    for (int axis = 0; axis < 3; axis++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            rays->direction[axis][lane] = r[3 * axis] * from[lane] +
+                                          r[3 * axis + 1] * from[BLOCK_RAYS + lane] +
+                                          r[3 * axis + 2] * from[2 * BLOCK_RAYS + lane];
+    for (int axis = 0; axis < 3; axis++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            rays->origin[axis][lane] = pose->translation[axis];
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        rays->time[lane] = state->time;
+}
+
+void load_ordered(const FrameState *state, int tile, const uint16_t *source, RayBlock *rays) {
+    size_t first = (size_t)tile * (size_t)state->rays->samples * (size_t)state->rays->samples;
+    _Alignas(64) float directions[3][BLOCK_RAYS];
+    uint32_t active = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        int is_ray = source[lane] != NO_RAY;
+        size_t block = first + (is_ray ? source[lane] / BLOCK_RAYS : 0);
+        int at = is_ray ? source[lane] % BLOCK_RAYS : 0;
+        const float *from = state->rays->directions + block * 3 * BLOCK_RAYS + at;
+        for (int axis = 0; axis < 3; axis++)
+            directions[axis][lane] = from[axis * BLOCK_RAYS];
+        active |= (uint32_t)(is_ray && state->rays->valid[block] >> at & 1) << lane;
+    }
+    turn_rays(state, directions[0], rays);
+    /* The block of the table whose steps between neighbours are nearest. */
+    rays->index = first + source[0] / BLOCK_RAYS;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        rays->limit[lane] = INFINITY;
+    rays->active = active;
 }
 
 void load_block(const FrameState *state, size_t block, RayBlock *rays) {
     if (state->rays->origins || state->rays->times)
         place_rays_singly(state, block, rays);
     else
-        place_rays(state, block, rays);
+        turn_rays(state, state->rays->directions + block * 3 * BLOCK_RAYS, rays);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         rays->limit[lane] = INFINITY;
     rays->active = state->rays->valid[block];

@@ -15,4 +15,7 @@ RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays);
 /* Rays of a block of the table, without limits, in Embree's coordinates. */
 void load_block(const FrameState *state, size_t block, RayBlock *rays);
 
+/* The same of the rays of a tile that a block of a RayOrder names. */
+void load_ordered(const FrameState *state, int tile, const uint16_t *source, RayBlock *rays);
+
 #endif

@@ -7,15 +7,16 @@
 enum { BOX_TRIANGLES = 12 };
 
 int candidates_allocate(CandidateList *list, int capacity) {
-    /* One block: nine coordinates, radius and identifier of each candidate. */
+    /* One block: nine coordinates, radius, reach and identifier of each candidate. */
     size_t length = (size_t)(capacity ? capacity : 1);
-    float *values = malloc(sizeof(float) * 11 * length);
+    float *values = malloc(sizeof(float) * 12 * length);
     if (!values)
         return 0;
     for (size_t i = 0; i < 9; i++)
         list->corner[i] = values + i * length;
     list->radius = values + 9 * length;
-    list->id = (int32_t *)(values + 10 * length);
+    list->reach = values + 10 * length;
+    list->id = (int32_t *)(values + 11 * length);
     list->count = 0;
     return 1;
 }
@@ -25,8 +26,15 @@ void candidates_free(CandidateList *list) {
     list->corner[0] = NULL;
 }
 
-static void append(CandidateList *list, const Vec3 corners[3], float radius, int32_t id) {
+static float length_of(Vec3 vector) { return sqrtf(dot(vector, vector)); }
+
+static void append(const FrameState *state, CandidateList *list, const Vec3 corners[3],
+                   float radius, int32_t id) {
     int at = list->count++;
+    float distance = 0.0f;
+    for (int corner = 0; state->turn > 0.0f && corner < 3; corner++)
+        distance = fmaxf(distance, length_of(corners[corner]));
+    list->reach[at] = radius + state->shift + state->turn * (distance + radius);
     for (int corner = 0; corner < 3; corner++) {
         list->corner[3 * corner][at] = corners[corner].x;
         list->corner[3 * corner + 1][at] = corners[corner].y;
@@ -46,22 +54,25 @@ void candidate_copy(const CandidateList *from, int at, CandidateList *to) {
     for (int component = 0; component < 9; component++)
         to->corner[component][next] = from->corner[component][at];
     to->radius[next] = from->radius[at];
+    to->reach[next] = from->reach[at];
     to->id[next] = from->id[at];
 }
 
-static void append_surfaces(CandidateList *list, const Scene *scene, Vec3 viewpoint) {
+static void append_surfaces(const FrameState *state, CandidateList *list) {
+    const Scene *scene = state->scene;
+    Vec3 viewpoint = vec3(state->camera.translation);
     for (int i = 0; i < scene->surfaces.num_triangles; i++) {
         const float *corners =
             scene->mesh->arrays.corners + 9 * (size_t)scene->surfaces.triangles[i];
         Vec3 relative[3];
         for (int corner = 0; corner < 3; corner++)
             relative[corner] = subtract(vec3(corners + 3 * corner), viewpoint);
-        append(list, relative, 0.0f, i);
+        append(state, list, relative, 0.0f, i);
     }
     for (int i = 0; i < scene->surfaces.num_clusters; i++) {
         const float *cluster = scene->surfaces.clusters + 4 * i;
         Vec3 centre = subtract(vec3(cluster), viewpoint);
-        append(list, (Vec3[3]){centre, centre, centre}, cluster[3], CLUSTER);
+        append(state, list, (Vec3[3]){centre, centre, centre}, cluster[3], CLUSTER);
     }
 }
 
@@ -85,22 +96,45 @@ static uint32_t find_facing_sides(const Pose *pose, const float *box, Vec3 viewp
     return facing ? facing : 0x3f;
 }
 
+/* Largest displacement of a box's corners in the world while a proof has to hold: at all poses of
+ * the exposure, of which a proof's time is a part. */
+static float find_box_displacement(const FrameState *state, int box, const Vec3 corners[8]) {
+    const Frame *frame = state->frame;
+    float displacement = 0.0f;
+    for (int step = 0; step < frame->num_poses; step++) {
+        Vec3 moved[8];
+        const Pose *poses = frame->object_poses + step * frame->num_objects;
+        find_box_corners(poses + frame->box_object[box], frame->boxes + 6 * box,
+                         vec3(state->camera.translation), moved);
+        for (int i = 0; i < 8; i++)
+            displacement = fmaxf(displacement, length_of(subtract(moved[i], corners[i])));
+    }
+    return displacement;
+}
+
 /* An object reaches into a beam only through those sides of its boxes that face the viewpoint. */
-static void append_box(CandidateList *list, const Pose *pose, const float *box, Vec3 viewpoint,
-                       int32_t id) {
+static void append_box(const FrameState *state, CandidateList *list, int box) {
     static const uint8_t sides[6][4] = {
         {0, 1, 3, 2}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 3, 7, 5},
     };
-    Vec3 corners[8];
-    find_box_corners(pose, box, viewpoint, corners);
-    uint32_t facing = find_facing_sides(pose, box, viewpoint);
+    const Frame *frame = state->frame;
+    const float *shape = frame->boxes + 6 * box;
+    Vec3 viewpoint = vec3(state->camera.translation), corners[8];
+    int32_t id = OBJECT_BOX - frame->box_object[box];
+    Pose pose;
+    object_pose(state, frame->box_object[box], &pose);
+    find_box_corners(&pose, shape, viewpoint, corners);
+    /* A side that turns towards the viewpoint later faces it, too. */
+    int is_moving = state->shift > 0.0f || state->turn > 0.0f;
+    uint32_t facing = is_moving ? 0x3f : find_facing_sides(&pose, shape, viewpoint);
+    float radius = is_moving ? find_box_displacement(state, box, corners) : 0.0f;
     for (int side = 0; side < 6; side++) {
         if (!(facing >> side & 1))
             continue;
         const uint8_t *corner = sides[side];
         Vec3 first = corners[corner[0]], opposite = corners[corner[2]];
-        append(list, (Vec3[3]){first, corners[corner[1]], opposite}, 0.0f, id);
-        append(list, (Vec3[3]){first, opposite, corners[corner[3]]}, 0.0f, id);
+        append(state, list, (Vec3[3]){first, corners[corner[1]], opposite}, radius, id);
+        append(state, list, (Vec3[3]){first, opposite, corners[corner[3]]}, radius, id);
     }
 }
 
@@ -110,13 +144,9 @@ int candidates_collect(CandidateList *list, const FrameState *state) {
     int count = surfaces->num_triangles + surfaces->num_clusters;
     if (!candidates_allocate(list, count + BOX_TRIANGLES * frame->num_boxes))
         return 0;
-    Vec3 viewpoint = vec3(frame->camera->translation);
-    append_surfaces(list, state->scene, viewpoint);
-    for (int box = 0; box < frame->num_boxes; box++) {
-        int32_t object = frame->box_object[box];
-        append_box(list, frame->object_poses + object, frame->boxes + 6 * box, viewpoint,
-                   OBJECT_BOX - object);
-    }
+    append_surfaces(state, list);
+    for (int box = 0; box < frame->num_boxes; box++)
+        append_box(state, list, box);
     return 1;
 }
 
@@ -126,7 +156,7 @@ static Vec3 inward(const float *rotation, Vec3 side, float tangent, float sign, 
 }
 
 void find_sides(const FrameState *state, const Beam *beam, BeamSides *sides) {
-    const float *rotation = state->frame->camera->rotation;
+    const float *rotation = state->camera.rotation;
     sides->normal[0] = inward(rotation, beam->a, beam->a_min, 1.0f, beam->axis);
     sides->normal[1] = inward(rotation, beam->a, beam->a_max, -1.0f, beam->axis);
     sides->normal[2] = inward(rotation, beam->b, beam->b_min, 1.0f, beam->axis);
@@ -145,7 +175,7 @@ static void mark_outside(const CandidateList *list, const BeamSides *sides,
     const float *restrict z0 = list->corner[2], *restrict x1 = list->corner[3];
     const float *restrict y1 = list->corner[4], *restrict z1 = list->corner[5];
     const float *restrict x2 = list->corner[6], *restrict y2 = list->corner[7];
-    const float *restrict z2 = list->corner[8], *restrict radius = list->radius;
+    const float *restrict z2 = list->corner[8], *restrict reach = list->reach;
     const Vec3 n[4] = {sides->normal[0], sides->normal[1], sides->normal[2], sides->normal[3]};
     for (int i = 0; i < list->count; i++) {
         int is_outside = 0;
@@ -156,7 +186,7 @@ static void mark_outside(const CandidateList *list, const BeamSides *sides,
             float third = n[side].x * x2[i] + n[side].y * y2[i] + n[side].z * z2[i];
             float nearer = first > second ? first : second;
             float nearest = nearer > third ? nearer : third;
-            is_outside |= nearest < -radius[i];
+            is_outside |= nearest < -reach[i];
         }
         marks[i] = (uint8_t)is_outside;
     }
@@ -177,7 +207,7 @@ static void mark_beside(const CandidateList *list, const BeamSides *sides, int s
     const float *restrict bz = list->corner[3 * next + 2];
     const float *restrict cx = list->corner[3 * opposite];
     const float *restrict cy = list->corner[3 * opposite + 1];
-    const float *restrict cz = list->corner[3 * opposite + 2];
+    const float *restrict cz = list->corner[3 * opposite + 2], *restrict reach = list->reach;
     const Vec3 e0 = sides->edge[0], e1 = sides->edge[1], e2 = sides->edge[2], e3 = sides->edge[3];
     for (int i = 0; i < list->count; i++) {
         float x = ay[i] * bz[i] - az[i] * by[i];
@@ -191,18 +221,23 @@ static void mark_beside(const CandidateList *list, const BeamSides *sides, int s
         float aa = ax[i] * ax[i] + ay[i] * ay[i] + az[i] * az[i];
         float bb = bx[i] * bx[i] + by[i] * by[i] + bz[i] * bz[i];
         float cc = cx[i] * cx[i] + cy[i] * cy[i] + cz[i] * cz[i];
-        float error = CROSS_ERROR * sqrtf(aa * bb), square = height * height;
+        /* Corners that move by their reach change the normal by that times the other's length. */
+        float a = sqrtf(aa), b = sqrtf(bb), c = sqrtf(cc), r = reach[i];
+        float error = CROSS_ERROR * a * b + r * (a + b + r), square = height * height;
+        float turned = error * c + r * (a + r) * (b + r);
         /* A triangle whose plane holds the viewpoint is seen as a line, which has no sides; nor has
          * a sphere, whose corners are one point. */
         float limit = -error * fabsf(height);
-        marks[i] |= (square > error * error * cc) & (p0 < limit) & (p1 < limit) & (p2 < limit) &
+        marks[i] |= (square > turned * turned) & (p0 < limit) & (p1 < limit) & (p2 < limit) &
                     (p3 < limit);
     }
 }
 
-int is_beam_beside(const BeamSides *sides, Vec3 from, Vec3 to) {
+int is_beam_beside(const BeamSides *sides, Vec3 from, Vec3 to, float reach) {
     Vec3 normal = cross(from, to);
     float error = CROSS_ERROR * sqrtf(dot(from, from) * dot(to, to));
+    if (reach > 0.0f)
+        error += reach * (length_of(from) + length_of(to) + reach);
     int is_below = 1, is_above = 1;
     for (int i = 0; i < 4; i++) {
         float height = dot(normal, sides->edge[i]);

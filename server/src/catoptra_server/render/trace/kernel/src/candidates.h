@@ -15,7 +15,8 @@ enum { CLUSTER = -1, OBJECT_BOX = -2 };
 typedef struct {
     int count;
     float *corner[9]; /* a sphere is a triangle of one point */
-    float *radius;    /* 0 for triangles */
+    float *radius;    /* 0 for triangles; of those of moving objects, their displacement */
+    float *reach;     /* radius, and displacement seen from the viewpoint while it moves */
     int32_t *id;      /* index into the scene's surfaces, or one of the above */
 } CandidateList;
 
@@ -46,8 +47,9 @@ void find_sides(const FrameState *state, const Beam *beam, BeamSides *sides);
 void keep_inside(const CandidateList *from, const BeamSides *sides, uint8_t *marks,
                  CandidateList *kept);
 
-/* Whether the beam lies wholly on one side of the plane through the viewpoint and two points. */
-int is_beam_beside(const BeamSides *sides, Vec3 from, Vec3 to);
+/* Whether the beam lies wholly on one side of the plane through the viewpoint and two points, which
+ * may move by `reach`. */
+int is_beam_beside(const BeamSides *sides, Vec3 from, Vec3 to, float reach);
 
 /* Distances along a ray from the viewpoint to each candidate's triangle, INFINITY where not met. */
 void measure_distances(const CandidateList *list, Vec3 direction, float *distances);

@@ -1,5 +1,7 @@
 #include "coverage.h"
 
+#include "blur.h"
+#include "blur_plan.h"
 #include "light_map.h"
 #include "plane_light.h"
 #include "tiles.h"
@@ -40,6 +42,7 @@ struct Search {
     ShortList short_list; /* of the part whose tiles are being rendered */
     int finest_proven; /* level below which tracing costs less than a proof */
     int num_filled;
+    BlurResult *blur; /* NULL while the sharp frame is drawn */
 };
 
 int can_prove_coverage(const FrameState *state) {
@@ -47,18 +50,17 @@ int can_prove_coverage(const FrameState *state) {
            state->frame->output != OUTPUT_HITS;
 }
 
-Search *create_search(const FrameState *state, const CandidateList *candidates) {
+Search *create_search(const FrameState *state, int capacity) {
     Search *search = calloc(1, sizeof *search);
     if (!search)
         return NULL;
     search->state = state;
-    search->candidates = candidates;
     /* The rays of a tile of one sample a pixel take less time than a proof. */
     search->finest_proven = state->rays->samples == 1 ? 1 : 0;
-    search->marks = malloc((size_t)candidates->count + 1);
+    search->marks = malloc((size_t)capacity + 1);
     int is_whole = search->marks != NULL;
     for (int level = 0; level < BEAM_LEVELS; level++)
-        is_whole &= candidates_allocate(&search->levels[level], candidates->count);
+        is_whole &= candidates_allocate(&search->levels[level], capacity);
     if (is_whole)
         return search;
     release_search(search);
@@ -93,17 +95,18 @@ static int find_first_surface(const Search *search, const CandidateList *list, V
     cover->normal = scale(sine < 0.0f ? 1.0f : -1.0f, normal);
     Vec3 corner = candidate_corner(list, first, 0);
     cover->distance = -dot(cover->normal, corner);
-    cover->scale = add(absolute(corner), absolute(vec3(search->state->frame->camera->translation)));
+    cover->scale = add(absolute(corner), absolute(vec3(search->state->camera.translation)));
     float rounding = ON_PLANE * dot(absolute(normal), cover->scale);
-    return fabsf(sine) > MIN_PLANE_SINE && cover->distance > MIN_ROUNDINGS * rounding;
+    return fabsf(sine) > MIN_PLANE_SINE &&
+           cover->distance > MIN_ROUNDINGS * rounding + search->state->shift;
 }
 
 /* Whether a side of the beam, or the plane of the edge and the viewpoint, separates both. */
-static int is_edge_outside(const BeamSides *sides, Vec3 from, Vec3 to) {
+static int is_edge_outside(const BeamSides *sides, Vec3 from, Vec3 to, float reach) {
     for (int side = 0; side < 4; side++)
-        if (dot(sides->normal[side], from) < 0.0f && dot(sides->normal[side], to) < 0.0f)
+        if (dot(sides->normal[side], from) < -reach && dot(sides->normal[side], to) < -reach)
             return 1;
-    return is_beam_beside(sides, from, to);
+    return is_beam_beside(sides, from, to, reach);
 }
 
 static int has_outer_edge_inside(const CandidateList *list, int at, uint8_t outer_edges,
@@ -111,7 +114,7 @@ static int has_outer_edge_inside(const CandidateList *list, int at, uint8_t oute
     for (int edge = 0; edge < 3; edge++)
         if (outer_edges >> edge & 1 &&
             !is_edge_outside(sides, candidate_corner(list, at, edge),
-                             candidate_corner(list, at, (edge + 1) % 3)))
+                             candidate_corner(list, at, (edge + 1) % 3), list->reach[at]))
             return 1;
     return 0;
 }
@@ -161,8 +164,9 @@ static int is_farther(const CandidateList *list, int at, const Cover *cover,
 
 static int is_behind(const CandidateList *list, int at, const Cover *cover,
                      const BeamSides *sides) {
+    /* Which of two planes is farther depends on the viewpoint: not while it moves. */
     return is_below_plane(list, at, cover) ||
-           (list->radius[at] == 0.0f && is_farther(list, at, cover, sides));
+           (list->reach[at] == 0.0f && is_farther(list, at, cover, sides));
 }
 
 /* Drop what a covering surface hides; 1 if nothing but the surface and objects is left. */
@@ -246,7 +250,7 @@ static void prove_part(Search *search, const Beam *beam, Part *part) {
 /* What is known of the lights on the part of a known plane that a beam sees. */
 static LightProof prove_beam(const FrameState *state, const BeamSides *sides, int32_t triangle) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    Vec3 viewpoint = vec3(state->frame->camera->translation);
+    Vec3 viewpoint = vec3(state->camera.translation);
     Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
     float height = dot(normal, subtract(vec3(mesh->corners + 9 * (size_t)triangle), viewpoint));
     Vec3 corners[4];
@@ -269,7 +273,10 @@ static int is_unproven(const Part *part) {
 }
 
 static int is_unlit(const Search *search, const Part *part) {
+    /* While the viewpoint moves, blocks are proven one by one, at their own instants. */
+    int is_moving = search->state->shift > 0.0f || search->state->turn > 0.0f;
     return search->state->frame->has_shadows && part->content.triangle >= 0 &&
+           !is_moving &&
            !is_light_proven(search->state, part->content.triangle, part->content.proof);
 }
 
@@ -287,9 +294,20 @@ static void render_closed(Search *search, const View *view, const Part *part) {
             int tile = view->tile_at[row * columns + column];
             if (tile < 0)
                 continue;
+            if (search->blur) {
+                blur_tile(search->state, tile, &part->content, search->blur);
+                continue;
+            }
             render_tile(search->state, tile, &part->content);
             search->num_filled += is_filled;
         }
+}
+
+/* The second pass of a moving frame draws only those parts that motion changes. */
+static int is_wanted(const Search *search, const Part *part) {
+    int columns = search->blur ? search->state->view->levels[part->level].columns : 0;
+    return !search->blur ||
+           search->state->plan->wanted[part->level][part->row * columns + part->column];
 }
 
 static void render_beam(Search *search, const View *view, Part part) {
@@ -297,7 +315,7 @@ static void render_beam(Search *search, const View *view, Part part) {
     if (part.row >= parts->rows || part.column >= parts->columns)
         return;
     const Beam *beam = &parts->beams[part.row * parts->columns + part.column];
-    if (beam->kind == BEAM_EMPTY)
+    if (beam->kind == BEAM_EMPTY || !is_wanted(search, &part))
         return;
     if (beam->kind == BEAM_NARROW && is_unproven(&part))
         prove_part(search, beam, &part);
@@ -311,6 +329,13 @@ static void render_beam(Search *search, const View *view, Part part) {
         render_beam(search, view,
                     (Part){part.level - 1, 2 * part.row + quarter / 2,
                            2 * part.column + quarter % 2, part.candidates, part.content});
+}
+
+void aim_search(Search *search, const FrameState *state, const CandidateList *candidates,
+                struct BlurResult *blur) {
+    search->state = state;
+    search->candidates = candidates;
+    search->blur = blur;
 }
 
 int render_part(Search *search, const View *view, int part) {

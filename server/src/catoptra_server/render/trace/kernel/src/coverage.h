@@ -17,10 +17,17 @@
  * which rays alone find. */
 int can_prove_coverage(const FrameState *state);
 
-/* Space for the searches of one thread; `candidates` are the frame's. */
+/* Space for the searches of one thread among at most `capacity` candidates. */
 typedef struct Search Search;
-Search *create_search(const FrameState *state, const CandidateList *candidates);
+Search *create_search(const FrameState *state, int capacity);
 void release_search(Search *search);
+
+struct BlurResult;
+
+/* Search on with another state and its candidates, at most as many as the search was created for.
+ * With a result, the parts are those that a moving frame's plan wants, and they are blurred. */
+void aim_search(Search *search, const FrameState *state, const CandidateList *candidates,
+                struct BlurResult *blur);
 
 /* Render the tiles of a part of the coarsest level; returns how many are filled. */
 int render_part(Search *search, const View *view, int part);

@@ -2,6 +2,7 @@
 #ifndef CATOPTRA_FRAME_STATE_H
 #define CATOPTRA_FRAME_STATE_H
 
+#include "beams.h"
 #include "device.h"
 #include "packets.h"
 #include "vectors.h"
@@ -10,12 +11,21 @@ typedef struct {
     const Device *device;
     const Scene *scene;
     const RayTable *rays;
+    const struct View *view;
     const Frame *frame;
     RTCScene objects; /* the dynamic objects as instances; NULL for none */
     const float *object_heights; /* light_map.h; NULL without objects or shadows */
     struct Measures *measures;   /* measures.h */
     const Vec3 **object_radiance; /* (o,) of each object's facets; NULL: by ray */
-    int has_one_origin; /* all rays start at the camera's first pose */
+    Pose camera;        /* of all rays without origins or times of their own */
+    float time;         /* of these rays within the exposure */
+    int has_one_origin; /* all rays of a block start at one pose of the camera */
+    int is_rolling;     /* each row of pixels has a time of its own */
+    int plan_wanted;    /* the camera or objects move during the exposure */
+    /* Largest displacement of the viewpoint, and of a point a metre away by turns, while a proof
+     * has to hold. */
+    float shift, turn;
+    struct BlurPlan *plan; /* blur_plan.h; NULL where nothing moves */
     int has_point_lights;
     int is_constant; /* the static scene has one radiance a facet: no texture, no point light */
 } FrameState;
@@ -28,6 +38,18 @@ static inline const MeshArrays *mesh_of(const FrameState *state, int object) {
 
 /* Pose between the two nearest of `count` poses, `stride` apart, at a time from 0 to 1. */
 void pose_at(const Pose *poses, int count, int stride, float time, Pose *pose);
+
+/* The same as a rotation: of rays, whose directions stay unit vectors. */
+void rigid_pose_at(const Pose *poses, int count, int stride, float time, Pose *pose);
+
+/* Pose of an object, from 0 on, at the state's time. */
+void object_pose(const FrameState *state, int object, Pose *pose);
+
+/* The state with its camera at a time. */
+FrameState at_instant(const FrameState *state, float time);
+
+/* Middle of the exposure of a row of pixels, which may lie between two. */
+float row_time(const FrameState *state, float row);
 
 /* Scene of the frame's objects as instances, moving if the frame has several poses; NULL without
  * objects or on failure. */

@@ -125,6 +125,11 @@ typedef struct {
     float *range_m;    /* (t, samples^2, 16), for OUTPUT_HITS */
     int32_t *triangle; /* likewise */
     int32_t *object;   /* likewise */
+    float *inverse_range; /* (h, w) means of 1 / range over the samples, zero; or NULL */
+    float exposure; /* time for which a row is exposed, of the poses' whole time; 0: an instant */
+    float readout;  /* from the first row's exposure to that of a row after the last, likewise */
+    float blur_threshold;  /* grey levels; changes up to it may be left out. Negative: none is */
+    int32_t max_instants;  /* limit of the instants of a pixel's exposure */
 } Frame;
 
 /* What a frame took, beside its pixels. */
@@ -133,6 +138,12 @@ typedef struct {
     int32_t num_tiles;
     float shadow_change;   /* largest change of a pixel by shadows, encoded grey levels */
     int32_t shows_watched; /* whether the watched object is seen */
+    int32_t num_blurred_tiles; /* tiles whose exposure was sampled at several instants */
+    int32_t num_instants;      /* largest number of instants of a pixel */
+    int64_t num_blur_rays;     /* rays of those */
+    float blur_change;    /* largest change of a pixel by them, encoded grey levels */
+    float rolling_change; /* bound of the same by the rows' own times */
+    float blur_ms;        /* time for them */
 } FrameCounts;
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);

@@ -20,6 +20,13 @@ TilePixels find_pixels(const FrameState *state, int tile) {
  * multiplication, exact for all 64 rows. */
 static int pixel_of(int sample, int reciprocal) { return sample * reciprocal >> 16; }
 
+int pixel_of_lane(const FrameState *state, int block, int lane) {
+    int samples = state->rays->samples, reciprocal = 65536 / samples + 1;
+    int row = block / samples * TILE_PX + lane / TILE_PX;
+    int column = block % samples * TILE_PX + lane % TILE_PX;
+    return pixel_of(row, reciprocal) * TILE_PX + pixel_of(column, reciprocal);
+}
+
 void add_samples(const FrameState *state, int block, uint32_t active,
                  float radiance[3][BLOCK_RAYS], PixelSums *sums) {
     int samples = state->rays->samples, reciprocal = 65536 / samples + 1;
@@ -27,8 +34,7 @@ void add_samples(const FrameState *state, int block, uint32_t active,
     for (int channel = 0; channel < 3; channel++)
         for (int lane = 0; lane < BLOCK_RAYS; lane++) {
             float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
-            /* A sensor clips, linear light does not. */
-            radiance[channel][lane] = state->frame->output == OUTPUT_SRGB ? clip(value) : value;
+            radiance[channel][lane] = as_sensed(state, value);
         }
     if (samples == 1) {
         memcpy(sums->sum, radiance, sizeof sums->sum);
@@ -41,6 +47,16 @@ void add_samples(const FrameState *state, int block, uint32_t active,
         int pixel = row * TILE_PX + pixel_of(left + lane % TILE_PX, reciprocal);
         for (int channel = 0; channel < 3; channel++)
             sums->sum[channel][pixel] += radiance[channel][lane];
+    }
+}
+
+void add_row(const FrameState *state, int row, uint32_t active,
+             float radiance[3][BLOCK_RAYS], PixelSums *sums) {
+    for (int channel = 0; channel < 3; channel++) {
+        float *pixels = sums->sum[channel] + row * TILE_PX;
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            if (active >> lane & 1)
+                pixels[lane % TILE_PX] += as_sensed(state, radiance[channel][lane]);
     }
 }
 

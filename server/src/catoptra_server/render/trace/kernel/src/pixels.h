@@ -18,6 +18,9 @@ typedef struct {
     int rows, columns;
 } TilePixels;
 
+/* Pixel of the tile, row by row, of a lane of one of the table's blocks. */
+int pixel_of_lane(const FrameState *state, int block, int lane);
+
 TilePixels find_pixels(const FrameState *state, int tile);
 
 /* Add the (3, 16) radiance of a block's rays to the tile's pixels, from block 0 on. Samples beside
@@ -25,11 +28,20 @@ TilePixels find_pixels(const FrameState *state, int tile);
 void add_samples(const FrameState *state, int block, uint32_t active,
                  float radiance[3][BLOCK_RAYS], PixelSums *sums);
 
+/* The same of a block of a row of pixels, whose lane l is of column l % 4. */
+void add_row(const FrameState *state, int row, uint32_t active,
+             float radiance[3][BLOCK_RAYS], PixelSums *sums);
+
 /* Means of the samples into the image. */
 void write_pixels(const FrameState *state, int tile, const PixelSums *sums);
 
 /* Values between 0 and 1; what is not a number is black. */
 static inline float clip(float value) { return value > 0.0f ? value < 1.0f ? value : 1.0f : 0.0f; }
+
+/* A sensor clips each sample, linear light does not. */
+static inline float as_sensed(const FrameState *state, float value) {
+    return state->frame->output == OUTPUT_SRGB ? clip(value) : value;
+}
 
 /* Row of the sRGB table. */
 static inline int32_t level_of(float linear) { return (int32_t)(clip(linear) * 65535.0f + 0.5f); }

@@ -1,40 +1,72 @@
 /* A frame: the work is handed out tile by tile, or part by part, to the device's threads. */
+#define _GNU_SOURCE
 #include "beams.h"
+#include "blur.h"
+#include "blur_plan.h"
 #include "coverage.h"
+#include "encoding.h"
 #include "frame_state.h"
 #include "light_map.h"
 #include "measures.h"
 #include "shading.h"
 #include "tiles.h"
 
+#include <math.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
+#include <time.h>
 
 /* Tiles that a thread takes at once: few enough that none waits long for the last. */
 enum { TILES_AT_ONCE = 32 };
+/* Between measured poses a viewpoint moves along chords: this much more than enough. */
+#define MOTION_RESERVE 1.01f
+
+/* What the proofs of some parts have in common: a viewpoint, and what may be seen from there. */
+typedef struct {
+    FrameState state;
+    CandidateList candidates;
+} Band;
 
 typedef struct {
     const FrameState *state;
     const View *view;
-    const CandidateList *candidates;
+    const Band *bands;  /* one, or one of each row of parts; NULL without proofs */
+    int num_bands, capacity;
+    int is_second_pass; /* of a moving frame: the tiles that its plan wants */
     atomic_int next;
     atomic_int num_filled;
     atomic_int failed;
+    atomic_llong num_rays;
+    atomic_uint change; /* bits of a float that is not negative, which sort as the float does */
 } Job;
+
+static void add_result(Job *job, const BlurResult *result) {
+    uint32_t bits, seen = atomic_load(&job->change);
+    memcpy(&bits, &result->change, sizeof bits);
+    while (bits > seen && !atomic_compare_exchange_weak(&job->change, &seen, bits))
+        continue;
+    atomic_fetch_add(&job->num_rays, result->num_rays);
+}
 
 static void render_parts(void *argument) {
     Job *job = argument;
     const BeamLevel *parts = &job->view->levels[BEAM_LEVELS - 1];
-    Search *search = create_search(job->state, job->candidates);
+    BlurResult result = {0, 0.0f};
+    Search *search = create_search(job->state, job->capacity);
     if (!search) {
         atomic_store(&job->failed, 1);
         return;
     }
     int part, filled = 0;
-    while ((part = atomic_fetch_add(&job->next, 1)) < parts->rows * parts->columns)
+    while ((part = atomic_fetch_add(&job->next, 1)) < parts->rows * parts->columns) {
+        const Band *band = job->bands + (job->num_bands > 1 ? part / parts->columns : 0);
+        aim_search(search, &band->state, &band->candidates, job->is_second_pass ? &result : NULL);
         filled += render_part(search, job->view, part);
+    }
     atomic_fetch_add(&job->num_filled, filled);
+    add_result(job, &result);
     release_search(search);
 }
 
@@ -53,6 +85,16 @@ static void render_unknown(const FrameState *state, int tile) {
 
 static void render_tiles(void *job) { for_each_tile(job, render_unknown); }
 
+static void blur_tiles(void *argument) {
+    Job *job = argument;
+    BlurResult result = {0, 0.0f};
+    int count = job->view->rays.num_tiles, first;
+    while ((first = atomic_fetch_add(&job->next, TILES_AT_ONCE)) < count)
+        for (int tile = first; tile < first + TILES_AT_ONCE && tile < count; tile++)
+            blur_tile(job->state, tile, &UNKNOWN_CONTENT, &result);
+    add_result(job, &result);
+}
+
 static void trace_tiles(void *job) { for_each_tile(job, trace_tile); }
 
 static int has_lights(const Scene *scene, int kind) {
@@ -64,50 +106,155 @@ static int has_lights(const Scene *scene, int kind) {
 
 static int begin_frame(FrameState *state, Device *device, const Scene *scene, const View *view,
                        const Frame *frame, char *error) {
-    int has_point_lights = has_lights(scene, LIGHT_POINT);
+    int has_point_lights = has_lights(scene, LIGHT_POINT), is_central = !view->rays.origins &&
+                                                                       !view->rays.times;
+    int is_moving = is_central && frame->num_poses > 1 &&
+                    (frame->exposure > 0.0f || frame->readout > 0.0f);
+    prepare_encoding();
     *state = (FrameState){
         .device = device,
         .scene = scene,
         .rays = &view->rays,
         .frame = frame,
-        .has_one_origin = !view->rays.origins && !view->rays.times,
+        .view = view,
+        .camera = frame->camera[0],
+        .has_one_origin = is_central,
+        .plan_wanted = is_moving,
+        .is_rolling = is_moving && frame->readout > 0.0f,
         .has_point_lights = has_point_lights,
         .is_constant = !has_point_lights && !scene->num_textures && !frame->has_shadows &&
                        !scene->mesh->arrays.corner_albedo,
         .objects = commit_objects(device, frame),
     };
+    if (is_moving)
+        *state = at_instant(state, 0.5f);
     state->object_radiance = light_objects(state);
     const char *reason = device_error(device);
     if (reason)
         snprintf(error, ERROR_SIZE, "the dynamic objects cannot be committed: %s", reason);
     int failed = 0;
     state->object_heights = raise_objects(state, &failed);
+    if (is_moving && frame->output != OUTPUT_HITS) {
+        state->plan = create_plan(state);
+        failed |= !state->plan;
+    }
     if (failed)
         snprintf(error, ERROR_SIZE, "out of memory");
     return !reason && !failed;
 }
 
 static void end_frame(FrameState *state) {
+    release_plan(state->plan);
     free((void *)state->object_heights);
     free(state->object_radiance);
     if (state->objects)
         state->device->embree.release_scene(state->objects);
 }
 
-/* Render all tiles, those of proven parts without rays; 0 if memory is short. */
+/* Largest displacement of the viewpoint, and chord of its turns, from the state's camera. */
+static void measure_motion(FrameState *state, float begin, float end) {
+    int steps = 2 * state->frame->num_poses;
+    for (int i = 0; i <= steps; i++) {
+        FrameState moved = at_instant(state, begin + (end - begin) * (float)i / (float)steps);
+        Vec3 shift = subtract(vec3(moved.camera.translation), vec3(state->camera.translation));
+        float squared = 0.0f;
+        for (int entry = 0; entry < 9; entry++) {
+            float turn = moved.camera.rotation[entry] - state->camera.rotation[entry];
+            squared += turn * turn;
+        }
+        state->shift = fmaxf(state->shift, sqrtf(dot(shift, shift)));
+        state->turn = fmaxf(state->turn, sqrtf(0.5f * squared));
+    }
+    /* Between the poses that were measured; and never zero, which means a still viewpoint. */
+    state->shift = MOTION_RESERVE * state->shift + 1e-9f;
+    state->turn = MOTION_RESERVE * state->turn + 1e-9f;
+}
+
+static void free_bands(Band *bands, int count) {
+    for (int i = 0; bands && i < count; i++)
+        candidates_free(&bands[i].candidates);
+    free(bands);
+}
+
+/* The state of a band's proofs: of all its rows' times, and their exposures in the second pass. */
+static FrameState begin_band(const FrameState *state, int band, int num_bands, float exposure) {
+    FrameState result = *state;
+    float rows = (float)(TILE_PX << (BEAM_LEVELS - 1)), top = rows * (float)band;
+    float begin = num_bands > 1 ? row_time(state, top) : 0.5f;
+    float end = num_bands > 1 ? row_time(state, top + rows) : 0.5f;
+    if (!state->plan || (begin == end && exposure == 0.0f))
+        return result;
+    result = at_instant(state, 0.5f * (begin + end));
+    measure_motion(&result, begin - 0.5f * exposure, end + 0.5f * exposure);
+    return result;
+}
+
+static Band *create_bands(Job *job, float exposure) {
+    int count = job->state->is_rolling ? job->view->levels[BEAM_LEVELS - 1].rows : 1;
+    Band *bands = calloc((size_t)count, sizeof *bands);
+    job->num_bands = count;
+    job->capacity = 0;
+    for (int i = 0; bands && i < count; i++) {
+        bands[i].state = begin_band(job->state, i, count, exposure);
+        if (!candidates_collect(&bands[i].candidates, &bands[i].state)) {
+            free_bands(bands, i);
+            return NULL;
+        }
+        int found = bands[i].candidates.count;
+        job->capacity = found > job->capacity ? found : job->capacity;
+    }
+    return bands;
+}
+
+/* Render the tiles of one pass, those of proven parts without rays; 0 if memory is short. */
+static int run_pass(Device *device, Job *job, float exposure) {
+    Band *bands = NULL;
+    atomic_store(&job->next, 0);
+    if (can_prove_coverage(job->state)) {
+        job->bands = bands = create_bands(job, exposure);
+        if (!bands)
+            return 0;
+        workers_run(device->workers, render_parts, job);
+    } else {
+        workers_run(device->workers, job->is_second_pass ? blur_tiles : render_tiles, job);
+    }
+    free_bands(bands, job->num_bands);
+    return !atomic_load(&job->failed);
+}
+
+static float elapsed_ms(const struct timespec *begin) {
+    struct timespec end;
+    clock_gettime(CLOCK_MONOTONIC, &end);
+    return 1e3f * (float)(end.tv_sec - begin->tv_sec) +
+           1e-6f * (float)(end.tv_nsec - begin->tv_nsec);
+}
+
+/* The second pass of a moving frame: tiles that its motion changes, at many instants. */
+static int blur_frame(Device *device, Job *job, FrameCounts *counts) {
+    const BlurPlan *plan = job->state->plan;
+    struct timespec begin;
+    clock_gettime(CLOCK_MONOTONIC, &begin);
+    job->is_second_pass = 1;
+    int is_done = choose_instants(job->state) &&
+                  (!plan->num_tiles || run_pass(device, job, job->state->frame->exposure));
+    uint32_t bits = atomic_load(&job->change);
+    memcpy(&counts->blur_change, &bits, sizeof bits);
+    counts->num_blurred_tiles = plan->num_tiles;
+    counts->num_instants = plan->max_instants;
+    counts->num_blur_rays = atomic_load(&job->num_rays);
+    counts->rolling_change = plan->rolling_change;
+    counts->blur_ms = elapsed_ms(&begin);
+    return is_done;
+}
+
 static int render_all(Device *device, const FrameState *state, const View *view,
                       FrameCounts *counts) {
-    CandidateList candidates;
-    Job job = {.state = state, .view = view, .candidates = &candidates};
-    int has_proof = can_prove_coverage(state);
-    if (has_proof && !candidates_collect(&candidates, state))
+    Job job = {.state = state, .view = view};
+    if (!run_pass(device, &job, 0.0f))
         return 0;
-    workers_run(device->workers, has_proof ? render_parts : render_tiles, &job);
-    if (has_proof)
-        candidates_free(&candidates);
     counts->num_tiles = view->rays.num_tiles;
     counts->num_filled_tiles = atomic_load(&job.num_filled);
-    return !atomic_load(&job.failed);
+    return !state->plan || blur_frame(device, &job, counts);
 }
 
 int32_t catoptra_render(Device *device, const Scene *scene, const View *view, const Frame *frame,

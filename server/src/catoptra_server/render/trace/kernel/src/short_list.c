@@ -30,18 +30,33 @@ static int set_dual(const Vec3 corners[3], ShortTriangle *triangle) {
 
 int make_short_list(const FrameState *state, const CandidateList *candidates, ShortList *list) {
     list->count = 0;
+    list->viewpoint = vec3(state->camera.translation);
     for (int i = 0; i < candidates->count; i++) {
         int32_t id = candidates->id[i];
         if (candidate_object(id) != OBJECT_STATIC)
             continue;
         if (id == CLUSTER || list->count == MAX_SHORT)
             return 0;
-        Vec3 corners[3];
+        Vec3 *corners = list->corners[list->count];
         for (int corner = 0; corner < 3; corner++)
             corners[corner] = candidate_corner(candidates, i, corner);
         ShortTriangle *triangle = &list->triangles[list->count++];
         triangle->triangle = state->scene->surfaces.triangles[id];
         if (!set_dual(corners, triangle))
+            return 0;
+    }
+    return 1;
+}
+
+int move_short_list(const ShortList *list, Vec3 viewpoint, ShortList *moved) {
+    Vec3 offset = subtract(list->viewpoint, viewpoint);
+    moved->count = list->count;
+    for (int i = 0; i < list->count; i++) {
+        Vec3 corners[3];
+        for (int corner = 0; corner < 3; corner++)
+            corners[corner] = add(list->corners[i][corner], offset);
+        moved->triangles[i].triangle = list->triangles[i].triangle;
+        if (!set_dual(corners, &moved->triangles[i]))
             return 0;
     }
     return 1;

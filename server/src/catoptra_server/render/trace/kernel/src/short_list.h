@@ -24,11 +24,16 @@ typedef struct {
 typedef struct {
     int count;
     ShortTriangle triangles[MAX_SHORT];
+    Vec3 viewpoint;
+    Vec3 corners[MAX_SHORT][3]; /* relative to the viewpoint */
 } ShortList;
 
 /* Triangles of the static scene among candidates; 0 if there are too many, spheres around small
  * triangles, or one that is seen as a line. */
 int make_short_list(const FrameState *state, const CandidateList *candidates, ShortList *list);
+
+/* The same triangles from another viewpoint; 0 if one is seen as a line. */
+int move_short_list(const ShortList *list, Vec3 viewpoint, ShortList *moved);
 
 /* Hits of the active rays, which become their limits; 0 if one is not certain. */
 int intersect_short_list(const ShortList *list, RayBlock *rays, HitBlock *hits);

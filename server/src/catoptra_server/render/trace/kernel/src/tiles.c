@@ -1,10 +1,12 @@
 #include "tiles.h"
 
+#include "blur_plan.h"
 #include "camera_rays.h"
 #include "facet_plane.h"
 #include "hit_points.h"
 #include "measures.h"
 #include "plane_light.h"
+#include "ranges.h"
 #include "shading.h"
 
 #include <math.h>
@@ -43,11 +45,12 @@ static void move_rays(const RayBlock *rays, const Pose *pose, RayBlock *moved) {
 static void intersect_object(const FrameState *state, int32_t object, RayBlock *rays,
                              HitBlock *hits) {
     RTCScene scene = state->frame->objects[object - 1]->scene;
-    const Pose *pose = state->frame->object_poses + object - 1;
     RayBlock local;
+    Pose pose;
     if (!scene)
         return;
-    move_rays(rays, pose, &local);
+    object_pose(state, object - 1, &pose);
+    move_rays(rays, &pose, &local);
     intersect_block(state->device, scene, object, &local, hits);
     memcpy(rays->limit, local.limit, sizeof rays->limit);
 }
@@ -141,7 +144,8 @@ static int has_table_colours(const FrameState *state, const HitBlock *hits) {
     int meets_object = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         meets_object |= hits->object[lane] > OBJECT_STATIC;
-    return state->is_constant && state->frame->output == OUTPUT_SRGB &&
+    return state->is_constant && state->frame->output == OUTPUT_SRGB && !state->plan &&
+           !state->frame->inverse_range &&
            (!meets_object || state->object_radiance);
 }
 
@@ -153,8 +157,18 @@ static int is_wholly_valid(const FrameState *state, int tile) {
     return 1;
 }
 
+/* One colour of all pixels of a tile into the plan of a moving frame. */
+static void note_colour(const FrameState *state, int tile, Vec3 colour) {
+    float channels[3] = {colour.x, colour.y, colour.z}, means[3][TILE_PX * TILE_PX];
+    for (int channel = 0; channel < 3; channel++)
+        for (int pixel = 0; pixel < TILE_PX * TILE_PX; pixel++)
+            means[channel][pixel] = as_sensed(state, channels[channel]);
+    note_means(state, tile, (const float(*)[TILE_PX * TILE_PX])means);
+}
+
 /* A tile of one radiance: no ray, no sum. */
-static void fill_tile(const FrameState *state, int tile, size_t entry, const PlaneLight *light) {
+static void fill_tile(const FrameState *state, int tile, const TileContent *content, size_t entry,
+                      const PlaneLight *light) {
     const Scene *scene = state->scene;
     TilePixels pixels = find_pixels(state, tile);
     char row_of_pixels[TILE_PX * 3 * sizeof(float)];
@@ -173,6 +187,13 @@ static void fill_tile(const FrameState *state, int tile, size_t entry, const Pla
     if (state->frame->measures_shadows && !light->is_table)
         note_change(state, &state->measures->shadow_change, light->radiance,
                     add(light->radiance, light->lost));
+    if (state->frame->inverse_range)
+        fill_ranges(state, tile, content->triangle);
+    if (!state->plan)
+        return;
+    note_plane(state, tile, content->triangle);
+    note_colour(state, tile,
+                light->is_table ? vec3(scene->sharp_radiance + 3 * entry) : light->radiance);
 }
 
 /* Radiance of a tile if it is the same all over it; 0 otherwise. */
@@ -240,8 +261,111 @@ static void add_unshadowed(const FrameState *state, int block, uint32_t active,
     add_samples(state, block, active, sum, &unshadowed->sums);
 }
 
+/* Means of a tile's samples into the image, and into the plan of a moving frame; with the sums of
+ * inverse ranges, if these are wanted. */
+static void finish_tile(const FrameState *state, int tile, const PixelSums *sums,
+                        const float inverse_sums[TILE_PX * TILE_PX]) {
+    write_pixels(state, tile, sums);
+    if (state->frame->inverse_range)
+        write_ranges(state, tile, inverse_sums);
+    if (!state->plan)
+        return;
+    float factor = 1.0f / (float)(state->rays->samples * state->rays->samples);
+    float means[3][TILE_PX * TILE_PX];
+    for (int channel = 0; channel < 3; channel++)
+        for (int pixel = 0; pixel < TILE_PX * TILE_PX; pixel++)
+            means[channel][pixel] = factor * sums->sum[channel][pixel];
+    note_means(state, tile, (const float(*)[TILE_PX * TILE_PX])means);
+}
+
+static void load_unit(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
+                      RayBlock *rays) {
+    if (order->is_table)
+        load_block(state, (size_t)tile * (size_t)order->units + (size_t)unit, rays);
+    else
+        load_ordered(state, tile, unit_source(order, unit, block), rays);
+}
+
+uint32_t sample_block(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
+                      const TileContent *content, float radiance[3][BLOCK_RAYS]) {
+    RayBlock rays;
+    HitBlock hits;
+    load_unit(state, tile, order, unit, block, &rays);
+    if (rays.active) {
+        find_hits(state, &rays, &hits, content);
+        shade(state, &rays, &hits, content, radiance, NULL);
+    }
+    return rays.active;
+}
+
+TileContent move_content(const FrameState *state, const TileContent *content, ShortList *moved) {
+    TileContent result = *content;
+    if (content->short_list)
+        result.short_list =
+            move_short_list(content->short_list, vec3(state->camera.translation), moved) ? moved
+                                                                                         : NULL;
+    return result;
+}
+
+/* Sums of a tile's samples, with and without shadows, and of their inverse ranges. */
+typedef struct {
+    PixelSums sums, unshadowed;
+    float inverse[TILE_PX * TILE_PX];
+    int differs; /* both sums do */
+} RowSums;
+
+static void add_row_block(const FrameState *state, int row, const RayBlock *rays,
+                          const HitBlock *hits, const TileContent *content, RowSums *result) {
+    _Alignas(64) float radiance[3][BLOCK_RAYS];
+    LostLight lost = {.rays = 0};
+    int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
+    shade(state, rays, hits, content, radiance, is_measured ? &lost : NULL);
+    add_row(state, row, rays->active, radiance, &result->sums);
+    result->differs |= lost.rays != 0;
+    for (int lane = 0; is_measured && lane < BLOCK_RAYS; lane++)
+        if (lost.rays >> lane & 1)
+            add_lane(radiance, lane,
+                     get_lane((const float(*)[BLOCK_RAYS])lost.radiance, lane));
+    if (is_measured)
+        add_row(state, row, rays->active, radiance, &result->unshadowed);
+    if (!state->frame->inverse_range)
+        return;
+    float inverse[BLOCK_RAYS];
+    find_inverse_ranges(state, rays, hits, inverse);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        result->inverse[row * TILE_PX + lane % TILE_PX] += inverse[lane];
+}
+
+/* Samples of a rolling shutter: each row of pixels at its own time. */
+static void render_rows(const FrameState *state, int tile, const TileContent *content) {
+    const RayOrder *order = &state->view->by_row;
+    int top = state->rays->tiles[tile] / state->rays->tile_columns * TILE_PX;
+    RowSums sums;
+    memset(&sums, 0, sizeof sums);
+    for (int row = 0; row < TILE_PX; row++) {
+        FrameState moved = at_instant(state, row_time(state, (float)(top + row) + 0.5f));
+        ShortList short_list;
+        TileContent here = move_content(&moved, content, &short_list);
+        for (int block = 0; block < order->blocks; block++) {
+            RayBlock rays;
+            HitBlock hits;
+            load_ordered(&moved, tile, unit_source(order, row, block), &rays);
+            if (!rays.active)
+                continue;
+            find_hits(&moved, &rays, &hits, &here);
+            note_hits(&moved, tile, &rays, &hits);
+            add_row_block(&moved, row, &rays, &hits, &here, &sums);
+        }
+    }
+    finish_tile(state, tile, &sums.sums, sums.inverse);
+    if (sums.differs)
+        note_changes(state, tile, &state->measures->shadow_change, &sums.sums, &sums.unshadowed);
+}
+
 static void render_samples(const FrameState *state, int tile, const TileContent *content) {
     int blocks = state->rays->samples * state->rays->samples;
+    int has_ranges = state->frame->inverse_range != NULL;
+    float inverse[BLOCK_RAYS], inverse_sums[TILE_PX * TILE_PX] = {0};
     PixelSums sums;
     Unshadowed unshadowed = {.differs = 0};
     int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
@@ -256,13 +380,19 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
             write_table_colours(state, tile, rays.active, &hits);
             return;
         }
+        if (state->plan)
+            note_hits(state, tile, &rays, &hits);
         LostLight lost = {.rays = 0};
         shade(state, &rays, &hits, content, radiance, is_measured ? &lost : NULL);
         if (is_measured)
             add_unshadowed(state, block, rays.active, radiance, &lost, &sums, &unshadowed);
         add_samples(state, block, rays.active, radiance, &sums);
+        if (has_ranges)
+            find_inverse_ranges(state, &rays, &hits, inverse);
+        for (int lane = 0; has_ranges && lane < BLOCK_RAYS; lane++)
+            inverse_sums[pixel_of_lane(state, block, lane)] += inverse[lane];
     }
-    write_pixels(state, tile, &sums);
+    finish_tile(state, tile, &sums, inverse_sums);
     if (unshadowed.differs)
         note_changes(state, tile, &state->measures->shadow_change, &sums, &unshadowed.sums);
 }
@@ -279,18 +409,29 @@ static void identify_samples(const FrameState *state, int tile) {
     }
 }
 
+static int may_fill(const FrameState *state, int tile, const TileContent *content) {
+    return content->triangle != SURFACE_UNKNOWN && content->object == OBJECT_NONE &&
+           is_wholly_valid(state, tile);
+}
+
+int is_single_radiance(const FrameState *state, int tile, const TileContent *content) {
+    PlaneLight light;
+    size_t entry;
+    return may_fill(state, tile, content) &&
+           find_single_radiance(state, content, &light, &entry);
+}
+
 void render_tile(const FrameState *state, int tile, const TileContent *content) {
     if (state->frame->output == OUTPUT_HITS) {
         identify_samples(state, tile);
         return;
     }
-    int32_t triangle = content->triangle;
-    int may_fill = triangle != SURFACE_UNKNOWN && content->object == OBJECT_NONE &&
-                   is_wholly_valid(state, tile);
     PlaneLight light;
     size_t entry;
-    if (may_fill && find_single_radiance(state, content, &light, &entry))
-        fill_tile(state, tile, entry, &light);
+    if (may_fill(state, tile, content) && find_single_radiance(state, content, &light, &entry))
+        fill_tile(state, tile, content, entry, &light);
+    else if (state->is_rolling)
+        render_rows(state, tile, content);
     else
         render_samples(state, tile, content);
 }

@@ -3,6 +3,7 @@
 #define CATOPTRA_TILES_H
 
 #include "light_map.h"
+#include "ray_order.h"
 #include "short_list.h"
 
 /* Surfaces by their representative triangle; other values say that nothing is known. */
@@ -20,6 +21,16 @@ typedef struct {
 
 /* Render a tile; where the triangle is unknown, rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);
+
+/* Whether one radiance is all that a tile shows. */
+int is_single_radiance(const FrameState *state, int tile, const TileContent *content);
+
+/* What is known of a tile, from the camera of another instant; `moved` holds its triangles. */
+TileContent move_content(const FrameState *state, const TileContent *content, ShortList *moved);
+
+/* Radiance, (3, 16), of a block of a unit at the state's instant; bit mask of its rays. */
+uint32_t sample_block(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
+                      const TileContent *content, float radiance[3][BLOCK_RAYS]);
 
 /* Trace the rays of a tile against the static scene without any use of the hits. */
 void trace_tile(const FrameState *state, int tile);

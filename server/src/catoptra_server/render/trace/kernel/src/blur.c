@@ -1,0 +1,189 @@
+#include "blur.h"
+
+#include "blur_plan.h"
+#include "encoding.h"
+#include "pixels.h"
+
+#include <math.h>
+#include <string.h>
+
+/* A unit is finished when twice as many instants change no pixel by more, in grey levels: what is
+ * left is about half. Measured in tests/server/render/test_motion_agreement.py. */
+#define TOLERANCE 7.0f
+
+/* The pixels of one unit, and the sums over the instants so far. */
+typedef struct {
+    int is_active, is_changed;
+    float ends[3][TILE_PX * TILE_PX];   /* of the first and the last instant */
+    float inner[3][TILE_PX * TILE_PX];  /* of all between, the sharp frame's included */
+    float mean[3][TILE_PX * TILE_PX];   /* trapezoidal rule */
+} Unit;
+
+typedef struct {
+    const FrameState *state;
+    int tile, top;
+    const RayOrder *order;
+    const TileContent *content;
+    Unit units[MAX_UNITS];
+    BlurResult *result;
+} BlurTile;
+
+static float sharp_mean(const BlurTile *blur, int unit, int channel, int pixel) {
+    return blur->state->plan->means[((size_t)blur->tile * 3 + (size_t)channel) * BLOCK_RAYS +
+                                    blur->order->pixel[unit][pixel]];
+}
+
+static void begin_unit(BlurTile *blur, int unit) {
+    Unit *one = &blur->units[unit];
+    memset(one->ends, 0, sizeof one->ends);
+    for (int channel = 0; channel < 3; channel++)
+        for (int pixel = 0; pixel < blur->order->pixels; pixel++)
+            one->inner[channel][pixel] = one->mean[channel][pixel] =
+                sharp_mean(blur, unit, channel, pixel);
+}
+
+/* Sums of a unit's samples at an instant, added to its means. */
+static void sample_unit(BlurTile *blur, const FrameState *moved, const TileContent *content,
+                        int unit, float sums[3][TILE_PX * TILE_PX]) {
+    const RayOrder *order = blur->order;
+    float factor = 1.0f / (float)(moved->rays->samples * moved->rays->samples);
+    for (int block = 0; block < order->blocks; block++) {
+        _Alignas(64) float radiance[3][BLOCK_RAYS];
+        uint32_t active =
+            sample_block(moved, blur->tile, order, unit, block, content, radiance);
+        for (int channel = 0; channel < 3; channel++)
+            for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+                float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
+                radiance[channel][lane] = factor * as_sensed(moved, value);
+            }
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            for (int channel = 0; channel < 3; channel++)
+                sums[channel][order->lane_pixel[lane]] += radiance[channel][lane];
+    }
+    blur->result->num_rays += order->blocks * BLOCK_RAYS;
+}
+
+/* One instant, `phase` from -1/2 to 1/2 of the exposure, of all units that are not finished. */
+static void sample_instant(BlurTile *blur, float phase, int is_end) {
+    const FrameState *state = blur->state;
+    FrameState moved = *state;
+    ShortList short_list;
+    TileContent content;
+    int is_placed = 0;
+    for (int unit = 0; unit < blur->order->units; unit++) {
+        Unit *one = &blur->units[unit];
+        if (!one->is_active)
+            continue;
+        if (!is_placed || state->is_rolling) {
+            float centre =
+                state->is_rolling ? row_time(state, (float)(blur->top + unit) + 0.5f) : 0.5f;
+            moved.time = centre + phase * state->frame->exposure;
+            rigid_pose_at(state->frame->camera, state->frame->num_poses, 1, moved.time,
+                          &moved.camera);
+            content = move_content(&moved, blur->content, &short_list);
+            is_placed = 1;
+        }
+        sample_unit(blur, &moved, &content, unit, is_end ? one->ends : one->inner);
+    }
+}
+
+/* Means by the trapezoidal rule over `steps` parts of the exposure, and their largest change. */
+static float update_means(const BlurTile *blur, Unit *one, int steps) {
+    float change = 0.0f;
+    for (int channel = 0; channel < 3; channel++)
+        for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
+            float mean = (one->inner[channel][pixel] + 0.5f * one->ends[channel][pixel]) /
+                         (float)steps;
+            float before = encode_level(one->mean[channel][pixel]);
+            change = fmaxf(change, fabsf(encode_level(mean) - before));
+            one->mean[channel][pixel] = mean;
+        }
+    return change;
+}
+
+/* Instants at all multiples of 1 / steps that no coarser division had. */
+static void refine(BlurTile *blur, int steps) {
+    for (int i = 1; i < steps; i += 2)
+        sample_instant(blur, (float)i / (float)steps - 0.5f, 0);
+}
+
+/* Halve the steps between instants until all units are finished. */
+static void blur_units(BlurTile *blur, int min_steps) {
+    const Frame *frame = blur->state->frame;
+    float unseen = frame->blur_threshold > 0.0f ? 0.25f * frame->blur_threshold : 0.0f;
+    sample_instant(blur, -0.5f, 1);
+    sample_instant(blur, 0.5f, 1);
+    for (int steps = 2, active = 1; active; steps *= 2) {
+        if (steps > 2)
+            refine(blur, steps);
+        active = 0;
+        for (int unit = 0; unit < blur->order->units; unit++) {
+            Unit *one = &blur->units[unit];
+            if (!one->is_active)
+                continue;
+            float change = update_means(blur, one, steps);
+            /* The first division differs from the sharp frame only where its ends do. */
+            float tolerance = steps > 2 ? TOLERANCE : unseen;
+            int is_done = steps >= min_steps && change <= tolerance;
+            one->is_changed |= steps > 2 || change > 0.0f;
+            one->is_active = !is_done && 2 * steps <= frame->max_instants;
+            active |= one->is_active;
+        }
+    }
+}
+
+/* Means of the units into the image; how much they change it. */
+static void write_units(const BlurTile *blur) {
+    const FrameState *state = blur->state;
+    PixelSums sums;
+    /* write_pixels divides by the number of a sharp frame's samples. */
+    float samples = (float)(state->rays->samples * state->rays->samples);
+    for (int i = 0; i < 3 * BLOCK_RAYS; i++)
+        sums.sum[i / BLOCK_RAYS][i % BLOCK_RAYS] =
+            samples * state->plan->means[(size_t)blur->tile * 3 * BLOCK_RAYS + (size_t)i];
+    for (int unit = 0; unit < blur->order->units; unit++)
+        for (int channel = 0; blur->units[unit].is_changed && channel < 3; channel++)
+            for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
+                float mean = blur->units[unit].mean[channel][pixel];
+                float sharp = sharp_mean(blur, unit, channel, pixel);
+                float change = fabsf(encode_level(mean) - encode_level(sharp));
+                blur->result->change = fmaxf(blur->result->change, change);
+                sums.sum[channel][blur->order->pixel[unit][pixel]] = samples * mean;
+            }
+    write_pixels(state, blur->tile, &sums);
+}
+
+/* Whether a unit holds pixels of the cells of 2 x 2 pixels that the plan wants. */
+static int is_unit_wanted(const FrameState *state, int cells, int unit) {
+    if (state->view->by_cell.units == 1)
+        return 1;
+    return state->is_rolling ? cells >> (unit / 2 * 2) & 3 : cells >> unit & 1;
+}
+
+void blur_tile(const FrameState *state, int tile, const TileContent *content, BlurResult *result) {
+    int32_t number = state->rays->tiles[tile];
+    int steps = state->plan->instants[number];
+    /* One radiance at every instant is that of the sharp frame. */
+    if (!steps || is_single_radiance(state, tile, content))
+        return;
+    BlurTile blur; /* not initialized: its units are large */
+    blur.state = state;
+    blur.tile = tile;
+    blur.top = number / state->rays->tile_columns * TILE_PX;
+    blur.order = state->is_rolling ? &state->view->by_row : &state->view->by_cell;
+    blur.content = content;
+    blur.result = result;
+    int is_any = 0;
+    for (int unit = 0; unit < blur.order->units; unit++) {
+        Unit *one = &blur.units[unit];
+        one->is_changed = 0;
+        one->is_active = is_unit_wanted(state, state->plan->masks[number], unit);
+        is_any |= one->is_active;
+        if (one->is_active)
+            begin_unit(&blur, unit);
+    }
+    if (!is_any)
+        return;
+    blur_units(&blur, steps);
+    write_units(&blur);
+}

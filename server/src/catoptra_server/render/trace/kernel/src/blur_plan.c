@@ -1,0 +1,400 @@
+#include "blur_plan.h"
+
+#include "facet_plane.h"
+#include "pixels.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Below, nothing moves: float32 directions are known to about a thousandth of a pixel. */
+#define MIN_DISPLACEMENT_PX 2e-3f
+/* Displacement between two instants. */
+#define MAX_STEP_PX 2.0f
+/* Levels of dilation: by 1, 2, 4 ... cells or tiles. */
+enum { REACH_LEVELS = 6, CHANNELS = 3, CELLS = 2 };
+
+static size_t count_tiles(const View *view) {
+    return (size_t)view->tile_rows * (size_t)view->rays.tile_columns;
+}
+
+static int allocate(BlurPlan *plan, const View *view, int num_objects) {
+    size_t tiles = count_tiles(view), cells = tiles * CELLS * CELLS;
+    plan->cell_rows = CELLS * view->tile_rows;
+    plan->cell_columns = CELLS * view->rays.tile_columns;
+    plan->objects = malloc(sizeof(Pose) * 3 * (size_t)(num_objects + 1));
+    plan->means = malloc(sizeof(float) * CHANNELS * BLOCK_RAYS * (size_t)(view->rays.num_tiles + 1));
+    plan->speeds = calloc(tiles, sizeof(float));
+    plan->instants = calloc(tiles, sizeof(uint16_t));
+    plan->masks = calloc(tiles, 1);
+    plan->cells = malloc(2 * CHANNELS * cells);
+    int is_whole = plan->objects && plan->means && plan->speeds && plan->instants && plan->masks &&
+                   plan->cells;
+    for (int level = 0; level < BEAM_LEVELS; level++) {
+        const BeamLevel *parts = &view->levels[level];
+        plan->wanted[level] = calloc((size_t)parts->rows * (size_t)parts->columns, 1);
+        is_whole = is_whole && plan->wanted[level];
+    }
+    if (!is_whole)
+        return 0;
+    /* What no pixel has: the neutral values of both. */
+    memset(plan->cells, 255, CHANNELS * cells);
+    memset(plan->cells + CHANNELS * cells, 0, CHANNELS * cells);
+    return 1;
+}
+
+BlurPlan *create_plan(const FrameState *state) {
+    const Frame *frame = state->frame;
+    BlurPlan *plan = calloc(1, sizeof *plan);
+    if (!plan)
+        return NULL;
+    if (!allocate(plan, state->view, frame->num_objects)) {
+        release_plan(plan);
+        return NULL;
+    }
+    plan->is_blurred = frame->exposure > 0.0f;
+    plan->interval = 1.0f / (float)(frame->num_poses - 1);
+    float times[3] = {0.5f, 0.5f - 0.5f * plan->interval, 0.5f + 0.5f * plan->interval};
+    Pose *cameras[3] = {&plan->camera, &plan->begin, &plan->end};
+    for (int i = 0; i < 3; i++) {
+        FrameState moved = at_instant(state, times[i]);
+        *cameras[i] = moved.camera;
+        for (int object = 0; object < frame->num_objects; object++)
+            object_pose(&moved, object, plan->objects + 3 * object + i);
+    }
+    return plan;
+}
+
+void release_plan(BlurPlan *plan) {
+    if (!plan)
+        return;
+    for (int level = 0; level < BEAM_LEVELS; level++)
+        free(plan->wanted[level]);
+    free(plan->objects);
+    free(plan->means);
+    free(plan->speeds);
+    free(plan->instants);
+    free(plan->masks);
+    free(plan->cells);
+    free(plan);
+}
+
+static Vec3 unit(Vec3 a) { return scale(1.0f / sqrtf(dot(a, a)), a); }
+
+static Vec3 place(const Pose *pose, Vec3 point) {
+    return add(rotate(pose->rotation, point), vec3(pose->translation));
+}
+
+static Vec3 place_back(const Pose *pose, Vec3 point) {
+    return rotate_back(pose->rotation, subtract(point, vec3(pose->translation)));
+}
+
+/* Direction, from a pose, to the static point that is seen along `direction` at an inverse range. */
+static Vec3 look_back(const BlurPlan *plan, const Pose *pose, Vec3 direction, float inverse) {
+    Vec3 moved = subtract(vec3(plan->camera.translation), vec3(pose->translation));
+    return unit(rotate_back(pose->rotation, add(direction, scale(inverse, moved))));
+}
+
+static float pixel_length(const FrameState *state, int tile, Vec3 change) {
+    const float *pixel_scale = state->view->pixel_scales + 6 * (size_t)tile;
+    float column = dot(vec3(pixel_scale), change), row = dot(vec3(pixel_scale + 3), change);
+    return sqrtf(column * column + row * row);
+}
+
+static float static_speed(const FrameState *state, int tile, Vec3 direction, float inverse) {
+    const BlurPlan *plan = state->plan;
+    Vec3 seen = rotate(plan->camera.rotation, direction);
+    Vec3 change = subtract(look_back(plan, &plan->end, seen, inverse),
+                           look_back(plan, &plan->begin, seen, inverse));
+    return pixel_length(state, tile, change) / plan->interval;
+}
+
+static float object_speed(const FrameState *state, int tile, int object, Vec3 direction,
+                          float range) {
+    const BlurPlan *plan = state->plan;
+    const Pose *poses = plan->objects + 3 * (object - 1);
+    Vec3 point = place(&plan->camera, scale(range, direction));
+    Vec3 local = place_back(poses, point);
+    Vec3 begin = unit(place_back(&plan->begin, place(poses + 1, local)));
+    Vec3 end = unit(place_back(&plan->end, place(poses + 2, local)));
+    return pixel_length(state, tile, subtract(end, begin)) / plan->interval;
+}
+
+static void note_speed(const FrameState *state, int tile, float speed) {
+    float *noted = state->plan->speeds + state->rays->tiles[tile];
+    *noted = speed > *noted ? speed : *noted;
+}
+
+/* The nearest and the farthest hits of a block, of the static scene and of objects. */
+typedef struct {
+    int nearest, farthest; /* lanes; -1: none */
+} Extremes;
+
+static Extremes find_extremes(const RayBlock *rays, const HitBlock *hits, int is_object) {
+    Extremes found = {-1, -1};
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(rays->active >> lane & 1) || (hits->object[lane] > OBJECT_STATIC) != is_object)
+            continue;
+        float range = rays->limit[lane];
+        if (found.nearest < 0 || range < rays->limit[found.nearest])
+            found.nearest = lane;
+        if (found.farthest < 0 || range > rays->limit[found.farthest])
+            found.farthest = lane;
+    }
+    return found;
+}
+
+static Vec3 mirror_direction(const FrameState *state, const RayBlock *rays, int lane) {
+    return rotate_back(state->camera.rotation,
+                       get_lane((const float(*)[BLOCK_RAYS])rays->direction, lane));
+}
+
+void note_hits(const FrameState *state, int tile, const RayBlock *rays, const HitBlock *hits) {
+    Extremes scene = find_extremes(rays, hits, 0), objects = find_extremes(rays, hits, 1);
+    int scene_lanes[2] = {scene.nearest, scene.farthest};
+    int object_lanes[2] = {objects.nearest, objects.farthest};
+    for (int i = 0; i < 2; i++) {
+        int lane = scene_lanes[i];
+        if (lane >= 0)
+            note_speed(state, tile,
+                       static_speed(state, tile, mirror_direction(state, rays, lane),
+                                    1.0f / rays->limit[lane]));
+        lane = object_lanes[i];
+        if (lane >= 0)
+            note_speed(state, tile,
+                       object_speed(state, tile, hits->object[lane],
+                                    mirror_direction(state, rays, lane), rays->limit[lane]));
+    }
+}
+
+void note_plane(const FrameState *state, int tile, int32_t triangle) {
+    size_t blocks = (size_t)state->rays->samples * (size_t)state->rays->samples;
+    const float *from = state->rays->directions + (size_t)tile * blocks * 3 * BLOCK_RAYS;
+    Vec3 direction = {from[0], from[BLOCK_RAYS], from[2 * BLOCK_RAYS]};
+    float inverse = 0.0f;
+    if (triangle >= 0) {
+        const MeshArrays *mesh = &state->scene->mesh->arrays;
+        Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
+        Vec3 first = vec3(mesh->corners + 9 * (size_t)triangle);
+        Vec3 seen = rotate(state->camera.rotation, direction);
+        inverse = dot(normal, seen) /
+                  dot(normal, subtract(first, vec3(state->camera.translation)));
+    }
+    note_speed(state, tile, static_speed(state, tile, direction, inverse));
+}
+
+/* Bit mask of the pixels of a tile all of whose rays see the mirror: at its rim, the difference to
+ * black does not move. */
+static uint32_t find_whole_pixels(const FrameState *state, int tile) {
+    const RayOrder *order = &state->view->by_row;
+    int blocks = state->rays->samples * state->rays->samples;
+    const uint16_t *valid = state->rays->valid + (size_t)tile * (size_t)blocks;
+    uint32_t common = 0xffff, whole = 0xffff;
+    for (int block = 0; block < blocks; block++)
+        common &= valid[block];
+    for (int i = 0; common != 0xffff && i < TILE_PX * order->blocks * BLOCK_RAYS; i++) {
+        int source = order->source[i], row = i / (order->blocks * BLOCK_RAYS);
+        if (source != NO_RAY && !(valid[source / BLOCK_RAYS] >> source % BLOCK_RAYS & 1))
+            whole &= ~(1u << (row * TILE_PX + i % TILE_PX));
+    }
+    return whole;
+}
+
+void note_means(const FrameState *state, int tile, const float means[3][TILE_PX * TILE_PX]) {
+    BlurPlan *plan = state->plan;
+    int32_t number = state->rays->tiles[tile];
+    size_t plane = (size_t)plan->cell_rows * (size_t)plan->cell_columns;
+    memcpy(plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS, means,
+           sizeof(float) * CHANNELS * BLOCK_RAYS);
+    uint32_t whole = find_whole_pixels(state, tile);
+    for (int cell = 0; cell < CELLS * CELLS; cell++) {
+        int row = CELLS * (number / state->rays->tile_columns) + cell / CELLS;
+        int column = CELLS * (number % state->rays->tile_columns) + cell % CELLS;
+        uint8_t *at = plan->cells + (size_t)row * (size_t)plan->cell_columns + (size_t)column;
+        int first = cell / CELLS * 2 * TILE_PX + cell % CELLS * 2;
+        if ((whole >> first & 0x33) != 0x33)
+            continue;
+        for (int channel = 0; channel < CHANNELS; channel++) {
+            const float *m = means[channel] + first;
+            float low = fminf(fminf(m[0], m[1]), fminf(m[TILE_PX], m[TILE_PX + 1]));
+            float high = fmaxf(fmaxf(m[0], m[1]), fmaxf(m[TILE_PX], m[TILE_PX + 1]));
+            at[plane * (size_t)channel] = encode(state, low);
+            at[plane * (size_t)(CHANNELS + channel)] = encode(state, high);
+        }
+    }
+}
+
+static void greater(uint8_t *restrict to, const uint8_t *restrict from, size_t count) {
+    for (size_t i = 0; i < count; i++)
+        to[i] = from[i] > to[i] ? from[i] : to[i];
+}
+
+static void lesser(uint8_t *restrict to, const uint8_t *restrict from, size_t count) {
+    for (size_t i = 0; i < count; i++)
+        to[i] = from[i] < to[i] ? from[i] : to[i];
+}
+
+typedef void (*Merge)(uint8_t *restrict, const uint8_t *restrict, size_t);
+
+/* Extremes within `step` to both sides, along rows and then columns. */
+static void dilate(uint8_t *plane, uint8_t *scratch, int rows, int columns, int step, Merge merge) {
+    size_t width = (size_t)columns, shift = (size_t)(step < columns ? step : columns);
+    for (int row = 0; row < rows; row++) {
+        const uint8_t *from = plane + (size_t)row * width;
+        uint8_t *to = scratch + (size_t)row * width;
+        memcpy(to, from, width);
+        merge(to, from + shift, width - shift);
+        merge(to + shift, from, width - shift);
+    }
+    memcpy(plane, scratch, width * (size_t)rows);
+    for (int row = 0; row < rows; row++) {
+        if (row >= step)
+            merge(plane + (size_t)row * width, scratch + (size_t)(row - step) * width, width);
+        if (row + step < rows)
+            merge(plane + (size_t)row * width, scratch + (size_t)(row + step) * width, width);
+    }
+}
+
+/* Number of the dilation that a reach takes, in units of its first step. */
+static int reach_level(float reach) {
+    int level = 0;
+    while (level < REACH_LEVELS - 1 && reach > (float)(1 << level))
+        level++;
+    return level;
+}
+
+static void dilate_speeds(float *to, const float *from, int rows, int columns, int step) {
+    for (int row = 0; row < rows; row++)
+        for (int column = 0; column < columns; column++) {
+            float speed = from[row * columns + column];
+            if (!(speed > 0.0f))
+                continue;
+            int top = row - step > 0 ? row - step : 0, left = column - step > 0 ? column - step : 0;
+            int bottom = row + step < rows - 1 ? row + step : rows - 1;
+            int right = column + step < columns - 1 ? column + step : columns - 1;
+            for (int i = top; i <= bottom; i++)
+                for (int k = left; k <= right; k++)
+                    to[i * columns + k] = fmaxf(to[i * columns + k], speed);
+        }
+}
+
+/* Displacement during `time` of all that may reach into a tile, px. Fast surfaces reach far. */
+static float *spread_speeds(const FrameState *state, float time) {
+    const View *view = state->view;
+    size_t tiles = count_tiles(view);
+    int rows = view->tile_rows, columns = view->rays.tile_columns;
+    float *spread = calloc(2 * tiles, sizeof(float));
+    if (!spread)
+        return NULL;
+    float *layer = spread + tiles;
+    for (int level = 0; level < REACH_LEVELS; level++) {
+        int count = 0;
+        for (size_t tile = 0; tile < tiles; tile++) {
+            float displacement = time * state->plan->speeds[tile];
+            int is_here = displacement > MIN_DISPLACEMENT_PX &&
+                          reach_level((0.5f * displacement + 1.0f) / TILE_PX) == level;
+            layer[tile] = is_here ? displacement : 0.0f;
+            count += is_here;
+        }
+        if (count)
+            dilate_speeds(spread, layer, rows, columns, 1 << level);
+    }
+    return spread;
+}
+
+/* Greatest contrast within reach of a cell of a tile, grey levels. */
+static int find_contrast(const BlurPlan *plan, const uint8_t *cells, int row, int column, int cell) {
+    size_t plane = (size_t)plan->cell_rows * (size_t)plan->cell_columns;
+    const uint8_t *at = cells + (size_t)(CELLS * row + cell / CELLS) * (size_t)plan->cell_columns +
+                        CELLS * column + cell % CELLS;
+    int contrast = 0;
+    for (int channel = 0; channel < CHANNELS; channel++) {
+        int difference = at[plane * (size_t)(CHANNELS + channel)] - at[plane * (size_t)channel];
+        contrast = difference > contrast ? difference : contrast;
+    }
+    return contrast;
+}
+
+static int is_visible(const Frame *frame, int contrast, float displacement) {
+    return displacement >= MIN_DISPLACEMENT_PX &&
+           (frame->blur_threshold < 0.0f ||
+            (float)contrast * fminf(1.0f, displacement) > frame->blur_threshold);
+}
+
+/* Least number of instants: nothing may pass a pixel unseen between two of them. */
+static int count_instants(const Frame *frame, float displacement) {
+    int count = 2;
+    while ((float)count * MAX_STEP_PX < displacement && 2 * count <= frame->max_instants)
+        count *= 2;
+    return count;
+}
+
+static void want_cell(const FrameState *state, int row, int column, int cell, int count) {
+    BlurPlan *plan = state->plan;
+    int at = row * state->rays->tile_columns + column;
+    plan->num_tiles += !plan->masks[at];
+    plan->masks[at] |= (uint8_t)(1 << cell);
+    plan->instants[at] = (uint16_t)count;
+    plan->max_instants = count > plan->max_instants ? count : plan->max_instants;
+    for (int level = 0; level < BEAM_LEVELS; level++)
+        plan->wanted[level][(row >> level) * state->view->levels[level].columns +
+                            (column >> level)] = 1;
+}
+
+/* A row that is exposed later or earlier than the pose shows the scene displaced. */
+static void note_rolling(const FrameState *state, int contrast, float displacement) {
+    float change = (float)contrast * fminf(1.0f, displacement);
+    state->plan->rolling_change = fmaxf(state->plan->rolling_change, change);
+}
+
+/* One decision for all tiles whose motion reaches as far as one level of dilation. */
+static void choose_level(const FrameState *state, const uint8_t *cells, int level,
+                         const float *displacements, const float *rolled) {
+    const View *view = state->view;
+    int columns = view->rays.tile_columns;
+    for (int row = 0; row < view->tile_rows; row++)
+        for (int column = 0; column < columns; column++) {
+            int at = row * columns + column;
+            if (view->tile_at[at] < 0)
+                continue;
+            int is_blurred = displacements &&
+                             reach_level((0.5f * displacements[at] + 0.5f) / 2.0f) == level;
+            int is_rolled = rolled && reach_level((rolled[at] + 0.5f) / 2.0f) == level;
+            if (!is_blurred && !is_rolled)
+                continue;
+            float offset = fabsf(row_time(state, TILE_PX * ((float)row + 0.5f)) - 0.5f);
+            for (int cell = 0; cell < CELLS * CELLS; cell++) {
+                int contrast = find_contrast(state->plan, cells, row, column, cell);
+                if (is_blurred && is_visible(state->frame, contrast, displacements[at]))
+                    want_cell(state, row, column, cell,
+                              count_instants(state->frame, displacements[at]));
+                if (is_rolled)
+                    note_rolling(state, contrast,
+                                 rolled[at] * 2.0f * offset / state->frame->readout);
+            }
+        }
+}
+
+int choose_instants(const FrameState *state) {
+    BlurPlan *plan = state->plan;
+    const Frame *frame = state->frame;
+    int rows = plan->cell_rows, columns = plan->cell_columns;
+    size_t plane = (size_t)rows * (size_t)columns;
+    float *displacements = frame->exposure > 0.0f ? spread_speeds(state, frame->exposure) : NULL;
+    float *rolled = frame->readout > 0.0f ? spread_speeds(state, 0.5f * frame->readout) : NULL;
+    uint8_t *scratch = malloc(plane);
+    int is_whole = scratch && (displacements || !(frame->exposure > 0.0f)) &&
+                   (rolled || !(frame->readout > 0.0f));
+    for (int level = 0; is_whole && level < REACH_LEVELS; level++) {
+        /* From a reach of r cells to one of 2 r. */
+        int step = level < 2 ? 1 : 1 << (level - 1);
+        for (int channel = 0; channel < 2 * CHANNELS; channel++)
+            dilate(plan->cells + plane * (size_t)channel, scratch, rows, columns, step,
+                   channel < CHANNELS ? lesser : greater);
+        choose_level(state, plan->cells, level, displacements, rolled);
+    }
+    free(displacements);
+    free(rolled);
+    free(scratch);
+    return is_whole;
+}

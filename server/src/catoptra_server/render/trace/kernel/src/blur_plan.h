@@ -1,0 +1,45 @@
+/* Where a frame's motion shows, and how many instants of its exposure that takes.
+ *
+ * The sharp frame says by how much each tile's surfaces move, in pixels, and how much pixels differ
+ * within reach of that motion. A pixel changes by less than both together allow: most of a picture
+ * is left as it is. All decisions follow from the sharp frame alone, not from threads.
+ */
+#ifndef CATOPTRA_BLUR_PLAN_H
+#define CATOPTRA_BLUR_PLAN_H
+
+#include "beams.h"
+#include "frame_state.h"
+
+typedef struct BlurPlan {
+    int is_blurred; /* rows are exposed for some time */
+    float interval; /* time between the two poses below */
+    Pose camera, begin, end;
+    Pose *objects; /* (o, 3) likewise */
+    float *means;  /* (t, 3, 16) of the sharp frame's pixels, linear */
+    float *speeds; /* (tile rows, tile columns) largest displacement in the poses' whole time, px */
+    int cell_rows, cell_columns; /* squares of 2 x 2 pixels */
+    uint8_t *cells; /* (6, rows, columns) least and greatest sRGB value of each channel */
+    uint16_t *instants;  /* (tile rows, tile columns) at least; 0: the sharp frame is enough */
+    uint8_t *masks;      /* likewise: bit mask of the cells that motion may change, row by row */
+    uint8_t *wanted[BEAM_LEVELS]; /* parts with such tiles */
+    int num_tiles, max_instants;
+    float rolling_change; /* bound of the largest change by the rows' own times, grey levels */
+} BlurPlan;
+
+/* Space for a moving frame; NULL if memory is short. */
+BlurPlan *create_plan(const FrameState *state);
+void release_plan(BlurPlan *plan);
+
+/* Take down the motion of what a block of rays meets, by the distances of the hits. */
+void note_hits(const FrameState *state, int tile, const RayBlock *rays, const HitBlock *hits);
+
+/* The same of a tile that one plane fills, or the background at a `triangle` below 0. */
+void note_plane(const FrameState *state, int tile, int32_t triangle);
+
+/* Take down the linear means of a tile's pixels. */
+void note_means(const FrameState *state, int tile, const float means[3][TILE_PX * TILE_PX]);
+
+/* Decide on the number of instants of each tile; 0 if memory is short. */
+int choose_instants(const FrameState *state);
+
+#endif

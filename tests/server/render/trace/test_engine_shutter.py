@@ -1,0 +1,163 @@
+"""Exposures of moving cameras in the kernel: sharp frames, cell by cell and row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.shutter import Shutter
+from catoptra_server.render.trace.kernel.kernel_engine import KernelRays
+from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.ray_table import omni_ray_table
+from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
+from catoptra_server.render.trace.trace_renderer import TraceRenderer
+from catoptra_server.scene.colour import srgb_from_linear
+from helpers.motion_reference import (
+    START_POSES,
+    camera_state_after,
+    crossing_object,
+    driving_camera_state,
+    load_world_setup,
+    time_samples,
+)
+from helpers.worlds import make_omni_camera, make_plan
+
+CAMERA = make_omni_camera(width_px=240)
+T_S = 1.0 / 30.0
+BLUR = Shutter(T_S, 0.0, 64.0)
+ROLLING = Shutter(0.0, T_S, 64.0)
+BOTH = Shutter(T_S, T_S, 64.0)
+THRESHOLDS = {"MotionBlur": 0.5, "RollingShutter": 0.5}
+START = START_POSES["four_legged_2006"]
+STATES = {
+    "drives": driving_camera_state(START, 0.5, 30.0),
+    "is fast": driving_camera_state(START, 2.0, 0.0),
+    "turns": driving_camera_state(START, 0.3, 114.0),
+    "passes an object": driving_camera_state(START, 0.5, 30.0, crossing_object(START)),
+}
+
+
+def make_rays(world: str, samples: int, threads: int = 2) -> tuple[TraceRenderer, KernelRays]:
+    setup = load_world_setup(world)
+    try:
+        renderer = TraceRenderer(setup.scene, setup.world, threads=threads, engine="kernel")
+    except KernelUnavailableError as error:
+        pytest.skip(str(error))
+    rays = renderer._engine.prepare(omni_ray_table(CAMERA, make_plan(CAMERA, samples=samples)))
+    assert isinstance(rays, KernelRays)
+    return renderer, rays
+
+
+@pytest.fixture(scope="module")
+def rays() -> Iterator[KernelRays]:
+    renderer, rays = make_rays("four_legged_2006", 2)
+    yield rays
+    rays.close()
+    renderer.close()
+
+
+def expose(rays: KernelRays, state: CameraState, shutter: Shutter) -> TracedFrame:
+    exposed = replace(state, shutter=shutter)
+    return rays.render(exposed, TraceRequest(is_linear=True, thresholds=THRESHOLDS))
+
+
+def levels(light: Floats) -> Floats:
+    return np.asarray(255.0 * srgb_from_linear(np.clip(light.astype(np.float64), 0.0, 1.0)))
+
+
+def mean_frame(rays: KernelRays, state: CameraState, centre_s: float, count: int) -> Floats:
+    times = centre_s + time_samples(T_S, count)
+    frames = [rays.render_linear(camera_state_after(state, float(t))) for t in times]
+    return np.mean([frame.astype(np.float64) for frame in frames], axis=0)
+
+
+def assert_like(frame: Floats, expected: Floats) -> None:
+    difference = np.abs(levels(frame) - levels(expected)).max(axis=-1)
+    # Of all pixels, as many off the mirror as at 640 px; edges are 640 / 240 times as frequent.
+    assert (difference > 2.0).mean() < 0.01 * 640 / CAMERA.width_px
+    assert (difference > 8.0).mean() < 0.001 * 640 / CAMERA.width_px
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_blur_when_drawn_by_cell_is_the_mean_of_64_frames(rays: KernelRays, name: str) -> None:
+    frame = expose(rays, STATES[name], BLUR)
+    assert_like(frame.image, mean_frame(rays, STATES[name], 0.0, 64))
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_rows_when_read_one_by_one_are_those_of_sharp_frames(rays: KernelRays, name: str) -> None:
+    image = expose(rays, STATES[name], ROLLING).image
+    for row in range(3, CAMERA.height_px, 19):
+        time_s = T_S * ((row + 0.5) / CAMERA.height_px - 0.5)
+        sharp = rays.render_linear(camera_state_after(STATES[name], time_s))[row]
+        # Poses between two are interpolated: an edge may meet another sample.
+        assert (np.abs(levels(image[row]) - levels(sharp)).max(axis=-1) > 1.0).mean() < 0.01
+
+
+def test_rows_when_also_blurred_are_means_about_their_own_times(rays: KernelRays) -> None:
+    state = STATES["passes an object"]
+    image = expose(rays, state, BOTH).image
+    rows = range(5, CAMERA.height_px, 37)
+    expected = [
+        mean_frame(rays, state, T_S * ((row + 0.5) / CAMERA.height_px - 0.5), 32)[row]
+        for row in rows
+    ]
+    assert_like(image[rows], np.stack(expected))
+
+
+@pytest.mark.parametrize("samples", [1, 3, 4])
+def test_blur_at_other_numbers_of_samples_is_the_mean_of_64_frames(samples: int) -> None:
+    renderer, rays = make_rays("corridor", samples)
+    state = driving_camera_state(START_POSES["corridor"], 0.5, 30.0)
+    assert_like(expose(rays, state, BLUR).image, mean_frame(rays, state, 0.0, 64))
+    rays.close()
+    renderer.close()
+
+
+def test_exposure_without_motion_is_the_sharp_frame(rays: KernelRays) -> None:
+    state = CameraState(START)
+    sharp = rays.render_linear(state)
+    for shutter in (BLUR, ROLLING, BOTH):
+        np.testing.assert_array_equal(expose(rays, state, shutter).image, sharp)
+
+
+def test_exposure_when_traced_by_other_threads_has_the_same_bytes() -> None:
+    frames = []
+    for threads in (1, 3):
+        renderer, rays = make_rays("four_legged_2006", 2, threads)
+        frames.append(expose(rays, STATES["passes an object"], BOTH))
+        rays.close()
+        renderer.close()
+    np.testing.assert_array_equal(frames[0].image, frames[1].image)
+    assert frames[0].changes == frames[1].changes
+
+
+def test_changes_of_blur_are_the_largest_difference_from_the_sharp_frame(rays: KernelRays) -> None:
+    state = STATES["drives"]
+    frame = expose(rays, state, BLUR)
+    difference = np.abs(levels(frame.image) - levels(rays.render_linear(state))).max()
+    # The table of the encoding is exact to a hundredth.
+    assert frame.changes["MotionBlur"] == pytest.approx(difference, abs=0.011)
+
+
+def test_motion_that_nobody_sees_is_left_out(rays: KernelRays) -> None:
+    # A hundredth of a pixel during the exposure, and edges of 150 grey levels at most.
+    state = driving_camera_state(START, 1e-4, 0.0)
+    frame = expose(rays, state, BLUR)
+    assert frame.changes["MotionBlur"] <= 0.5
+    assert rays.last_counts.num_blurred_tiles < 0.1 * rays.last_counts.num_tiles
+
+
+def test_blur_when_the_budget_allows_two_instants_takes_no_more(rays: KernelRays) -> None:
+    expose(rays, STATES["drives"], BLUR)
+    free = rays.last_counts.num_blur_rays
+    expose(rays, STATES["drives"], replace(BLUR, max_time_samples=2))
+    limited = rays.last_counts
+    # Both ends of the exposure; its middle is the sharp frame.
+    assert limited.num_blur_rays <= 2 * 64 * limited.num_blurred_tiles
+    assert limited.num_blur_rays < free
