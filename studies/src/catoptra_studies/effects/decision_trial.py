@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
@@ -28,7 +30,7 @@ from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.engine_choice import create_engine
 from catoptra_server.render.trace.ray_table import Float32s, omni_ray_table
-from catoptra_server.render.trace.trace_engine import pixel_ranges
+from catoptra_server.render.trace.trace_engine import assemble_grid
 from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_studies.effects.effect_truth import EffectTruth
 from catoptra_studies.effects.situations import MOTIONS, Place, choose_places
@@ -36,6 +38,7 @@ from catoptra_studies.effects.situations import MOTIONS, Place, choose_places
 ROBOT = "p2at_omni_real"
 # Of the camera; the place is the tick.
 _CAMERA_KEY = (1, 2)
+_NOTHING_M = np.float32(np.inf)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,11 +151,15 @@ def _make_truth(startup: StartupConfig, spec: OmniCameraSpec) -> EffectTruth:
         scene_lights=startup.world.lights,
         instruction_set="auto",
     )
-    rays = engine.prepare(omni_ray_table(spec.camera, plan))
-    centres = omni_ray_table(spec.camera, replace(plan, samples=1))
-    centre_rays = engine.prepare(centres)
+    table = omni_ray_table(spec.camera, plan)
+    rays = engine.prepare(table)
 
     def measure_ranges(state: CameraState) -> Float32s:
-        return pixel_ranges(centres, centre_rays.find_hits(state))
+        """Inverse of the mean inverse range of each pixel's samples: their discs grow with it."""
+        ranges = assemble_grid(table, rays.find_hits(state).range_m[..., None], fill=_NOTHING_M)
+        rows, columns, samples = spec.camera.height_px, spec.camera.width_px, plan.samples
+        inverse = 1.0 / ranges.astype(np.float64).reshape(rows, samples, columns, samples)
+        with np.errstate(divide="ignore"):  # a pixel that shows nothing is infinitely far away
+            return np.asarray(1.0 / inverse.mean(axis=(1, 3)), dtype=np.float32)
 
     return EffectTruth(spec.camera, rays.render_linear, measure_ranges)
