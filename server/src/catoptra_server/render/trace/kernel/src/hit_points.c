@@ -19,6 +19,16 @@ static void set_triangle(PlaneQueries *queries, int lane, const float *corners) 
     set_lane(queries->edge_v, lane, subtract(vec3(corners + 6), first));
 }
 
+/* The same for an object at rest: a rotation's inverse is its transpose, and keeps lengths. */
+static void move_to_resting_object(const Pose *pose, int lane, PlaneQueries *queries,
+                                   HitPoints *points, const float *normal) {
+    const float *rotation = pose->rotation;
+    Vec3 from_object = subtract(get_lane(queries->origin, lane), vec3(pose->translation));
+    set_lane(queries->origin, lane, rotate_back(rotation, from_object));
+    set_lane(queries->direction, lane, rotate_back(rotation, get_lane(queries->direction, lane)));
+    set_lane(points->normal, lane, rotate(rotation, vec3(normal)));
+}
+
 /* A dynamic object's mesh is committed in a frame of its own: the ray is moved, not the mesh. */
 static void move_to_object(const FrameState *state, int object, float time, int lane,
                            PlaneQueries *queries, HitPoints *points, const float *normal) {
@@ -27,10 +37,7 @@ static void move_to_object(const FrameState *state, int object, float time, int 
     float normals_matrix[9];
     pose_at(frame->object_poses + object, frame->num_poses, frame->num_objects, time, &pose);
     /* The entries between two rotations make no rotation: its transpose is not its inverse. */
-    if (frame->num_poses > 1)
-        invert_transposed(pose.rotation, normals_matrix);
-    else
-        memcpy(normals_matrix, pose.rotation, sizeof normals_matrix);
+    invert_transposed(pose.rotation, normals_matrix);
     Vec3 from_object = subtract(get_lane(queries->origin, lane), vec3(pose.translation));
     set_lane(queries->origin, lane, rotate_back(normals_matrix, from_object));
     set_lane(queries->direction, lane,
@@ -48,6 +55,9 @@ static void gather_lane(const FrameState *state, const RayBlock *rays, const Hit
     set_triangle(queries, lane, mesh->corners + 9 * triangle);
     if (object == OBJECT_STATIC)
         set_lane(points->normal, lane, vec3(mesh->normals + 3 * triangle));
+    else if (state->frame->num_poses == 1)
+        move_to_resting_object(state->frame->object_poses + object - 1, lane, queries, points,
+                               mesh->normals + 3 * triangle);
     else
         move_to_object(state, object - 1, rays->time[lane], lane, queries, points,
                        mesh->normals + 3 * triangle);

@@ -174,8 +174,22 @@ static LightProof prove_block(const FrameState *state, int32_t triangle, const H
 }
 
 static void set_all(float values[3][BLOCK_RAYS], Vec3 value) {
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        set_lane(values, lane, value);
+    float parts[3] = {value.x, value.y, value.z};
+    for (int channel = 0; channel < 3; channel++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            values[channel][lane] = parts[channel];
+}
+
+/* The same as `look_up` for 16 rays that meet one facet. */
+static void look_up_plane(const FrameState *state, int32_t triangle, SurfaceBlock *surface,
+                          float radiance[3][BLOCK_RAYS]) {
+    uint8_t flags = state->scene->mesh->arrays.flags[triangle];
+    int is_computed = !is_tabulated(state, OBJECT_STATIC, triangle);
+    surface->computed = is_computed ? 0xffff : 0;
+    surface->lit = is_computed && !(flags & FACET_UNLIT) ? 0xffff : 0;
+    surface->textured = is_computed && flags & FACET_TEXTURED ? 0xffff : 0;
+    if (!is_computed)
+        set_all(radiance, table_entry(state, OBJECT_STATIC, triangle));
 }
 
 static void begin_plane(const FrameState *state, const RayBlock *rays, int32_t triangle,
@@ -221,10 +235,15 @@ static void multiply_block(float values[3][BLOCK_RAYS], float factors[3][BLOCK_R
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                  const LightProof *proof, float radiance[3][BLOCK_RAYS], LostLight *lost) {
     SurfaceBlock surface = {.proof = {0, 0}};
-    look_up(state, rays, hits, &surface, radiance);
+    int32_t triangle = proof && rays->active == 0xffff ? hits->triangle[0] : -1;
+    if (triangle >= 0)
+        look_up_plane(state, triangle, &surface, radiance);
+    else
+        look_up(state, rays, hits, &surface, radiance);
     if (!surface.computed)
         return;
-    int32_t triangle = state->has_one_origin ? find_common_triangle(hits, surface.computed) : -1;
+    if (triangle < 0 && state->has_one_origin)
+        triangle = find_common_triangle(hits, surface.computed);
     int is_plane = triangle >= 0 &&
                    !(state->scene->mesh->arrays.flags[triangle] & FACET_CORNER_COLOURS);
     FacetPlane plane;

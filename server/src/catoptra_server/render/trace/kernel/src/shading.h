@@ -14,7 +14,8 @@ int is_tabulated(const FrameState *state, int object, int triangle);
 Vec3 table_entry(const FrameState *state, int object, int triangle);
 
 /* Radiance, (3, 16), and what of it is lost by shadows; rays that are not active are left as they
- * are. `proof` holds for all hits, or is NULL; `lost` may be NULL, and its rays are set before. */
+ * are. `proof` is NULL, or what is known of the one static facet that all hits lie on; `lost` may be
+ * NULL, and its rays are set before. */
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                  const LightProof *proof, float radiance[3][BLOCK_RAYS], LostLight *lost);
 
