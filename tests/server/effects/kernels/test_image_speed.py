@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_sample_positions
+from catoptra_server.bounds.distance_bound_cache import rotation_to_axis
 from catoptra_server.effects.kernels.image_speed import (
     bound_motion,
     max_speeds_px_s,
@@ -56,6 +58,27 @@ def test_speeds_when_a_scene_is_as_near_as_it_may_be_are_bounds_and_tight(
     measured, ring = measure_speeds(camera, twist)
     assert (measured <= bounds[ring] * (1.0 + 1e-6) + 1e-6).all()
     assert bounds.max() < 1.7 * measured.max()
+
+
+@pytest.mark.parametrize("fov_deg", [20.0, 90.0, 150.0])
+@pytest.mark.parametrize("twist", MOTIONS.values(), ids=MOTIONS.keys())
+def test_speeds_of_a_lens_s_pixels_are_within_their_bounds(fov_deg: float, twist: Twist) -> None:
+    lens = PerspectiveCamera(96, 64, math.radians(fov_deg))
+    pixels = pixel_sample_positions(lens)[:, :, 0]
+    radius_px = np.linalg.norm(pixels - lens.centre_px, axis=-1)
+    ring = np.minimum((radius_px / lens.rim_radius_px * NUM_RINGS).astype(np.intp), NUM_RINGS - 1)
+    # Axes whose z is the optical axis, as those of the summary.
+    camera_from_axes = rotation_to_axis(lens.optical_axis).T
+    near_m = np.minimum(np.array(NEAREST_M)[ring], 1e9)[..., None]
+    points = near_m * (lens.direction_from_pixel(pixels)[0] @ camera_from_axes)
+    velocity = np.array(twist.linear_m_s) + np.cross(twist.angular_rad_s, points)
+    moved, valid = lens.pixel_from_direction(
+        (points + _TIME_STEP_S * velocity) @ camera_from_axes.T
+    )
+    speed = np.linalg.norm(moved - pixels, axis=-1)[valid] / _TIME_STEP_S
+    bounds = max_speeds_px_s(SceneSummary(1.0, NEAREST_M, scene_twist=twist), lens)
+    assert (speed <= bounds[ring[valid]] * (1.0 + 1e-3) + 1e-6).all()
+    assert bounds.max() < 2.5 * speed.max()
 
 
 def test_passing_bodies_when_they_come_add_their_rate() -> None:
