@@ -38,8 +38,13 @@ from helpers.worlds import CAMERA_STATE, make_test_world
 
 CAMERA = PerspectiveCamera(160, 120, math.radians(90.0))
 NAMES = [kind.name for kind in EFFECT_TYPES if not kind.needs_mirror]
-# So strong that most pixels change, where the defaults change few.
+# So strong that pixels change, where the defaults change few or none.
+WIDE_OPEN = {"f_number": 1.4, "pixel_pitch_m": 3e-5, "focus_distance_m": 0.4}
 STRONG = {
+    "Defocus": WIDE_OPEN,
+    "DefocusByDepth": WIDE_OPEN,
+    "Exposure": {"exposure_s": 1.0 / 15.0},
+    "Quantisation": {"adc_bits": 8},
     "Fog": {"density_per_m": 0.3, "blue": 0.8},
     "ChromaticAberration": {"red_magnification": 1.01, "blue_magnification": 0.99},
     "RollingShutter": {"readout_s": 1.0 / 30.0},
@@ -74,20 +79,28 @@ def find_effect(name: str) -> Effect:
     return make_any_effect(name, STRONG.get(name))
 
 
+def find_chain(name: str) -> tuple[Effect, ...]:
+    """An effect, behind another one where no light of the world calls for it."""
+    names = ("Exposure", name) if name == "Blooming" else (name,)
+    return tuple(map(find_effect, names))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_renderers_with_an_effect_agree(device: GlDevice, name: str) -> None:
     world = make_test_world()
     scene = build_scene(world)
-    plan = plan_always(world, STATE, CAMERA, find_effect(name))
+    plan = plan_always(world, STATE, CAMERA, *find_chain(name))
     staged = apply_scene_effects(STATE, plan)
     trace = TraceRenderer(scene, world, threads=2)
     traced_view = trace.prepare_perspective(CAMERA, 2)
-    calm = traced_view.render(STATE).rgb
+    before = plan_always(world, STATE, CAMERA, *find_chain(name)[:-1])
+    calm = traced_view.render(STATE, before.image_effects).rgb
     traced = traced_view.render(staged, plan.image_effects).rgb
     trace.close()
     view = RasterRenderer(scene, world, device=device).prepare_perspective(CAMERA, 2)
     rastered = view.render(staged, plan.image_effects).rgb
     view.close()
+    assert (level_differences(calm, traced) > 0).mean() > 1e-3, "the effect shows"
     difference = level_differences(rastered, traced)
     smooth = mask_away_from_edges(calm) & mask_away_from_edges(traced)
     assert (difference[smooth] > 2).mean() < 2e-3
@@ -204,11 +217,12 @@ def test_change_of_a_frame_stays_within_the_bound(name: str) -> None:
     world = make_test_world()
     trace = TraceRenderer(build_scene(world), world, threads=2)
     view = trace.prepare_perspective(CAMERA, 2)
-    effect = find_effect(name)
-    plan = plan_always(world, STATE, CAMERA, effect)
-    before, after = view.render_linear(STATE), draw(view, STATE, plan)
+    *others, effect = find_chain(name)
+    plan = plan_always(world, STATE, CAMERA, *others, effect)
+    before = draw(view, STATE, plan_always(world, STATE, CAMERA, *others))
+    after = draw(view, STATE, plan)
     trace.close()
-    (decision,) = plan.decisions
+    decision = plan.decisions[-1]
     change = 255.0 * np.abs(srgb_from_linear(after) - srgb_from_linear(before)).max()
     # 0.05: linear images are float32, and the renderer's instants are no continuum.
     assert change <= decision.bound + 0.05
