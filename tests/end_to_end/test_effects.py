@@ -111,35 +111,3 @@ def test_motion_blur_is_enabled_while_the_robot_turns(tmp_path: Path) -> None:
     # By the native kernel, or by any other renderer.
     is_blurred = [bool({"MotionBlur", "accumulate"} & one.keys()) for one in stages]
     assert is_blurred == [False, True, False]
-
-
-def test_perspective_camera_has_the_decisions_of_its_own_section_in_the_header(
-    tmp_path: Path,
-) -> None:
-    camera = (
-        "Cameras=(ItemClass=class'USARBot.RobotCamera',ItemName=\"Ahead\","
-        "Position=(X=0.1,Y=0,Z=-0.3),Direction=(X=0,Y=0,Z=0))\n"
-    )
-    section = (
-        "\n[USARBot.RobotCamera]\nResolutionX=64\nResolutionY=48\nMotionBlur=auto\n"
-        "ExposureTime=0.05\nVignetting=auto\nShotNoise=auto\nQuantisation=auto\n"
-    )
-    robot = write_robot_with(tmp_path, "Samples=1")
-    text = robot.read_text(encoding="utf-8")
-    robot.write_text(text.replace("Cameras=", camera + "Cameras=", 1) + section, encoding="utf-8")
-    states, frames = [], []
-    with start_server(tmp_path, "--clock", "lockstep", robot=robot) as server:
-        with server.connect_stream() as client:
-            client.spawn(CLASS, name="Ahead", start_pose="Centre")
-            for speed in (0.0, 3.0):
-                client.drive(speed, -speed)
-                client.step(0.2)
-                frame = client.get_frame(encoding=ImageEncoding.RAW, robot="Ahead", camera="Ahead")
-                states.append({one.name: one.enabled for one in frame.effects})
-                frames.append(frame)
-    still = {"MotionBlur": False, "Vignetting": True, "ShotNoise": True, "Quantisation": False}
-    assert states == [still, still | {"MotionBlur": True}]
-    reasons = {one.name: one.reason for one in frames[1].effects}
-    assert "turns by up to" in reasons["MotionBlur"]
-    assert frames[0].stage_ms is not None
-    assert {"Vignetting", "ShotNoise", "encode"} <= set(frames[0].stage_ms)

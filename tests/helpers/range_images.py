@@ -23,6 +23,7 @@ CAMERA_ABOVE_FLOOR = CameraState(Pose.from_rpy((0.0, 0.0, -VIEWPOINT_HEIGHT_M)))
 class RangeRecorder:
     """An effect that changes nothing and records its ranges."""
 
+    name = "RangeRecorder"
     needs_range = True
 
     def __init__(self, effect: ImageEffect) -> None:

@@ -38,7 +38,7 @@ FULL = SceneSummary(
     ego_body_max_angle_rad=0.5,
     ego_body_min_distances_m=(0.1,) * NUM_RINGS,
     attached_min_distances_m=(0.15,) * NUM_RINGS,
-    superseded_effects=frozenset({"Defocus"}),
+    included_effects=frozenset({("Defocus", "DefocusByDepth")}),
 )
 # Each field alone as in FULL, and each field alone as in DAYLIGHT: both sides of every branch.
 SUMMARIES = [

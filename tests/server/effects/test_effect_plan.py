@@ -22,6 +22,9 @@ from catoptra_server.effects.effect_plan import (
     describe_changes,
     plan_effects,
 )
+from catoptra_server.effects.kernels.lens_blur import Aperture
+from catoptra_server.effects.medium.defocus import Defocus
+from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.medium.fog import Fog
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
@@ -218,3 +221,22 @@ def test_threshold_of_an_effect_that_is_proved_off_is_not_the_frames() -> None:
 def test_thresholds_when_only_proofs_count_are_none() -> None:
     settings = replace(make_settings((COARSE, EffectMode.AUTO)), basis=DecisionBasis.PROVED)
     assert not plan_effects(settings, DAYLIGHT, CAMERA).thresholds
+
+
+@pytest.mark.parametrize(("depth_change", "expected"), [(3.0, [True, False]), (0.1, [False, True])])
+def test_frame_when_depth_does_not_show_counts_the_blur_as_that_of_the_fixed_disc(
+    depth_change: float, expected: list[bool]
+) -> None:
+    aperture = Aperture(4.0, 7.4e-6, 0.0)
+    near = SceneSummary(1.0, min_distances_m=(0.2,) * NUM_RINGS)
+    plan = plan_effects(
+        make_settings(
+            (DefocusByDepth(aperture), EffectMode.AUTO), (Defocus(aperture), EffectMode.AUTO)
+        ),
+        near,
+        CAMERA,
+    )
+    assert [one.enabled for one in plan.decisions] == [True, False]
+    assert plan.decisions[1].included_in == "DefocusByDepth"
+    decided = plan.decide_by_frame({"DefocusByDepth": depth_change, "Defocus": 40.0})
+    assert [one.enabled for one in decided] == expected

@@ -7,10 +7,9 @@ import dataclasses
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.medium.vignetting import Vignetting
-from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.camera_variant import (
     MAX_SAMPLES,
     POLYGON_COUNTS,
@@ -37,34 +36,6 @@ CAMERA = OmniCameraSpec(
 def test_variant_without_changes_is_the_camera_itself() -> None:
     assert CameraVariant().apply_to(CAMERA) == CAMERA
     assert CameraVariant().make_reference(CAMERA) is None
-
-
-LENS = PerspectiveCameraSpec(PerspectiveCamera(64, 48, 1.0), EFFECTS)
-
-
-def test_modes_of_effects_change_on_a_perspective_camera_too() -> None:
-    variant = CameraVariant(
-        effects=(("Vignetting", EffectMode.NEVER),), reference=ReferenceKind.CAMERA
-    )
-    changed = EffectSettings((EffectSetting(Vignetting(), EffectMode.NEVER),))
-    assert variant.apply_to(LENS) == PerspectiveCameraSpec(LENS.camera, changed)
-    assert variant.make_reference(LENS) == LENS
-
-
-@pytest.mark.parametrize(
-    "variant",
-    [
-        CameraVariant(max_error_px=1.0),
-        CameraVariant(budget_ms=1.0),
-        CameraVariant(polygons=16),
-        CameraVariant(samples=1),
-        CameraVariant(renderer=RendererKind.TRACE),
-        CameraVariant(reference=ReferenceKind.EXACT),
-    ],
-)
-def test_other_settings_of_a_perspective_camera_are_refused(variant: CameraVariant) -> None:
-    with pytest.raises(DomainError, match="its effects alone"):
-        variant.apply_to(LENS)
 
 
 def test_tolerance_and_budget_change_one_by_one() -> None:

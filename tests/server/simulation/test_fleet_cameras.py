@@ -132,8 +132,8 @@ def test_variant_changes_the_view_of_its_channel_alone() -> None:
     assert cameras.compose(CameraChannel("A", "")).reference is None
 
 
-def test_variant_of_a_perspective_camera_s_plan_is_refused() -> None:
+def test_variant_of_a_perspective_camera_is_refused() -> None:
     cameras = Cameras(make_p2at(omni_camera=None, perspective_cameras=(AHEAD,)))
     cameras.spawn("A")
-    with pytest.raises(DomainError, match="variants of its effects alone"):
-        cameras.compose(CameraChannel("A", "", CameraVariant(samples=4)))
+    with pytest.raises(DomainError, match="only omnidirectional cameras have variants"):
+        cameras.compose(CameraChannel("A", "", CameraVariant()))

@@ -50,6 +50,8 @@ class EffectDecision:
     basis: DecisionBasis = DecisionBasis.PROVED
     change: float | None = None
     """Largest change of any pixel of the frame, grey levels; None if nobody measured it."""
+    included_in: str = ""
+    """Name of the enabled effect that does the work of this one; empty for none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +85,13 @@ class EffectPlan:
         """
         if not changes:
             return self.decisions
-        return tuple(_decide_by_change(one, changes.get(one.effect)) for one in self.decisions)
+        decided = [_decide_by_change(one, changes.get(one.effect)) for one in self.decisions]
+        enabled = {one.effect for one in decided if one.enabled}
+        # What an effect includes stays off only as long as that effect is on.
+        return tuple(
+            before if before.included_in in enabled else after
+            for before, after in zip(self.decisions, decided, strict=True)
+        )
 
     def __str__(self) -> str:
         return format_decisions(self.decisions, {})
@@ -189,9 +197,10 @@ def _find_decision(
     entry: _EffectEntry, summary: SceneSummary, settings: EffectSettings
 ) -> EffectDecision:
     # In every mode: applied twice, the disc of Defocus would blur the blurred image again.
-    if entry.setting.effect.name in summary.superseded_effects:
-        superseded = EffectBound(0.0, "another effect includes this one")
-        return replace(_decide(entry.setting, superseded, settings), enabled=False)
+    by = dict(summary.included_effects).get(entry.setting.effect.name)
+    if by is not None:
+        included = _decide(entry.setting, EffectBound(0.0, f"{by} includes this one"), settings)
+        return replace(included, enabled=False, included_in=by)
     bound = entry.bound_cache.get(summary)
     decision = entry.decisions.get(bound)
     if decision is None:

@@ -66,8 +66,8 @@ class SceneSummary:
 
     Infinite until `SelfView` is enabled; such surfaces blur by defocus but not by motion.
     """
-    superseded_effects: frozenset[str] = frozenset()
-    """Names of effects whose work an enabled effect does as well."""
+    included_effects: frozenset[tuple[str, str]] = frozenset()
+    """Pairs of an effect and of the enabled effect that does its work as well, by name."""
 
     @property
     def visible_min_distances_m(self) -> tuple[float, ...]:

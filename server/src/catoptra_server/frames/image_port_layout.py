@@ -11,10 +11,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
+from catoptra_protocol.errors import DomainError
 from catoptra_server.frames.frame_request import FrameComposition, FrameMetadata
 from catoptra_server.frames.mounted_camera import MountedCamera
 from catoptra_server.frames.multi_view import Tile, TileLayout, ViewportConfig, viewport_layout
 from catoptra_server.frames.robot_camera import CameraRobot, RobotCamera, VisibleObjectsLookup
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.camera_variant import CameraVariant
 
 
@@ -108,10 +110,11 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
     """Composition of one camera by other settings, with the reference that these ask for.
 
     Raises:
-        DomainError: The camera cannot have these settings, or has no effect of a name.
+        DomainError: The camera is no omnidirectional one, or has no effect of a name.
     """
     (view,) = composition.views
-    assert view is not None, "the composition of a camera shows that camera"
+    if view is None or not isinstance(view.camera, OmniCameraSpec):
+        raise DomainError("only omnidirectional cameras have variants")
     reference = variant.make_reference(view.camera)
     return replace(
         composition,

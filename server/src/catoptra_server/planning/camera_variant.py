@@ -14,7 +14,7 @@ from typing import TypeVar
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import EffectMode, EffectSettings
-from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import (
     AccuracyTarget,
@@ -74,23 +74,19 @@ class CameraVariant:
         if len(self.effects) > _MAX_EFFECTS:
             raise DomainError(f"modes of {len(self.effects)} effects: at most {_MAX_EFFECTS}")
 
-    def apply_to(self, camera: CameraSpec) -> CameraSpec:
+    def apply_to(self, camera: OmniCameraSpec) -> OmniCameraSpec:
         """Camera with the changes.
 
         Raises:
-            DomainError: The camera has no effect of a name, or is a perspective one, whose plan has
-                nothing to change, and more than effects would change.
+            DomainError: The camera has no effect of a name.
         """
-        if isinstance(camera, PerspectiveCameraSpec):
-            self._require_effects_alone()
-            return replace(camera, effect_settings=self._change_effects(camera.effect_settings))
         return replace(
             camera,
             render_settings=self._change_settings(camera.render_settings),
             effect_settings=self._change_effects(camera.effect_settings),
         )
 
-    def make_reference(self, camera: CameraSpec) -> CameraSpec | None:
+    def make_reference(self, camera: OmniCameraSpec) -> OmniCameraSpec | None:
         """Camera of the frame to compare with; None for none.
 
         Args:
@@ -100,17 +96,9 @@ class CameraVariant:
             case None:
                 return None
             case ReferenceKind.EXACT:
-                variant = self.apply_to(camera)
-                assert isinstance(variant, OmniCameraSpec), "of a perspective one it is refused"
-                return replace(variant, render_settings=_EXACT)
+                return replace(self.apply_to(camera), render_settings=_EXACT)
             case ReferenceKind.CAMERA:
                 return camera
-
-    def _require_effects_alone(self) -> None:
-        others = (self.max_error_px, self.budget_ms, self.polygons, self.samples, self.renderer)
-        is_exact = self.reference is ReferenceKind.EXACT
-        if is_exact or any(value is not None for value in others):
-            raise DomainError("a perspective camera has variants of its effects alone")
 
     def _change_settings(self, settings: RenderSettings) -> RenderSettings:
         is_explicit = self.polygons is not None or self.samples is not None

@@ -311,7 +311,7 @@ class StreamClient:
             encoding: Encoding of the image; PNG and RAW are lossless.
             robot: Name of the robot; with an empty `camera` too, the image-port picture.
             camera: Name of the camera; empty = the first one of the robot.
-            variant: Other settings for this frame, of a camera that is named; the camera's own
+            variant: Other settings for this frame, of an omnidirectional camera; the camera's own
                 stay as they are.
         """
         request = GetFrameRequest(next(self._ids), robot, camera, encoding, variant)

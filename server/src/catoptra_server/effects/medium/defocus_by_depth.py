@@ -82,8 +82,9 @@ class DefocusByDepth:
         )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Summary in which `Defocus` is superseded."""
-        return replace(summary, superseded_effects=summary.superseded_effects | {Defocus.name})
+        """Summary in which `Defocus` is included."""
+        included = summary.included_effects | {(Defocus.name, self.name)}
+        return replace(summary, included_effects=included)
 
     def apply(
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext

@@ -88,7 +88,7 @@ class MirrorReflectance:
     ) -> npt.NDArray[Real]:
         """Multiply the image by the relative reflectance."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
-        return image * _gain_map(self, camera).astype(image.dtype)
+        return image * reflectance_map(self, camera).astype(image.dtype)
 
     def uniforms(
         self,
@@ -139,7 +139,7 @@ def _uniform_gains(effect: MirrorReflectance, camera: OmniCamera) -> tuple[float
 
 
 @lru_cache(maxsize=4)
-def _gain_map(effect: MirrorReflectance, camera: OmniCamera) -> Floats:
+def reflectance_map(effect: MirrorReflectance, camera: OmniCamera) -> Floats:
     """Factor of each pixel centre, (h, w, 1)."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]

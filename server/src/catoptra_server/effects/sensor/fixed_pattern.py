@@ -76,7 +76,7 @@ class FixedPattern:
     ) -> npt.NDArray[Real]:
         """Apply each pixel's gain and dark signal to the image."""
         seed = NoiseSeed(context.noise_seed.camera_key)
-        gain, offset = _gain_and_offset_maps(self, seed, *image.shape[:2])
+        gain, offset = gain_and_offset_maps(self, seed, *image.shape[:2])
         return image * gain.astype(image.dtype) + offset.astype(image.dtype)
 
     def uniforms(
@@ -95,7 +95,7 @@ class FixedPattern:
 
 
 @lru_cache(maxsize=4)
-def _gain_and_offset_maps(
+def gain_and_offset_maps(
     effect: FixedPattern, seed: NoiseSeed, height: int, width: int
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Gains and offsets of a camera's pixels, (h, w, 3)."""

@@ -1,6 +1,6 @@
 """A traced image of a camera: encoded at once, or changed by effects first.
 
-The effects are those of `effects/` themselves, in float32: NumPy releases the GIL for whole arrays.
+The effects are applied by the engine's image changer: native stages, or the formulas of `effects/`.
 """
 
 from __future__ import annotations
@@ -15,22 +15,24 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
-from catoptra_server.render.trace.srgb_encoding import encode_srgb
+from catoptra_server.render.trace.image_changer import ImageChanger
 from catoptra_server.render.trace.trace_engine import TracedFrame, TracedRays, TraceRequest
 
 
 class TraceOmniView:
     """The rays of one camera."""
 
-    def __init__(self, camera: RadialCamera, rays: TracedRays) -> None:
+    def __init__(self, camera: RadialCamera, rays: TracedRays, image_changer: ImageChanger) -> None:
         """Keep the prepared rays.
 
         Args:
             camera: Camera model, for the effects.
             rays: Rays of the image.
+            image_changer: Applies image effects.
         """
         self._camera = camera
         self._rays = rays
+        self._image_changer = image_changer
 
     @property
     def memory_bytes(self) -> int:
@@ -50,36 +52,31 @@ class TraceOmniView:
             frame, stage_ms = self._trace(camera_state, TraceRequest(thresholds=thresholds))
             assert frame.image.dtype == np.uint8
             return RenderedImage(frame.image, stage_ms, frame.changes)
-        light, stage_ms, changes = self._apply_effects(camera_state, effects, thresholds)
-        begin = time.perf_counter()
-        rgb = encode_srgb(light)
-        # Read-only, as the engine's frames: callers may keep both without a copy.
-        rgb.setflags(write=False)
-        return RenderedImage(rgb, stage_ms | {"encode": _elapsed_ms(begin)}, changes)
+        light, context, stage_ms, changes = self._expose(camera_state, effects, thresholds)
+        encoded = self._image_changer.encode(light, effects, self._camera, context, thresholds)
+        all_changes = {**changes, **encoded.changes}
+        return RenderedImage(encoded.rgb, stage_ms | encoded.stage_ms, all_changes)
 
     def render_linear(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
-        return self._apply_effects(camera_state, effects, NO_THRESHOLDS)[0]
+        light, context, _, _ = self._expose(camera_state, effects, NO_THRESHOLDS)
+        changer = self._image_changer
+        return changer.change(light, effects, self._camera, context, NO_THRESHOLDS).light
 
-    def _apply_effects(
+    def _expose(
         self,
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...],
         thresholds: Mapping[str, float],
-    ) -> tuple[LinearImage, dict[str, float], Mapping[str, float]]:
-        """Linear image after all effects, milliseconds by stage, and changes by effect."""
+    ) -> tuple[LinearImage, CaptureContext, dict[str, float], Mapping[str, float]]:
+        """Linear image at the sensor, inputs of its effects, milliseconds by stage, changes."""
         has_ranges = any(effect.needs_range for effect in effects)
         request = TraceRequest(is_linear=True, has_ranges=has_ranges, thresholds=thresholds)
         frame, stage_ms = self._trace(camera_state, request)
-        light = frame.image
         context = CaptureContext(camera_state.noise_seed, range_m=frame.range_m)
-        for effect in effects:
-            begin = time.perf_counter()
-            light = effect.apply(light, self._camera, context)
-            stage_ms[effect.name] = _elapsed_ms(begin)
-        return light, stage_ms, frame.changes
+        return frame.image, context, stage_ms, frame.changes
 
     def _trace(
         self, camera_state: CameraState, request: TraceRequest

@@ -19,6 +19,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.time_samples import trajectory
+from catoptra_server.render.trace.image_changer import ImageChanger
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.scene.scene_mesh import SceneMesh
 
@@ -145,6 +146,10 @@ class TraceEngine(Protocol):
     @property
     def description(self) -> str:
         """Engine, instruction set, packet width and threads, for logs."""
+
+    @property
+    def image_changer(self) -> ImageChanger:
+        """Applies image effects to the engine's images, for any camera."""
 
     def prepare(self, rays: RayTable) -> TracedRays:
         """Prepare the rays of a camera."""

@@ -79,7 +79,7 @@ class TraceRenderer:
 
     def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceOmniView:
         """View of a camera's rays."""
-        return TraceOmniView(camera, self._engine.prepare(table))
+        return TraceOmniView(camera, self._engine.prepare(table), self._engine.image_changer)
 
     def close(self) -> None:
         """Free the engine."""

@@ -67,7 +67,7 @@ def _describe_cameras(robot: RobotDescription) -> list[Json]:
                 "kind": "perspective",
                 "width_px": camera.width_px,
                 "height_px": camera.height_px,
-                "effects": [setting.effect.name for setting in camera.effects.settings],
+                "effects": [],
             }
         )
     return cameras

@@ -1,4 +1,4 @@
-"""The structures in ctypes against `src/kernel.h`, member by member."""
+"""The structures in ctypes against the kernel's public headers, member by member."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import pytest
 from catoptra_server.render.trace.kernel import kernel_structs
 from catoptra_server.render.trace.kernel.kernel_structs import STRUCTURES, Fields, HemisphereStruct
 
-HEADER = Path(kernel_structs.__file__).parent / "src/kernel.h"
+SOURCES = Path(kernel_structs.__file__).parent / "src"
+HEADERS = ("kernel.h", "image.h")
 # Names that Python's other classes have already.
 C_NAMES = {
     "TextureStruct": "Texture",
@@ -24,19 +25,26 @@ C_NAMES = {
     "PoseStruct": "Pose",
     "FrameStruct": "Frame",
 }
-SCALARS = {"int32_t": ctypes.c_int32, "int64_t": ctypes.c_int64, "float": ctypes.c_float}
+SCALARS = {
+    "int32_t": ctypes.c_int32,
+    "int64_t": ctypes.c_int64,
+    "uint32_t": ctypes.c_uint32,
+    "float": ctypes.c_float,
+    "double": ctypes.c_double,
+}
 ALL = (*STRUCTURES, HemisphereStruct)
 
 
 def read_header() -> str:
-    """The header without comments."""
-    return re.sub(r"/\*.*?\*/", "", HEADER.read_text(encoding="utf-8"), flags=re.DOTALL)
+    """The headers without comments."""
+    text = "".join((SOURCES / name).read_text(encoding="utf-8") for name in HEADERS)
+    return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
 
 
 def parse_structure(name: str) -> Fields:
     """Members of a structure of the header, as ctypes would declare them."""
     found = re.search(rf"typedef struct \{{([^}}]*)\}} {name};", read_header())
-    assert found is not None, f"kernel.h declares no structure {name}"
+    assert found is not None, f"no header declares a structure {name}"
     declarations = [line.strip() for line in found[1].split(";") if line.strip()]
     return [member for text in declarations for member in parse_declaration(text)]
 
@@ -50,11 +58,11 @@ def parse_declaration(text: str) -> Fields:
 def parse_declarator(type_name: str, text: str) -> tuple[str, type]:
     """Name and type of one member; every pointer is an address."""
     name = re.sub(r"\[\d+\]", "", text.replace("*const", "").replace("*", "")).strip()
+    length = re.search(r"\[(\d+)\]", text)
     if "*" in text:
-        return name, ctypes.c_void_p
+        return name, ctypes.c_void_p * int(length[1]) if length else ctypes.c_void_p
     structures = {C_NAMES.get(s.__name__, s.__name__): s for s in ALL}
     type_ = SCALARS.get(type_name) or structures[type_name]
-    length = re.search(r"\[(\d+)\]", text)
     return name, type_ * int(length[1]) if length else type_
 
 

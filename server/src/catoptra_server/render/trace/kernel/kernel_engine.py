@@ -19,6 +19,7 @@ from catoptra_server.render.trace.kernel.exposure_arrays import (
     ray_table_struct,
 )
 from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
+from catoptra_server.render.trace.kernel.kernel_image_changer import KernelImageChanger
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.kernel.kernel_structs import (
     OUTPUT_HITS,
@@ -84,6 +85,7 @@ class KernelEngine:
         """
         name = choose_instruction_set(instruction_set)
         self._device = KernelDevice(name, threads, packet_width=packet_width)
+        self.image_changer = KernelImageChanger(self._device)
         width = self._device.packet_width
         self.description = f"kernel (Embree {name}, packets of {width}), {threads} threads"
         self._mesh = scene

@@ -19,6 +19,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
     FrameCounts,
     FrameStruct,
+    ImageJob,
     MeshArrays,
     RayTableStruct,
     SceneStruct,
@@ -143,6 +144,18 @@ class KernelDevice:
         arguments = (ctypes.byref(scene), view, ctypes.byref(frame))
         self._library.catoptra_trace(self._require_open(), *arguments, error)
 
+    def change_image(self, job: ImageJob) -> None:
+        """Change an image by the stages of a job, into its outputs.
+
+        Args:
+            job: Job whose scratch has `image_scratch_bytes`.
+        """
+        self._library.catoptra_change_image(self._require_open(), ctypes.byref(job))
+
+    def image_scratch_bytes(self, job: ImageJob) -> int:
+        """Size of the memory that a job works in."""
+        return int(self._library.catoptra_image_scratch(ctypes.byref(job)))
+
     def _require_open(self) -> int:
         """Address of the device, which the kernel does not check."""
         if self._address is None:
@@ -184,6 +197,8 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_build_light_maps": (c_void_p, (c_void_p,)),
         "catoptra_release_light_maps": (None, (c_void_p, c_int32)),
         "catoptra_render": (c_int32, (c_void_p,) * 6),
+        "catoptra_change_image": (None, (c_void_p, c_void_p)),
+        "catoptra_image_scratch": (c_int64, (c_void_p,)),
         "catoptra_trace": (c_int32, (c_void_p,) * 5),
     }
     for name, (result, arguments) in signatures.items():

@@ -6,7 +6,7 @@ Pointers are plain addresses of NumPy arrays; whoever fills a structure keeps it
 from __future__ import annotations
 
 import ctypes
-from ctypes import c_float, c_int32, c_int64, c_void_p
+from ctypes import c_double, c_float, c_int32, c_int64, c_uint32, c_void_p
 from typing import ClassVar
 
 OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS = 0, 1, 2
@@ -165,6 +165,42 @@ class FrameCounts(ctypes.Structure):
     ]
 
 
+class ImageStage(ctypes.Structure):
+    """One change of an image; `src/image.h` has the meaning of numbers and maps by kind."""
+
+    _fields_: ClassVar[Fields] = [
+        ("kind", c_int32),
+        ("size", c_int32),
+        ("num_rows", c_int32),
+        ("threshold", c_float),
+        ("numbers", c_float * 4),
+        ("key", c_uint32 * 4),
+        ("maps", c_void_p * 4),
+        ("change", c_float),
+        ("other_change", c_float),
+        ("ms", c_double),
+    ]
+
+
+class ImageJob(ctypes.Structure):
+    """An image, its stages and outputs."""
+
+    _fields_: ClassVar[Fields] = [
+        ("width", c_int32),
+        ("height", c_int32),
+        ("light", c_void_p),
+        ("linear", c_void_p),
+        ("rgb", c_void_p),
+        ("srgb_table", c_void_p),
+        ("quantiles", c_void_p),
+        ("mirror_pixels", c_int32),
+        ("num_stages", c_int32),
+        ("stages", c_void_p),
+        ("scratch", c_void_p),
+        ("encode_ms", c_double),
+    ]
+
+
 # In the order of `catoptra_abi`.
 STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     MeshArrays,
@@ -177,4 +213,6 @@ STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     PoseStruct,
     FrameStruct,
     FrameCounts,
+    ImageStage,
+    ImageJob,
 )

@@ -15,6 +15,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.time_samples import advance, sample_shutter
+from catoptra_server.render.trace.image_changer import NumpyImageChanger
 from catoptra_server.render.trace.ray_table import (
     BLOCK_RAYS,
     TILE_PX,
@@ -110,6 +111,7 @@ class ReferenceEngine:
         self._centre = scene_centre(scene)
         self._scene = trace_scene(scene, self._centre, scene_lights)
         self._objects: dict[ObjectMesh, TracedMesh] = {}
+        self.image_changer = NumpyImageChanger()
         self.description = f"reference (Embree single rays, NumPy float64), {threads} threads"
 
     @property

@@ -1,6 +1,8 @@
 /* Device, meshes, and the numbers that Python checks before it calls anything else. */
 #include "device.h"
 
+#include "image.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,6 +11,7 @@ int32_t catoptra_abi(int32_t structure) {
     static const int32_t sizes[] = {
         sizeof(MeshArrays), sizeof(TextureLevel), sizeof(Texture), sizeof(Light), sizeof(Surfaces),
         sizeof(Scene),      sizeof(RayTable), sizeof(Pose), sizeof(Frame), sizeof(FrameCounts),
+        sizeof(ImageStage), sizeof(ImageJob),
     };
     int32_t count = sizeof sizes / sizeof *sizes;
     return structure >= 0 && structure < count ? sizes[structure] : -1;

@@ -1,0 +1,111 @@
+"""Image effects on a traced image: the protocol, and the effects' own formulas in NumPy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+from catoptra_protocol.optics.radial_camera import RadialCamera
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects.capture_context import CaptureContext
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.trace.srgb_encoding import encode_srgb
+from catoptra_server.scene.colour import srgb_from_linear
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChangedImage:
+    """An image behind its effects."""
+
+    light: LinearImage
+    """(h, w, 3) linear light."""
+    stage_ms: dict[str, float]
+    """Milliseconds of each effect."""
+    changes: dict[str, float]
+    """Largest change by effect, grey levels, of the effects with a threshold."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EncodedImage:
+    """An encoded image behind its effects."""
+
+    rgb: Image
+    """(h, w, 3) sRGB, read-only."""
+    stage_ms: dict[str, float]
+    """Milliseconds of each effect, and of the encoding."""
+    changes: dict[str, float]
+    """Largest change by effect, grey levels, of the effects with a threshold."""
+
+
+class ImageChanger(Protocol):
+    """Applies image effects in their order."""
+
+    def change(
+        self,
+        light: LinearImage,
+        effects: tuple[ImageEffect, ...],
+        camera: RadialCamera,
+        context: CaptureContext,
+        thresholds: Mapping[str, float],
+    ) -> ChangedImage:
+        """Change a (h, w, 3) linear image; for the arguments see `renderer.OmniView`."""
+
+    def encode(
+        self,
+        light: LinearImage,
+        effects: tuple[ImageEffect, ...],
+        camera: RadialCamera,
+        context: CaptureContext,
+        thresholds: Mapping[str, float],
+    ) -> EncodedImage:
+        """Change an image and encode it."""
+
+
+class NumpyImageChanger:
+    """Applies the effects' own formulas to whole images."""
+
+    def change(
+        self,
+        light: LinearImage,
+        effects: tuple[ImageEffect, ...],
+        camera: RadialCamera,
+        context: CaptureContext,
+        thresholds: Mapping[str, float],
+    ) -> ChangedImage:
+        """Change a linear image, everywhere."""
+        stage_ms: dict[str, float] = {}
+        changes: dict[str, float] = {}
+        for effect in effects:
+            begin_s = time.perf_counter()
+            before, light = light, effect.apply(light, camera, context)
+            stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin_s)
+            if effect.name in thresholds:
+                changes[effect.name] = measure_change(before, light)
+        return ChangedImage(light, stage_ms, changes)
+
+    def encode(
+        self,
+        light: LinearImage,
+        effects: tuple[ImageEffect, ...],
+        camera: RadialCamera,
+        context: CaptureContext,
+        thresholds: Mapping[str, float],
+    ) -> EncodedImage:
+        """Change an image and encode it."""
+        changed = self.change(light, effects, camera, context, thresholds)
+        begin_s = time.perf_counter()
+        rgb = encode_srgb(changed.light)
+        # Read-only, as the engine's frames: callers may keep both without a copy.
+        rgb.setflags(write=False)
+        stage_ms = changed.stage_ms | {"encode": 1e3 * (time.perf_counter() - begin_s)}
+        return EncodedImage(rgb, stage_ms, changed.changes)
+
+
+def measure_change(before: LinearImage, after: LinearImage) -> float:
+    """Largest change of any pixel between two linear images, encoded grey levels, not rounded."""
+    levels = (srgb_from_linear(one.astype(np.float64)) for one in (before, after))
+    return 255.0 * float(np.abs(np.subtract(*levels)).max())

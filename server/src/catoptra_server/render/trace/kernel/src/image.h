@@ -1,0 +1,59 @@
+/* Image effects: a linear image changed stage by stage, and encoded.
+ *
+ * Python twins: image_stages.py fills the stages, effects/ has the formulas in float64. Maps are
+ * arrays of the image's size, row by row.
+ */
+#ifndef CATOPTRA_IMAGE_H
+#define CATOPTRA_IMAGE_H
+
+#include "kernel.h"
+
+enum {
+    STAGE_GAIN = 0,      /* L g;  maps[0] g (h, w) or NULL for numbers[0..2] by colour */
+    STAGE_AUTO_GAIN = 1, /* L target / mean luminance;  numbers: target, least and largest gain */
+    STAGE_CLIPPED_GAIN = 2, /* min(L, 1) numbers[0..2] */
+    STAGE_COVER = 3,     /* L + c (numbers[0] mean luminance - L);  maps[0] c (h, w) */
+    STAGE_PATTERN = 4,   /* L g + o;  maps[0] g, maps[1] o (3, h, w) */
+    STAGE_QUANTISE = 5,  /* codes;  numbers[0] of white */
+    STAGE_SHOT_NOISE = 6,  /* numbers[0] radiance of one electron;  key */
+    STAGE_READ_NOISE = 7,  /* numbers[0] standard deviation;  key */
+    STAGE_BLUR = 8,      /* see image_blur.c */
+    STAGE_WARP = 9,      /* maps[0] offsets and validity (h, w, 3) */
+    STAGE_MAGNIFY = 10,  /* maps[0] offsets of columns (w, 2), maps[1] of rows (h, 2): red, blue */
+    STAGE_BLOOM = 11,    /* numbers[0] overflowing fraction;  size: rows */
+    STAGE_BAYER = 12
+};
+
+typedef struct {
+    int32_t kind;
+    int32_t size;       /* of a blur's or an overflow's reach, px */
+    int32_t num_rows;   /* of a blur's table */
+    float threshold;    /* change in grey levels that nobody sees; negative: nothing is measured */
+    float numbers[4];
+    uint32_t key[4];
+    const void *maps[4];
+    float change;       /* result: largest change, grey levels, of a stage with a threshold */
+    float other_change; /* result of a blur by range: change of the image without any blur */
+    double ms;          /* result */
+} ImageStage;
+
+typedef struct {
+    int32_t width, height;
+    const float *light; /* (h, w, 3) linear */
+    float *linear;      /* (h, w, 3) result, or NULL */
+    uint8_t *rgb;       /* (h, w, 3) result, or NULL */
+    const uint8_t *srgb_table; /* (65536,) */
+    const float *quantiles;    /* (65536,) of the normal distribution, for noise; or NULL */
+    int32_t mirror_pixels;     /* pixels whose centre sees the mirror, for mean luminances */
+    int32_t num_stages;
+    ImageStage *stages;
+    void *scratch;    /* catoptra_image_scratch bytes, aligned to 64 */
+    double encode_ms; /* result, with the change of the array's layout */
+} ImageJob;
+
+/* Bytes that a job works in. */
+CATOPTRA_EXPORT int64_t catoptra_image_scratch(const ImageJob *job);
+
+CATOPTRA_EXPORT void catoptra_change_image(Device *device, ImageJob *job);
+
+#endif

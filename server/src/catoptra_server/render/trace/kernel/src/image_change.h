@@ -1,0 +1,139 @@
+/* The change of pixels in encoded grey levels, and bounds of it that cost little.
+ *
+ * The maximum over an image is exact: only where a bound says that nothing larger can be found are
+ * pixels left out, so that the result depends neither on threads nor on the order of cells.
+ */
+#ifndef CATOPTRA_IMAGE_CHANGE_H
+#define CATOPTRA_IMAGE_CHANGE_H
+
+#include "image_planes.h"
+
+#include <string.h>
+
+typedef float Floats16 __attribute__((vector_size(4 * CELL_COLUMNS)));
+typedef int32_t Ints16 __attribute__((vector_size(4 * CELL_COLUMNS)));
+
+static inline Floats16 load16(const float *values) {
+    Floats16 loaded;
+    memcpy(&loaded, values, sizeof loaded);
+    return loaded;
+}
+
+static inline Floats16 select16(Ints16 mask, Floats16 yes, Floats16 no) {
+    return (Floats16)((mask & (Ints16)yes) | (~mask & (Ints16)no));
+}
+
+static inline Floats16 least16(Floats16 a, Floats16 b) { return select16(a < b, a, b); }
+
+static inline Floats16 most16(Floats16 a, Floats16 b) { return select16(a > b, a, b); }
+
+/* 255 times the sRGB curve of light clipped to 0 .. 1, within 1e-3; without libm. */
+static inline Floats16 grey_levels(Floats16 light) {
+    const Floats16 zero = {0}, kink = zero + 0.0031308f;
+    Floats16 clipped = least16(most16(light, zero), zero + 1.0f);
+    Ints16 is_curved = clipped > kink;
+    /* x^(1/2.4) = 2^(log2(x) / 2.4): exponent and mantissa apart. */
+    Ints16 bits = (Ints16)select16(is_curved, clipped, kink);
+    Floats16 exponent = __builtin_convertvector((bits >> 23) - 127, Floats16);
+    Floats16 t = (Floats16)((bits & 0x7fffff) | 0x3f800000) - 1.0f;
+    Floats16 log2 = t * (1.442693f + t * (-0.72114408f + t * (0.477496356f + t * (-0.338377208f +
+                    t * (0.213943213f + t * (-0.0946268067f + t * 0.0200166497f))))));
+    Floats16 power = (exponent + log2) * (1.0f / 2.4f);
+    /* Between -3.5 and 0. */
+    Ints16 whole = __builtin_convertvector(power + 8.0f, Ints16) - 8;
+    Floats16 f = power - __builtin_convertvector(whole, Floats16);
+    Floats16 fraction = 0.999999881f + f * (0.693154514f + f * (0.240141824f + f * (0.0558603369f +
+                        f * (0.00894959085f + f * 0.001893754f))));
+    Floats16 curved = (1.055f * 255.0f) * (fraction * (Floats16)((whole + 127) << 23)) -
+                      0.055f * 255.0f;
+    return select16(is_curved, curved, clipped * (12.92f * 255.0f));
+}
+
+static inline float grey_level(float light) {
+    Floats16 lights = {light};
+    return grey_levels(lights)[0];
+}
+
+/* Largest change of light of at least `low` that changes by at most `difference`: the curve is
+ * concave, so the darkest changes most. */
+static inline float bound_change(float low, float difference) {
+    float base = low > 0.0f ? low : 0.0f;
+    Floats16 levels = grey_levels((Floats16){base, base + difference});
+    return levels[1] - levels[0] + 1e-2f;
+}
+
+/* Two versions of a cell, row by row. */
+typedef struct {
+    const float *before, *after;
+    size_t before_stride, after_stride;
+} Versions;
+
+/* A row of both versions; the same beyond the cell's columns. */
+static inline void load_row(const Versions *versions, const Cell *cell, int row, Floats16 *before,
+                            Floats16 *after) {
+    const Ints16 columns = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    *before = load16(versions->before + (size_t)row * versions->before_stride);
+    *after = load16(versions->after + (size_t)row * versions->after_stride);
+    /* Cheap, and rows of whole cells are the rule. */
+    Ints16 is_inside = columns < cell->columns;
+    *before = select16(is_inside, *before, (Floats16){0} + versions->before[0]);
+    *after = select16(is_inside, *after, *before);
+}
+
+static inline float largest_of(Floats16 values) {
+    float largest = values[0];
+    for (int x = 1; x < CELL_COLUMNS; x++)
+        largest = values[x] > largest ? values[x] : largest;
+    return largest;
+}
+
+/* Bound of the change between two versions of a cell. */
+static inline float bound_versions(const Versions *versions, const Cell *cell) {
+    Floats16 lows = (Floats16){0} + versions->before[0], differences = {0};
+    for (int row = 0; row < cell->rows; row++) {
+        Floats16 before, after;
+        load_row(versions, cell, row, &before, &after);
+        Floats16 least = least16(before, after), most = most16(before, after);
+        lows = least16(least, lows);
+        differences = most16(most - least, differences);
+    }
+    float difference = largest_of(differences);
+    return difference == 0.0f ? 0.0f : bound_change(-largest_of(-lows), difference);
+}
+
+/* Raise a maximum by the change between two versions of a cell in one colour. */
+static inline void measure_versions(_Atomic uint32_t *maximum, const Versions *versions,
+                                    const Cell *cell) {
+    if (bound_versions(versions, cell) <= read_maximum(maximum))
+        return;
+    Floats16 largest = {0};
+    for (int row = 0; row < cell->rows; row++) {
+        Floats16 before, after;
+        load_row(versions, cell, row, &before, &after);
+        Floats16 change = grey_levels(after) - grey_levels(before);
+        largest = most16(most16(change, -change), largest);
+    }
+    raise_maximum(maximum, largest_of(largest));
+}
+
+/* Measure a cell of a stage with a threshold. */
+static inline void measure_cell(Pass *pass, const Cell *cell) {
+    if (pass->stage->threshold < 0.0f)
+        return;
+    for (int channel = 0; channel < 3; channel++) {
+        Versions versions = {row_at(&pass->from, channel, cell->top) + cell->left,
+                             row_at(&pass->to, channel, cell->top) + cell->left,
+                             pass->from.stride, pass->to.stride};
+        measure_versions(&pass->change, &versions, cell);
+    }
+}
+
+/* Whether a cell may stay plain whose pixels exchange at most a fraction of their light with others
+ * of a range. */
+static inline int is_plain(const Pass *pass, CellRange range, float fraction) {
+    float contrast = range.high - range.low;
+    return pass->stage->threshold >= 0.0f &&
+           bound_change(range.low, fraction * contrast) <= pass->stage->threshold;
+}
+
+#endif
