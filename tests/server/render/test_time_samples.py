@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from catoptra_server.capture.shutter import Shutter
-from catoptra_server.render.time_samples import advance, sample_shutter
+from catoptra_server.render.time_samples import advance, sample_shutter, trajectory
 from helpers.effect_measurement import DRIVING_STATE
-from helpers.motion_reference import camera_state_after
+from helpers.motion_reference import camera_state_after, driving_camera_state
 
 
 def test_camera_state_without_a_shutter_is_its_only_time_sample() -> None:
@@ -47,3 +47,22 @@ def test_camera_state_advanced_by_no_time_is_unchanged() -> None:
     np.testing.assert_array_equal(
         same.world_from_mirror.translation, DRIVING_STATE.world_from_mirror.translation
     )
+
+
+def test_trajectory_without_a_shutter_is_the_camera_state_itself() -> None:
+    assert trajectory(DRIVING_STATE) == (DRIVING_STATE,)
+
+
+def test_trajectory_is_evenly_spaced_from_the_begin_of_an_exposure_to_its_end() -> None:
+    # 114 degrees in a second: 4 poses for 0.04 s of exposure and readout.
+    turning = driving_camera_state(DRIVING_STATE.world_from_mirror, 0.5, 114.0)
+    states = trajectory(replace(turning, shutter=Shutter(0.01, 0.03, 9.0)))
+    assert len(states) == 4
+    for state, time_s in zip(states, (-0.02, -0.02 / 3, 0.02 / 3, 0.02), strict=True):
+        expected = camera_state_after(turning, time_s).world_from_mirror
+        np.testing.assert_allclose(state.world_from_mirror.rotation, expected.rotation, atol=1e-12)
+
+
+def test_trajectory_of_a_minute_of_spinning_has_a_limited_number_of_poses() -> None:
+    spinning = driving_camera_state(DRIVING_STATE.world_from_mirror, 0.0, 720.0)
+    assert len(trajectory(replace(spinning, shutter=Shutter(60.0, 0.0, 64.0)))) == 257

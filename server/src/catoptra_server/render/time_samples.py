@@ -1,4 +1,8 @@
-"""Time samples of a long exposure: sharp camera states whose mean is the exposure."""
+"""Time samples of a long exposure: sharp camera states whose mean is the exposure.
+
+Raster and the float64 reference render each of them (`sample_shutter`); the native kernel takes the
+poses of the whole exposure (`trajectory`) and chooses the instants of each part of the image.
+"""
 
 from __future__ import annotations
 
