@@ -13,6 +13,7 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace.ray_table import RayTable
+from catoptra_server.render.trace.trace_engine import MovingExposure
 from catoptra_server.scene.world_description import (
     Box,
     DirectionalLight,
@@ -26,6 +27,7 @@ from catoptra_server.scene.world_description import (
 )
 from helpers.dynamic_objects import place_cube
 from helpers.random_worlds import make_random_exposure
+from helpers.trace_engines import make_row_table
 from helpers.trace_kernels import make_omni_table, open_kernel
 
 AMBIENT = HemisphereLight((0.2, 0.2, 0.2), (0.1, 0.1, 0.1))
@@ -36,6 +38,7 @@ TABLES = {
     "rim at 150": make_omni_table(width_px=72, rim_deg=150.0),
 }
 WORLDS_PER_TABLE = 40
+OBLIQUE = DirectionalLight((0.6, 0.0, 0.8), (0.5, 0.5, 0.5))
 
 
 def make_random_lights(rng: np.random.Generator) -> tuple[Light, ...]:
@@ -112,3 +115,45 @@ def test_shadow_of_an_object_outside_the_scene_is_seen(height_m: float) -> None:
         rays = engine.prepare(table)
         shadowed, lit = rays.render_srgb(state), rays.render_srgb(replace(state, objects=()))
     assert (shadowed != lit).any()
+
+
+@pytest.mark.parametrize("height_m", [0.3, 1.0, 1.9])
+def test_shadow_of_an_object_between_lamp_and_floor_is_seen(height_m: float) -> None:
+    floor = Item("floor", Rectangle((4.0, 4.0)), Pose.identity(), GREY)
+    lamp = PointLight((0.3, 0.2, -2.0), (0.8, 0.7, 0.6))
+    world = World("w", (floor,), lights=(AMBIENT, lamp))
+    table = TABLES["4 samples"]
+    for x in np.linspace(-1.5, 1.5, 7):
+        state = CameraState(Pose.from_rpy((0.5, 0.5, -0.6)), (place_cube(x, 0.1, -height_m),))
+        state = replace(state, has_shadows=True)
+        assert count_differences(world, state, table) == 0
+    with open_kernel(world) as engine:
+        rays = engine.prepare(table)
+        state = replace(state, objects=(place_cube(0.2, 0.2, -height_m),))
+        shadowed, lit = rays.render_srgb(state), rays.render_srgb(replace(state, objects=()))
+    assert (shadowed != lit).any()
+
+
+@pytest.mark.parametrize("light", [PointLight((0.3, 0.2, -2.0), (0.8,) * 3), OBLIQUE], ids=str)
+def test_shadow_of_an_object_that_moves_during_the_exposure_is_that_by_rays(light: Light) -> None:
+    floor = Item("floor", Rectangle((6.0, 6.0)), Pose.identity(), GREY)
+    world = World("w", (floor,), lights=(AMBIENT, light))
+    rng = np.random.default_rng(4)
+    directions = (*rng.normal(size=(2000, 3)), 0.0, 0.0, 1.5)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    table = make_row_table(directions, times=rng.uniform(size=2000))
+    cubes = [place_cube(x, 0.1, -0.8, size_m=0.2) for x in (-1.5, 0.0, 1.5)]
+    moving = [replace(cube, mesh=cubes[0].mesh) for cube in cubes]
+    states = tuple(
+        CameraState(Pose.from_rpy((0.5, 0.5, -0.4)), (cube,), has_shadows=True) for cube in moving
+    )
+    with open_kernel(world) as engine:
+        rays = engine.prepare(table)
+        exposure = MovingExposure(states)
+        mapped = rays.render_linear(exposure)
+        maps, engine._scene.light_maps = engine._scene.light_maps, None
+        traced = rays.render_linear(exposure)
+        engine._scene.light_maps = maps  # for its release
+        lit = rays.render_linear(states[0])
+    np.testing.assert_allclose(mapped, traced, atol=1e-6)
+    assert (np.abs(mapped - lit).max(axis=-1) > 1e-2).any()
