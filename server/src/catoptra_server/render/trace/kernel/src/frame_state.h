@@ -27,7 +27,7 @@ typedef struct {
     float shift, turn;
     struct BlurPlan *plan; /* blur_plan.h; NULL where nothing moves */
     int has_point_lights;
-    int is_constant; /* the static scene has one radiance a facet: no texture, no point light */
+    int is_constant; /* light is constant over each facet: no shadow, no point light */
 } FrameState;
 
 /* Triangles of the static scene, or of a dynamic object by its number in hits. */

@@ -122,8 +122,7 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
         .plan_wanted = is_moving,
         .is_rolling = is_moving && frame->readout > 0.0f,
         .has_point_lights = has_point_lights,
-        .is_constant = !has_point_lights && !scene->num_textures && !frame->has_shadows &&
-                       !scene->mesh->arrays.corner_albedo,
+        .is_constant = !has_point_lights && !frame->has_shadows,
         .objects = commit_objects(device, frame),
     };
     if (is_moving)

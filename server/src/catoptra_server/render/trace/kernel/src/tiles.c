@@ -140,12 +140,19 @@ static void write_table_colours(const FrameState *state, int tile, uint32_t acti
         }
 }
 
-static int has_table_colours(const FrameState *state, const HitBlock *hits) {
+static int has_table_colours(const FrameState *state, uint32_t active, const HitBlock *hits) {
+    const uint8_t *facets = state->scene->mesh->arrays.flags;
+    if (!state->is_constant || state->frame->output != OUTPUT_SRGB || state->plan ||
+        state->frame->inverse_range)
+        return 0;
     int meets_object = 0;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+    uint8_t flags = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         meets_object |= hits->object[lane] > OBJECT_STATIC;
-    return state->is_constant && state->frame->output == OUTPUT_SRGB && !state->plan &&
-           !state->frame->inverse_range &&
+        if (active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
+            flags |= facets[hits->triangle[lane]];
+    }
+    return !(flags & (FACET_TEXTURED | FACET_CORNER_COLOURS)) &&
            (!meets_object || state->object_radiance);
 }
 
@@ -376,7 +383,7 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
         _Alignas(64) float radiance[3][BLOCK_RAYS];
         load_block(state, index, &rays);
         find_hits(state, &rays, &hits, content);
-        if (blocks == 1 && has_table_colours(state, &hits)) {
+        if (blocks == 1 && has_table_colours(state, rays.active, &hits)) {
             write_table_colours(state, tile, rays.active, &hits);
             return;
         }
