@@ -139,7 +139,7 @@ def test_shadow_of_an_object_that_moves_during_the_exposure_is_that_by_rays(ligh
     floor = Item("floor", Rectangle((6.0, 6.0)), Pose.identity(), GREY)
     world = World("w", (floor,), lights=(AMBIENT, light))
     rng = np.random.default_rng(4)
-    directions = (*rng.normal(size=(2000, 3)), 0.0, 0.0, 1.5)
+    directions = rng.normal((0.0, 0.0, 1.5), 1.0, (2000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     table = make_row_table(directions, times=rng.uniform(size=2000))
     cubes = [place_cube(x, 0.1, -0.8, size_m=0.2) for x in (-1.5, 0.0, 1.5)]
