@@ -9,7 +9,7 @@
 
 /* A unit is finished when twice as many instants change no pixel by more, in grey levels: what is
  * left is about half. Measured in tests/server/render/test_motion_agreement.py. */
-#define TOLERANCE 7.0f
+#define TOLERANCE 5.0f
 
 /* The pixels of one unit, and the sums over the instants so far. */
 typedef struct {
