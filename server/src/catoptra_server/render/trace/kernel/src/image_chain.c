@@ -68,17 +68,16 @@ static void store_cell(Pass *pass, const Cell *cell) {
 }
 
 static void find_range(Pass *pass, const Cell *cell) {
-    float first = row_at(&pass->from, 0, cell->top)[cell->left];
-    CellRange range = {first, first};
+    Floats16 low = (Floats16){0} + row_at(&pass->from, 0, cell->top)[cell->left], high = low;
     for (int channel = 0; channel < 3; channel++)
         for (int row = cell->top; row < cell->top + cell->rows; row++) {
-            const float *values = row_at(&pass->from, channel, row) + cell->left;
-            for (int x = 0; x < cell->columns; x++) {
-                range.low = values[x] < range.low ? values[x] : range.low;
-                range.high = values[x] > range.high ? values[x] : range.high;
-            }
+            const float *first = row_at(&pass->from, channel, row) + cell->left;
+            Floats16 values = load_columns(first, cell->columns);
+            low = least16(values, low);
+            high = most16(values, high);
         }
-    pass->ranges[cell->row * pass->cell_columns + cell->column] = range;
+    pass->ranges[cell->row * pass->cell_columns + cell->column] =
+        (CellRange){smallest_of(low), largest_of(high)};
 }
 
 /* Luminance of each row of cells, in float64 and in one order for any number of threads. */

@@ -7,25 +7,9 @@
 #define CATOPTRA_IMAGE_CHANGE_H
 
 #include "image_planes.h"
+#include "image_vectors.h"
 
 #include <string.h>
-
-typedef float Floats16 __attribute__((vector_size(4 * CELL_COLUMNS)));
-typedef int32_t Ints16 __attribute__((vector_size(4 * CELL_COLUMNS)));
-
-static inline Floats16 load16(const float *values) {
-    Floats16 loaded;
-    memcpy(&loaded, values, sizeof loaded);
-    return loaded;
-}
-
-static inline Floats16 select16(Ints16 mask, Floats16 yes, Floats16 no) {
-    return (Floats16)((mask & (Ints16)yes) | (~mask & (Ints16)no));
-}
-
-static inline Floats16 least16(Floats16 a, Floats16 b) { return select16(a < b, a, b); }
-
-static inline Floats16 most16(Floats16 a, Floats16 b) { return select16(a > b, a, b); }
 
 /* 255 times the sRGB curve of light clipped to 0 .. 1, within 1e-3; without libm. */
 static inline Floats16 grey_levels(Floats16 light) {
@@ -71,20 +55,9 @@ typedef struct {
 /* A row of both versions; the same beyond the cell's columns. */
 static inline void load_row(const Versions *versions, const Cell *cell, int row, Floats16 *before,
                             Floats16 *after) {
-    const Ints16 columns = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-    *before = load16(versions->before + (size_t)row * versions->before_stride);
+    *before = load_columns(versions->before + (size_t)row * versions->before_stride, cell->columns);
     *after = load16(versions->after + (size_t)row * versions->after_stride);
-    /* Cheap, and rows of whole cells are the rule. */
-    Ints16 is_inside = columns < cell->columns;
-    *before = select16(is_inside, *before, (Floats16){0} + versions->before[0]);
-    *after = select16(is_inside, *after, *before);
-}
-
-static inline float largest_of(Floats16 values) {
-    float largest = values[0];
-    for (int x = 1; x < CELL_COLUMNS; x++)
-        largest = values[x] > largest ? values[x] : largest;
-    return largest;
+    *after = select16(columns_below(cell->columns), *after, *before);
 }
 
 /* Bound of the change between two versions of a cell. */
@@ -98,7 +71,7 @@ static inline float bound_versions(const Versions *versions, const Cell *cell) {
         differences = most16(most - least, differences);
     }
     float difference = largest_of(differences);
-    return difference == 0.0f ? 0.0f : bound_change(-largest_of(-lows), difference);
+    return difference == 0.0f ? 0.0f : bound_change(smallest_of(lows), difference);
 }
 
 /* Raise a maximum by the change between two versions of a cell in one colour. */

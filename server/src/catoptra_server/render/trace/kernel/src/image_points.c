@@ -152,14 +152,13 @@ static void change_cell(const Pass *pass, const ImageStage *stage, const Cell *c
 }
 
 static int is_dark(const CellValues *cells, const Cell *cell) {
-    float high = 0.0f;
+    Floats16 high = {0};
     for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++)
-            for (int x = 0; x < cell->columns; x++) {
-                float value = cells->values[channel][row][x];
-                high = value > high ? value : high;
-            }
-    return high == 0.0f;
+        for (int row = 0; row < cell->rows; row++) {
+            Floats16 values = load_columns(cells->values[channel][row], cell->columns);
+            high = most16(most16(values, -values), high);
+        }
+    return largest_of(high) == 0.0f;
 }
 
 static void measure_values(_Atomic uint32_t *change, const CellValues *before,

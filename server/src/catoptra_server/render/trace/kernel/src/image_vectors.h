@@ -1,0 +1,44 @@
+/* Vectors of a row of a cell: minima and maxima of floats are no vector code by themselves. */
+#ifndef CATOPTRA_IMAGE_VECTORS_H
+#define CATOPTRA_IMAGE_VECTORS_H
+
+#include "image_planes.h"
+
+#include <string.h>
+
+typedef float Floats16 __attribute__((vector_size(4 * CELL_COLUMNS)));
+typedef int32_t Ints16 __attribute__((vector_size(4 * CELL_COLUMNS)));
+
+static inline Floats16 load16(const float *values) {
+    Floats16 loaded;
+    memcpy(&loaded, values, sizeof loaded);
+    return loaded;
+}
+
+static inline Floats16 select16(Ints16 mask, Floats16 yes, Floats16 no) {
+    return (Floats16)((mask & (Ints16)yes) | (~mask & (Ints16)no));
+}
+
+static inline Floats16 least16(Floats16 a, Floats16 b) { return select16(a < b, a, b); }
+
+static inline Floats16 most16(Floats16 a, Floats16 b) { return select16(a > b, a, b); }
+
+static inline Ints16 columns_below(int count) {
+    return (Ints16){0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15} < count;
+}
+
+/* The first columns of a row; its first value in the others. */
+static inline Floats16 load_columns(const float *values, int count) {
+    return select16(columns_below(count), load16(values), (Floats16){0} + values[0]);
+}
+
+static inline float largest_of(Floats16 values) {
+    float largest = values[0];
+    for (int x = 1; x < CELL_COLUMNS; x++)
+        largest = values[x] > largest ? values[x] : largest;
+    return largest;
+}
+
+static inline float smallest_of(Floats16 values) { return -largest_of(-values); }
+
+#endif
