@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.radiance_loss import grey_level_change
 from catoptra_server.bounds.shadow_bounds import ShadowBounds
 from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
@@ -19,6 +20,7 @@ from catoptra_server.scene.world_description import (
     World,
 )
 from helpers.shadows import GREY, box_item, floor_item, make_world
+from helpers.standing_things import bake_scene, make_box_world
 
 SKY = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
 NOON = DirectionalLight((0.0, 0.0, 1.0), (0.5, 0.5, 0.5))
@@ -77,3 +79,11 @@ def test_world_with_a_hemisphere_light_alone_loses_nothing() -> None:
         bound(make_world(floor_item(), BOX, lights=(SKY,)), DynamicObject(MESH, Pose.identity()))
         == NO_SHADOW_LOSS
     )
+
+
+def test_hidden_sky_makes_a_shadow_more_visible() -> None:
+    world = make_box_world(lights=(SKY, NOON))
+    hidden = bake_scene(world)
+    whole = ShadowBounds(build_scene(world), world).darkest_shadow(())
+    dim = ShadowBounds(hidden, world).darkest_shadow(())
+    assert grey_level_change(dim) > grey_level_change(whole)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from catoptra_protocol.optics.mirrors import (
 )
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.render_plan import RenderPlan
@@ -34,10 +36,11 @@ from catoptra_server.scene.mirror_mesh import (
     Tessellation,
     tessellation_from_polygon_count,
 )
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.markers import marker_centroid, marker_directions, marker_world
+from helpers.standing_things import bake_scene
 from helpers.worlds import (
     CAMERA_STATE,
     DIRECTIONAL_LIGHT,
@@ -53,19 +56,27 @@ from helpers.worlds import (
 
 
 def render_both(
-    device: GlDevice, world: World, camera: OmniCamera, plan: RenderPlan
+    device: GlDevice,
+    world: World,
+    camera: OmniCamera,
+    plan: RenderPlan,
+    *,
+    scene: SceneMesh | None = None,
+    state: CameraState = CAMERA_STATE,
 ) -> tuple[Image, Image]:
     """Image of an omnidirectional camera by raster and by trace."""
-    with _renderers(device, world) as renderers:
+    with _renderers(device, world, scene) as renderers:
         views = [renderer.prepare(camera, plan) for renderer in renderers]
-        raster, trace = (view.render(CAMERA_STATE).rgb for view in views)
+        raster, trace = (view.render(state).rgb for view in views)
         views[0].close()
     return raster, trace
 
 
 @contextmanager
-def _renderers(device: GlDevice, world: World) -> Iterator[tuple[RasterRenderer, TraceRenderer]]:
-    scene = build_scene(world)
+def _renderers(
+    device: GlDevice, world: World, scene: SceneMesh | None = None
+) -> Iterator[tuple[RasterRenderer, TraceRenderer]]:
+    scene = build_scene(world) if scene is None else scene
     with ExitStack() as stack:
         trace = TraceRenderer(scene, world, threads=1)
         stack.callback(trace.close)
@@ -144,6 +155,23 @@ def test_raster_of_a_fine_texture_at_grazing_angles_equals_trace(
     # sharp; at the floor's end a pixel shows either side.
     assert np.percentile(difference, 99) <= 3
     assert np.percentile(difference, 50) == 0
+
+
+@pytest.mark.parametrize("has_shadows", [False, True])
+def test_raster_with_ambient_occlusion_equals_trace(
+    device: GlDevice, tmp_path: Path, has_shadows: bool
+) -> None:
+    camera, plain = make_omni_camera(), make_test_world()
+    textured = make_test_world(texture=write_smooth_texture(tmp_path / "waves.png"))
+    for world in (plain, textured):
+        plan = make_plan(camera, face_size_px=448)
+        state = replace(CAMERA_STATE, has_shadows=has_shadows)
+        scene = bake_scene(world)
+        raster, trace = render_both(device, world, camera, plan, scene=scene, state=state)
+        # One more level, as above; shadow maps move the edges of shadows.
+        assert_same(raster, trace, levels=3, edges=0.1)
+        _, whole_sky = render_both(device, world, camera, plan, state=state)
+        assert (level_differences(trace, whole_sky) > 5).mean() > 0.01
 
 
 @pytest.mark.parametrize("interpolation", list(Interpolation))

@@ -66,9 +66,8 @@ def _max_change_of_part(
     scene: SceneMesh, lights: tuple[Light, ...], light: ShadowCastingLight, part: slice
 ) -> float:
     albedo = scene.max_albedo(part) * ~scene.unlit[part, None]
-    remaining = albedo * shading.facet_irradiance(
-        shading.hemisphere_lights(lights), scene.normals[part]
-    )
+    sky = shading.facet_irradiance(shading.hemisphere_lights(lights), scene.normals[part])
+    remaining = albedo * scene.smallest_sky_factors(part)[:, None] * sky
     lost = albedo * _max_irradiance(scene, light, part)
     # The albedo of a point may be any fraction of the largest; the change is bounded for the worst.
     can_be_darker = scene.has_varying_albedo(part)

@@ -138,7 +138,11 @@ class ShadowBounds:
         )
 
     def _hemisphere_irradiance(self) -> Floats:
-        return shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
+        """(n, 3) irradiance by hemisphere lights where the scene hides most of the sky."""
+        whole = shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
+        factors = self._scene.smallest_sky_factors(slice(None))
+        irradiance: Floats = factors[:, None] * whole
+        return irradiance
 
     def _dimmest_sky(self) -> Floats:
         """(3,) least irradiance of all hemisphere lights on any facet."""

@@ -6,6 +6,9 @@
 #ifdef NUM_POINT_LIGHTS
 #include "include/point_irradiance.glsl"
 #endif
+#ifdef OCCLUDED
+#include "include/occlusion.glsl"
+#endif
 #ifdef COLOURED_CORNERS
 #define COLOUR centroid
 #else
@@ -23,12 +26,19 @@ uniform sampler2D albedo_texture;    // stored as sRGB, so that OpenGL filters l
 in vec2 texture_coordinates;
 #include "include/texture_levels.glsl"
 #endif
+#ifdef OCCLUDED
+centroid in vec2 occlusion_position; // centroid: never beyond the facet's grid
+COLOUR in vec3 facet_ambient;        // zero where nothing is hidden
+#endif
 COLOUR in vec3 facet_radiance;
 out vec4 colour;
 
 void main()
 {
     vec3 linear = facet_radiance;
+#ifdef OCCLUDED
+    linear -= hidden_sky(occlusion_position) * facet_ambient;
+#endif
 #ifdef NUM_POINT_LIGHTS
     linear += facet_albedo * point_irradiance(offset, facet_normal);
 #endif

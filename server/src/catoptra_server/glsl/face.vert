@@ -15,6 +15,12 @@ in vec3 position;                    // in the scene's frame
 in vec3 position_rest;               // what float32 lacks of it
 in vec3 radiance;
 COLOUR out vec3 facet_radiance;
+#ifdef OCCLUDED
+in vec2 occlusion_at;                // column and row of the atlas, nodes
+in vec3 ambient;                     // radiance by hemisphere lights, zero where nothing is hidden
+centroid out vec2 occlusion_position;
+COLOUR out vec3 facet_ambient;
+#endif
 #ifdef TEXTURED
 in vec2 uv;
 out vec2 texture_coordinates;
@@ -35,6 +41,10 @@ void main()
     vec3 clip = clip_from_scene * from_viewpoint;
     gl_Position = vec4(clip.xy, depth_from_forward.x * clip.z + depth_from_forward.y, clip.z);
     facet_radiance = radiance;
+#ifdef OCCLUDED
+    occlusion_position = occlusion_at;
+    facet_ambient = ambient;
+#endif
 #ifdef TEXTURED
     texture_coordinates = uv;
 #endif

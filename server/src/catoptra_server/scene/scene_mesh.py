@@ -20,6 +20,7 @@ from catoptra_server.scene.facets import bounding_box
 from catoptra_server.scene.item_loader import ItemLoader, ItemPart, empty_part
 from catoptra_server.scene.landmark_shapes import items_from_landmark
 from catoptra_server.scene.mesh_appearance import MeshAppearance, no_texture_coordinates
+from catoptra_server.scene.occlusion_map import OcclusionMap
 from catoptra_server.scene.texture_files import Texture
 from catoptra_server.scene.world_description import Item, World
 
@@ -51,6 +52,8 @@ class SceneMesh:
     corner_albedo: Floats | None = None
     """(n, 3, 3) linear albedos at the corners, interpolated linearly over each triangle; None in a
     scene whose triangles have one albedo each."""
+    occlusion: OcclusionMap | None = None
+    """How much of the sky's light reaches each point; None: all of it, everywhere."""
     box_min: Floats = field(init=False)
     """(3,) smallest coordinates; inf in a scene without triangles."""
     box_max: Floats = field(init=False)
@@ -75,6 +78,12 @@ class SceneMesh:
         first, second, third = np.moveaxis(self.corner_albedo[triangles], 1, 0)
         largest: Floats = np.maximum(np.maximum(first, second), third)
         return largest
+
+    def smallest_sky_factors(self, triangles: slice) -> Floats:
+        """(m,) smallest factor of hemisphere light on each of some triangles."""
+        if self.occlusion is None:
+            return np.ones(len(self.corners[triangles]))
+        return self.occlusion.smallest_factors(triangles)
 
     def has_varying_albedo(self, triangles: slice) -> Bools:
         """(m,) triangles of which some points may be darker than `max_albedo`, by any factor."""

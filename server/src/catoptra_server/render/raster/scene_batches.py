@@ -17,11 +17,13 @@ from catoptra_server.render.raster.shader_programs import (
     Definitions,
     ProgramSpec,
     ShaderPrograms,
+    set_sampler,
     set_uniform,
 )
 from catoptra_server.render.raster.split_positions import SPLIT_FORMAT
 from catoptra_server.scene import shading
 from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.occlusion_map import OcclusionMap
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.texture_files import Texture
 from catoptra_server.scene.texture_levels import build_levels
@@ -30,6 +32,10 @@ from catoptra_server.scene.world_description import Light
 
 # Definition of programs that interpolate colours between the corners of a triangle.
 _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
+# Definition of programs that hide a part of the sky from fragments.
+_OCCLUDED: Definitions = (("OCCLUDED", 1),)
+# Units 0 to 2 are those of textures and shadow maps.
+_OCCLUSION_UNIT = 3
 # GL_SRGB8: the sampler turns texels into linear light before it filters them.
 _SRGB8 = 0x8C41
 
@@ -89,6 +95,7 @@ class SceneBatches:
         self._lighting = lighting
         self._owned = self._upload(scene)
         self._position = position
+        self._occlusion = _upload_atlas(context, scene.occlusion)
         self._batches = [
             self._make_batch(programs, scene, int(g)) for g in np.unique(clusters.groups)
         ]
@@ -103,6 +110,11 @@ class SceneBatches:
         attributes = {"radiance": _corner_radiance(scene, self._lighting.constant_lights)}
         if scene.textures:
             attributes["uv"] = scene.uv
+        if scene.occlusion is not None:
+            sky = shading.hemisphere_lights(self._lighting.constant_lights)
+            is_hidden = (scene.occlusion.patch_of >= 0)[:, None, None]
+            attributes["ambient"] = _corner_radiance(scene, sky) * is_hidden
+            attributes["occlusion_at"] = _atlas_positions(scene.occlusion, scene.corners)
         if self._lighting.definitions:
             attributes["normal"] = _repeat_at_corners(scene.normals)
             attributes["lit_albedo"] = _corner_albedo(scene) * ~scene.unlit[:, None, None]
@@ -119,12 +131,16 @@ class SceneBatches:
         """Batch at an index: 0 for triangles without a texture, then one for each texture."""
         names = ["radiance"]
         definitions = _COLOURED_CORNERS if scene.corner_albedo is not None else ()
+        if scene.occlusion is not None:
+            names, definitions = [*names, "ambient", "occlusion_at"], (*definitions, *_OCCLUDED)
         if index > 0:
             names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
         if self._lighting.definitions:
             names = [*names, "normal", "lit_albedo"]
             definitions = (*definitions, *self._lighting.definitions)
         program = programs.get(ProgramSpec("face", "face", definitions))
+        if scene.occlusion is not None:
+            set_sampler(program, "occlusion_atlas", _OCCLUSION_UNIT)
         positions = (self._position, SPLIT_FORMAT, "position", "position_rest")
         attributes = [positions, *((*self._owned[name], name) for name in names)]
         # Clusters are sorted by group, so a slice names the batch's.
@@ -144,6 +160,8 @@ class SceneBatches:
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
         calls = 0
+        if self._occlusion is not None:
+            self._occlusion.use(_OCCLUSION_UNIT)
         for batch in self._batches:
             offsets = self._clusters.offsets[batch.clusters.start : batch.clusters.stop + 1]
             runs = visible_runs(visible[batch.clusters], offsets)
@@ -159,6 +177,8 @@ class SceneBatches:
 
     def close(self) -> None:
         """Free the buffers, vertex arrays and textures; programs belong to the context."""
+        if self._occlusion is not None:
+            self._occlusion.release()
         for batch in self._batches:
             batch.vertices.release()
             if batch.texture is not None:
@@ -191,6 +211,30 @@ def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Textur
         texture.write(encoded.tobytes(), level=number)
     texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     return texture
+
+
+def _upload_atlas(
+    context: moderngl.Context, occlusion: OcclusionMap | None
+) -> moderngl.Texture | None:
+    """Texture of an occlusion map's factors, filtered as `OcclusionMap.factors` does."""
+    if occlusion is None:
+        return None
+    height, width = occlusion.texels.shape
+    # Rows of four: OpenGL's alignment, which the map has anyway.
+    atlas = context.texture((width, height), 1, occlusion.texels.tobytes(), alignment=4)
+    atlas.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    atlas.repeat_x = atlas.repeat_y = False
+    return atlas
+
+
+def _atlas_positions(occlusion: OcclusionMap, corners: Floats) -> Floats:
+    """(n, 3, 2) columns and rows of the atlas at corners; 0 where nothing is hidden."""
+    positions = np.zeros((*corners.shape[:2], 2))
+    hidden = np.flatnonzero(occlusion.patch_of >= 0)
+    triangles = np.repeat(hidden, 3)
+    found = occlusion.atlas_positions(triangles, corners[hidden].reshape(-1, 3))
+    positions[hidden] = found.reshape(-1, 3, 2)
+    return positions
 
 
 def _corner_radiance(scene: SceneMesh, lights: tuple[Light, ...]) -> Floats:

@@ -34,6 +34,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     encoded_table,
     hemisphere_struct,
     light_array,
+    occlusion_struct,
     radiance_table,
     scene_arrays,
     surfaces_struct,
@@ -116,7 +117,7 @@ class KernelEngine:
         lights, num_lights = light_array(self._world.lights, self._scene_lights, self._centre)
         # The table of greys is cached for the life of the process.
         self._owners += [radiance, encoded, lights]
-        return SceneStruct(
+        scene = SceneStruct(
             mesh=self._commit(scene_arrays(self._mesh, self._centre)),
             sharp_radiance=radiance.ctypes.data,
             ambient_radiance=radiance.ctypes.data,
@@ -128,7 +129,18 @@ class KernelEngine:
             hemisphere=hemisphere_struct(self._world.lights),
             srgb_table=srgb_table().ctypes.data,
             surfaces=self._keep(surfaces_struct(self._mesh, self._centre)),
+            occlusion=self._keep(occlusion_struct(self._mesh.occlusion, self._centre)),
         )
+        if self._mesh.occlusion is not None:
+            scene.ambient_radiance = self._tabulate_ambient()
+        return scene
+
+    def _tabulate_ambient(self) -> int:
+        """Address of the facets' radiance by hemisphere lights alone."""
+        ambient = shading.hemisphere_lights(self._scene_lights)
+        radiance = radiance_table(self._mesh, ambient, self._world.background)
+        self._owners.append(radiance)
+        return radiance.ctypes.data
 
     def _keep(self, owned: Owned) -> Any:
         """Structure whose arrays live as long as the engine."""
@@ -145,10 +157,8 @@ class KernelEngine:
         """Add to the scene what only shadows need, at the first frame with shadows."""
         if self._has_shadow_tables:
             return
-        ambient = shading.hemisphere_lights(self._scene_lights)
-        radiance = radiance_table(self._mesh, ambient, self._world.background)
-        self._owners.append(radiance)
-        self._scene.ambient_radiance = radiance.ctypes.data
+        if self._mesh.occlusion is None:
+            self._scene.ambient_radiance = self._tabulate_ambient()
         if not self._mesh.casts_shadows.all():
             self._scene.casters = self._commit(caster_arrays(self._mesh, self._centre))
             casters = np.flatnonzero(self._mesh.casts_shadows).astype(np.int32)

@@ -10,7 +10,7 @@ from ctypes import c_double, c_float, c_int32, c_int64, c_uint32, c_void_p
 from typing import ClassVar
 
 OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS = 0, 1, 2
-FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS = 1, 2, 4
+FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
 LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
 
 # ctypes' own annotation of `_fields_` is a list of pairs.
@@ -76,6 +76,32 @@ class SurfacesStruct(ctypes.Structure):
     ]
 
 
+class OcclusionPatchStruct(ctypes.Structure):
+    """A grid of factors of hemisphere light."""
+
+    _fields_: ClassVar[Fields] = [
+        ("column", c_float * 4),
+        ("row", c_float * 4),
+        ("left", c_int32),
+        ("top", c_int32),
+        ("right", c_int32),
+        ("bottom", c_int32),
+    ]
+
+
+class OcclusionStruct(ctypes.Structure):
+    """Ambient occlusion of the static scene."""
+
+    _fields_: ClassVar[Fields] = [
+        ("width", c_int32),
+        ("height", c_int32),
+        ("texels", c_void_p),
+        ("patch_of", c_void_p),
+        ("patches", c_void_p),
+        ("dark_sums", c_void_p),
+    ]
+
+
 class SceneStruct(ctypes.Structure):
     """Static scene, its lights and tables."""
 
@@ -94,6 +120,7 @@ class SceneStruct(ctypes.Structure):
         ("caster_triangles", c_void_p),
         ("light_maps", c_void_p),
         ("surfaces", SurfacesStruct),
+        ("occlusion", OcclusionStruct),
     ]
 
 
@@ -208,6 +235,8 @@ STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     TextureStruct,
     LightStruct,
     SurfacesStruct,
+    OcclusionPatchStruct,
+    OcclusionStruct,
     SceneStruct,
     RayTableStruct,
     PoseStruct,

@@ -14,6 +14,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.kernel.flat_surfaces import find_flat_surfaces, has_corner_colours
 from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
+    FACET_OCCLUDED,
     FACET_TEXTURED,
     FACET_UNLIT,
     LIGHT_DIRECTIONAL,
@@ -21,6 +22,8 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     HemisphereStruct,
     LightStruct,
     MeshArrays,
+    OcclusionPatchStruct,
+    OcclusionStruct,
     SurfacesStruct,
     TextureLevelStruct,
     TextureStruct,
@@ -29,6 +32,7 @@ from catoptra_server.render.trace.kernel.padded_texels import pad_texels
 from catoptra_server.render.trace.srgb_encoding import encode_srgb
 from catoptra_server.scene import shading
 from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.scene.occlusion_map import BLOCK, OPEN, OcclusionMap
 from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.texture_levels import Levels, build_levels
@@ -70,6 +74,8 @@ def scene_arrays(scene: SceneMesh, centre: Floats) -> Owned:
         + (scene.texture_index >= 0) * np.uint8(FACET_TEXTURED)
         + has_corner_colours(scene) * np.uint8(FACET_CORNER_COLOURS)
     )
+    if scene.occlusion is not None:
+        flags += (scene.occlusion.patch_of >= 0) * np.uint8(FACET_OCCLUDED)
     optional = _Optional(
         corner_albedo=_float32(scene.corner_albedo),
         uv=_uv_frames(scene.uv) if scene.textures else None,
@@ -209,6 +215,49 @@ def surfaces_struct(scene: SceneMesh, centre: Floats) -> Owned:
         clusters=spheres.ctypes.data,
     )
     return Owned(struct, (found, spheres))
+
+
+def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> Owned:
+    """Ambient occlusion of a scene."""
+    if occlusion is None:
+        return Owned(OcclusionStruct(), ())
+    structs = (OcclusionPatchStruct * len(occlusion.bounds))()
+    rows = zip(
+        _relative_rows(occlusion.columns_from_world, centre),
+        _relative_rows(occlusion.rows_from_world, centre),
+        occlusion.bounds.tolist(),
+        strict=True,
+    )
+    for struct, (column, row, bounds) in zip(structs, rows, strict=True):
+        struct.column[:], struct.row[:] = column, row
+        struct.left, struct.top, struct.right, struct.bottom = bounds
+    height, width = occlusion.texels.shape
+    sums = _sum_dark_blocks(occlusion.texels)
+    struct = OcclusionStruct(
+        width=width,
+        height=height,
+        texels=occlusion.texels.ctypes.data,
+        patch_of=occlusion.patch_of.ctypes.data,
+        patches=ctypes.addressof(structs),
+        dark_sums=sums.ctypes.data,
+    )
+    return Owned(struct, (occlusion, structs, sums))
+
+
+def _relative_rows(rows: Floats, centre: Floats) -> list[list[float]]:
+    """(m, 4) rows for points relative to a centre."""
+    offset = rows[:, 3:] + rows[:, :3] @ centre[:, None]
+    relative: list[list[float]] = np.concatenate((rows[:, :3], offset), axis=1).tolist()
+    return relative
+
+
+def _sum_dark_blocks(texels: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
+    """(h / 4 + 1, w / 4 + 1) numbers of blocks with a texel that is not open, above and left."""
+    height, width = texels.shape
+    blocks = texels.reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK).min(axis=(1, 3))
+    sums = np.zeros((blocks.shape[0] + 1, blocks.shape[1] + 1), dtype=np.int32)
+    sums[1:, 1:] = (blocks < OPEN).cumsum(axis=0).cumsum(axis=1)
+    return sums
 
 
 def radiance_table(

@@ -79,6 +79,10 @@ def _shade_mesh(
     mesh = meshes[number].mesh
     points = _lit_points(meshes[number], rays, hits)
     irradiance = _irradiance(meshes, number, points, lighting)
+    if mesh.occlusion is not None:
+        factors = mesh.occlusion.factors(hits.triangle, points.positions + lighting.centre)
+        sky = shading.facet_irradiance(shading.hemisphere_lights(mesh.lights), points.normals)
+        irradiance -= (1.0 - factors)[:, None] * sky
     irradiance[mesh.facets.unlit[hits.triangle]] = 1.0
     return mesh.albedo_at(hits, rays) * irradiance
 

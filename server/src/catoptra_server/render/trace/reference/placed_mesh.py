@@ -13,6 +13,7 @@ from catoptra_server.render.trace.reference.affine import Affine
 from catoptra_server.render.trace.reference.embree_mesh import EmbreeMesh
 from catoptra_server.render.trace.trace_engine import NOTHING
 from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.scene.occlusion_map import OcclusionMap
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import LitFacets
 from catoptra_server.scene.texture_levels import (
@@ -50,6 +51,8 @@ class TracedMesh:
     """Linear texels of each texture, at all levels."""
     uv_gradients: Floats | None = None
     """(m, 2, 3) change of texture coordinates a metre, beside the texture index."""
+    occlusion: OcclusionMap | None = None
+    """Factors of hemisphere light, of the static scene alone."""
 
     def albedo_at(self, hits: FirstHits, rays: WorldRays) -> Floats:
         """(n, 3) albedo where rays meet the mesh in its own frame, by a texture if any."""
@@ -96,6 +99,7 @@ def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> 
         scene.uv if scene.textures else None,
         tuple(build_levels(texture) for texture in scene.textures),
         uv_gradients(scene.corners, scene.uv) if scene.textures else None,
+        scene.occlusion,
     )
 
 

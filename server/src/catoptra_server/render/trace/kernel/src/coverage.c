@@ -3,6 +3,8 @@
 #include "blur.h"
 #include "blur_plan.h"
 #include "light_map.h"
+#include "occluded_tiles.h"
+#include "occlusion.h"
 #include "plane_light.h"
 #include "tiles.h"
 
@@ -230,14 +232,13 @@ typedef struct {
     int level, row, column;
     const CandidateList *candidates; /* what may reach into it; NULL: no proof is tried any more */
     TileContent content;
+    int is_hidden; /* no part of it shows an open part of its surface */
 } Part;
 
-static void prove_part(Search *search, const Beam *beam, Part *part) {
-    BeamSides sides;
+static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     CandidateList *kept = &search->levels[part->level];
-    find_sides(search->state, beam, &sides);
-    keep_inside(part->candidates, &sides, search->marks, kept);
-    part->content.triangle = find_cover(search, kept, &sides);
+    keep_inside(part->candidates, sides, search->marks, kept);
+    part->content.triangle = find_cover(search, kept, sides);
     part->content.object = find_object(kept);
     /* Nothing but small things: no quarter of it can be proven. */
     int is_hopeless = part->level <= search->finest_proven || !has_surfaces(kept);
@@ -245,26 +246,6 @@ static void prove_part(Search *search, const Beam *beam, Part *part) {
     if (is_hopeless && part->content.triangle == SURFACE_UNKNOWN &&
         make_short_list(search->state, kept, &search->short_list))
         part->content.short_list = &search->short_list;
-}
-
-/* What is known of the lights on the part of a known plane that a beam sees. */
-static LightProof prove_beam(const FrameState *state, const BeamSides *sides, int32_t triangle) {
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    Vec3 viewpoint = vec3(state->camera.translation);
-    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
-    float height = dot(normal, subtract(vec3(mesh->corners + 9 * (size_t)triangle), viewpoint));
-    Vec3 corners[4];
-    for (int i = 0; i < 4; i++)
-        corners[i] = add(viewpoint, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
-    return prove_lights(state, triangle, corners);
-}
-
-static void prove_light(const Search *search, const Beam *beam, TileContent *content) {
-    BeamSides sides;
-    find_sides(search->state, beam, &sides);
-    LightProof proof = prove_beam(search->state, &sides, content->triangle);
-    content->proof.seen |= proof.seen;
-    content->proof.hidden |= proof.hidden;
 }
 
 static int is_unproven(const Part *part) {
@@ -280,6 +261,45 @@ static int is_unlit(const Search *search, const Part *part) {
            !is_light_proven(search->state, part->content.triangle, part->content.proof);
 }
 
+/* The corners of the part of a known plane that a beam sees. */
+static void find_quad(const FrameState *state, const BeamSides *sides, int32_t triangle,
+                      Vec3 corners[4]) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    Vec3 viewpoint = vec3(state->camera.translation);
+    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
+    float height = dot(normal, subtract(vec3(mesh->corners + 9 * (size_t)triangle), viewpoint));
+    for (int i = 0; i < 4; i++)
+        corners[i] = add(viewpoint, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
+}
+
+static int may_be_open(const Search *search, const Part *part) {
+    /* Of a moving camera's views the quad is only one. */
+    return search->state->frame->num_poses == 1 && part->content.triangle >= 0 && !part->content.is_open && !part->is_hidden &&
+           has_occlusion(search->state->scene, part->content.triangle);
+}
+
+static int is_dim(const Search *search, const Part *part) {
+    return is_unlit(search, part) || may_be_open(search, part);
+}
+
+/* What is known of the lights and of the sky on the part of a known plane that a beam sees. */
+static void prove_light(const Search *search, const BeamSides *sides, Part *part) {
+    const FrameState *state = search->state;
+    int32_t triangle = part->content.triangle;
+    Vec3 corners[4];
+    find_quad(state, sides, triangle, corners);
+    if (is_unlit(search, part)) {
+        LightProof proof = prove_lights(state, triangle, corners);
+        part->content.proof.seen |= proof.seen;
+        part->content.proof.hidden |= proof.hidden;
+    }
+    if (may_be_open(search, part)) {
+        SkyView view = find_sky_view(state->scene, triangle, corners);
+        part->content.is_open = view == SKY_OPEN;
+        part->is_hidden = view == SKY_HIDDEN;
+    }
+}
+
 /* Render the tiles of a part of which all is known: without its beams, which memory is slow to
  * deliver. */
 static void render_closed(Search *search, const View *view, const Part *part) {
@@ -289,6 +309,8 @@ static void render_closed(Search *search, const View *view, const Part *part) {
     right = right < columns ? right : columns;
     int is_filled =
         part->content.triangle != SURFACE_UNKNOWN && part->content.object == OBJECT_NONE;
+    int is_occluded = part->content.triangle >= 0 && !part->content.is_open &&
+                      has_occlusion(search->state->scene, part->content.triangle);
     for (int row = part->row * side; row < bottom; row++)
         for (int column = part->column * side; column < right; column++) {
             int tile = view->tile_at[row * columns + column];
@@ -298,7 +320,10 @@ static void render_closed(Search *search, const View *view, const Part *part) {
                 blur_tile(search->state, tile, &part->content, search->blur);
                 continue;
             }
-            render_tile(search->state, tile, &part->content);
+            /* Beams are slow to read, too: only those of tiles that need them. */
+            if (!is_occluded || !fill_occluded_tile(search->state, tile, &part->content,
+                                                    &view->levels[0].beams[row * columns + column]))
+                render_tile(search->state, tile, &part->content);
             search->num_filled += is_filled;
         }
 }
@@ -317,18 +342,23 @@ static void render_beam(Search *search, const View *view, Part part) {
     const Beam *beam = &parts->beams[part.row * parts->columns + part.column];
     if (beam->kind == BEAM_EMPTY || !is_wanted(search, &part))
         return;
-    if (beam->kind == BEAM_NARROW && is_unproven(&part))
-        prove_part(search, beam, &part);
-    if (beam->kind == BEAM_NARROW && is_unlit(search, &part))
-        prove_light(search, beam, &part.content);
-    if (part.level == 0 || !(is_unproven(&part) || is_unlit(search, &part))) {
+    if (beam->kind == BEAM_NARROW && (is_unproven(&part) || is_dim(search, &part))) {
+        BeamSides sides;
+        find_sides(search->state, beam, &sides);
+        if (is_unproven(&part))
+            prove_part(search, &sides, &part);
+        if (is_dim(search, &part))
+            prove_light(search, &sides, &part);
+    }
+    if (part.level == 0 || !(is_unproven(&part) || is_dim(search, &part))) {
         render_closed(search, view, &part);
         return;
     }
     for (int quarter = 0; quarter < 4; quarter++)
         render_beam(search, view,
                     (Part){part.level - 1, 2 * part.row + quarter / 2,
-                           2 * part.column + quarter % 2, part.candidates, part.content});
+                           2 * part.column + quarter % 2, part.candidates, part.content,
+                           part.is_hidden});
 }
 
 void aim_search(Search *search, const FrameState *state, const CandidateList *candidates,
@@ -342,6 +372,6 @@ int render_part(Search *search, const View *view, int part) {
     int level = BEAM_LEVELS - 1, columns = view->levels[level].columns;
     search->num_filled = 0;
     render_beam(search, view, (Part){level, part / columns, part % columns, search->candidates,
-                                     UNKNOWN_CONTENT});
+                                     UNKNOWN_CONTENT, 0});
     return search->num_filled;
 }

@@ -12,7 +12,8 @@ typedef struct {
     uint32_t computed; /* rays with a hit whose radiance is computed */
     uint32_t lit;      /* those that reflect light */
     uint32_t textured; /* those with a texture */
-    LightProof proof;  /* of all these rays */
+    uint32_t dim;      /* rays whose hits lack a part of the sky; computed or not */
+    LightProof proof;  /* of all computed rays */
 } SurfaceBlock;
 
 /* Radiance that rays lose by shadows. */

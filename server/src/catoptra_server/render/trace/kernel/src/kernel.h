@@ -15,7 +15,7 @@
 
 enum { TILE_PX = 4, BLOCK_RAYS = 16, MAX_SAMPLES = 16 };
 
-enum { FACET_UNLIT = 1, FACET_TEXTURED = 2, FACET_CORNER_COLOURS = 4 };
+enum { FACET_UNLIT = 1, FACET_TEXTURED = 2, FACET_CORNER_COLOURS = 4, FACET_OCCLUDED = 8 };
 
 enum { LIGHT_DIRECTIONAL = 0, LIGHT_POINT = 1 };
 
@@ -75,6 +75,21 @@ typedef struct {
     const float *clusters; /* (c, 4) centre and radius of spheres around all other triangles */
 } Surfaces;
 
+/* A grid of factors of hemisphere light: a point's column in the atlas is column . (x, y, z, 1). */
+typedef struct {
+    float column[4], row[4];          /* Embree's coordinates */
+    int32_t left, top, right, bottom; /* first and last nodes; two a side at least */
+} OcclusionPatch;
+
+/* Ambient occlusion; without it, `texels` is NULL. */
+typedef struct {
+    int32_t width, height;         /* of the atlas, multiples of 4 */
+    const uint8_t *texels;         /* (h, w), 255 = open */
+    const int32_t *patch_of;       /* (n,) grid of each triangle; -1: open */
+    const OcclusionPatch *patches; /* (m,) */
+    const int32_t *dark_sums;      /* (h / 4 + 1, w / 4 + 1) blocks above and left that are not open */
+} Occlusion;
+
 typedef struct {
     Mesh *mesh;
     Mesh *casters;               /* triangles that occlude lights; NULL: all of `mesh` */
@@ -90,6 +105,7 @@ typedef struct {
     const int32_t *caster_triangles; /* triangle of `mesh` of each of `casters`; NULL without */
     void *light_maps; /* of catoptra_build_light_maps; NULL until the first frame with shadows */
     Surfaces surfaces;
+    Occlusion occlusion;
 } Scene;
 
 /* Rays of a camera; twin: ray_table.RayTable. */

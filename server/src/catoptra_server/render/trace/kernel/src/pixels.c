@@ -60,26 +60,28 @@ void add_row(const FrameState *state, int row, uint32_t active,
     }
 }
 
-static void write_linear(const TilePixels *pixels, const PixelSums *sums, float factor) {
+static void write_linear(const TilePixels *pixels, const float sum[3][TILE_PX * TILE_PX],
+                         float factor) {
     for (int row = 0; row < pixels->rows; row++)
         for (int column = 0; column < pixels->columns; column++) {
-            Vec3 mean = scale(factor, get_lane(sums->sum, row * TILE_PX + column));
+            Vec3 mean = scale(factor, get_lane(sum, row * TILE_PX + column));
             memcpy(pixel_at(pixels, row, column), &mean, 3 * sizeof(float));
         }
 }
 
-void write_pixels(const FrameState *state, int tile, const PixelSums *sums) {
+/* Sums times a factor. */
+static void write_scaled(const FrameState *state, int tile, const float sum[3][TILE_PX * TILE_PX],
+                         float factor) {
     const uint8_t *table = state->scene->srgb_table;
-    float factor = 1.0f / (float)(state->rays->samples * state->rays->samples);
     TilePixels pixels = find_pixels(state, tile);
     if (state->frame->output == OUTPUT_LINEAR) {
-        write_linear(&pixels, sums, factor);
+        write_linear(&pixels, sum, factor);
         return;
     }
     int32_t level[3][TILE_PX * TILE_PX];
     for (int channel = 0; channel < 3; channel++)
         for (int pixel = 0; pixel < TILE_PX * TILE_PX; pixel++)
-            level[channel][pixel] = level_of(factor * sums->sum[channel][pixel]);
+            level[channel][pixel] = level_of(factor * sum[channel][pixel]);
     for (int row = 0; row < pixels.rows; row++) {
         uint8_t encoded[TILE_PX][3];
         for (int column = 0; column < TILE_PX; column++)
@@ -87,4 +89,12 @@ void write_pixels(const FrameState *state, int tile, const PixelSums *sums) {
                 encoded[column][channel] = table[level[channel][row * TILE_PX + column]];
         memcpy(pixel_at(&pixels, row, 0), encoded, 3 * (size_t)pixels.columns);
     }
+}
+
+void write_pixels(const FrameState *state, int tile, const PixelSums *sums) {
+    write_scaled(state, tile, sums->sum, 1.0f / (float)(state->rays->samples * state->rays->samples));
+}
+
+void write_radiance(const FrameState *state, int tile, const float radiance[3][TILE_PX * TILE_PX]) {
+    write_scaled(state, tile, radiance, 1.0f);
 }

@@ -35,6 +35,9 @@ void add_row(const FrameState *state, int row, uint32_t active,
 /* Means of the samples into the image. */
 void write_pixels(const FrameState *state, int tile, const PixelSums *sums);
 
+/* One radiance for each of the tile's pixels, (3, 16), into the image. */
+void write_radiance(const FrameState *state, int tile, const float radiance[3][TILE_PX * TILE_PX]);
+
 /* Values between 0 and 1; what is not a number is black. */
 static inline float clip(float value) { return value > 0.0f ? value < 1.0f ? value : 1.0f : 0.0f; }
 

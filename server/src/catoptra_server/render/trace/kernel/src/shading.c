@@ -3,6 +3,7 @@
 #include "direct_light.h"
 #include "facet_plane.h"
 #include "hit_textures.h"
+#include "occlusion.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -124,11 +125,13 @@ static Vec3 base_radiance(const FrameState *state, int object, int triangle, Vec
 /* Radiance from the tables; which other rays' radiance has to be computed, and how. */
 static void look_up(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                     SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
-    surface->computed = surface->lit = surface->textured = 0;
+    surface->computed = surface->lit = surface->textured = surface->dim = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         if (!(rays->active >> lane & 1))
             continue;
         int object = hits->object[lane], triangle = hits->triangle[lane];
+        if (object == OBJECT_STATIC)
+            surface->dim |= (uint32_t)has_occlusion(state->scene, triangle) << lane;
         if (is_tabulated(state, object, triangle)) {
             set_lane(radiance, lane, table_entry(state, object, triangle));
             continue;
@@ -188,6 +191,7 @@ static void look_up_plane(const FrameState *state, int32_t triangle, SurfaceBloc
     surface->computed = is_computed ? 0xffff : 0;
     surface->lit = is_computed && !(flags & FACET_UNLIT) ? 0xffff : 0;
     surface->textured = is_computed && flags & FACET_TEXTURED ? 0xffff : 0;
+    surface->dim = has_occlusion(state->scene, triangle) ? 0xffff : 0;
     if (!is_computed)
         set_all(radiance, table_entry(state, OBJECT_STATIC, triangle));
 }
@@ -240,8 +244,10 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
         look_up_plane(state, triangle, &surface, radiance);
     else
         look_up(state, rays, hits, &surface, radiance);
-    if (!surface.computed)
+    if (!surface.computed) {
+        hide_sky(state, surface.dim, rays, hits, radiance);
         return;
+    }
     if (triangle < 0 && state->has_one_origin)
         triangle = find_common_triangle(hits, surface.computed);
     int is_plane = triangle >= 0 &&
@@ -253,6 +259,8 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     } else {
         begin_surfaces(state, rays, hits, &surface, radiance);
     }
+    /* Before any other light is added. */
+    hide_sky(state, surface.dim, rays, hits, radiance);
     for (int light = 0; surface.lit && light < state->scene->num_lights; light++)
         add_light(state, light, rays, hits, &surface, radiance, lost);
     if (!surface.textured)

@@ -5,6 +5,7 @@
 #include "facet_plane.h"
 #include "hit_points.h"
 #include "measures.h"
+#include "occlusion.h"
 #include "plane_light.h"
 #include "ranges.h"
 #include "shading.h"
@@ -152,11 +153,11 @@ static int has_table_colours(const FrameState *state, uint32_t active, const Hit
         if (active >> lane & 1 && hits->object[lane] == OBJECT_STATIC)
             flags |= facets[hits->triangle[lane]];
     }
-    return !(flags & (FACET_TEXTURED | FACET_CORNER_COLOURS)) &&
+    return !(flags & (FACET_TEXTURED | FACET_CORNER_COLOURS | FACET_OCCLUDED)) &&
            (!meets_object || state->object_radiance);
 }
 
-static int is_wholly_valid(const FrameState *state, int tile) {
+int is_wholly_valid(const FrameState *state, int tile) {
     int blocks = state->rays->samples * state->rays->samples;
     for (int block = 0; block < blocks; block++)
         if (state->rays->valid[(size_t)tile * (size_t)blocks + (size_t)block] != 0xffff)
@@ -214,6 +215,7 @@ static int find_single_radiance(const FrameState *state, const TileContent *cont
     }
     *entry = (size_t)content->triangle;
     return !(mesh->flags[content->triangle] & FACET_TEXTURED) &&
+           (content->is_open || !has_occlusion(state->scene, content->triangle)) &&
            find_plane_light(state, content->triangle, content->proof, light);
 }
 
@@ -239,6 +241,8 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
         return;
     }
     fill_block(state, content->triangle, rays, light.radiance, radiance);
+    if (!content->is_open && has_occlusion(state->scene, content->triangle))
+        hide_sky_in_block(state, content->triangle, rays, light.radiance, radiance);
     if (lost && max_abs(light.lost) > 0.0f) {
         fill_block(state, content->triangle, rays, light.lost, lost->radiance);
         lost->rays = 0xffff;

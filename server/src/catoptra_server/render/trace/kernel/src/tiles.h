@@ -14,10 +14,11 @@ typedef struct {
     int32_t triangle; /* whose plane all rays meet first in the static scene, or as above */
     int32_t object;   /* the only dynamic object that rays may meet; OBJECT_NONE or OBJECT_ANY */
     LightProof proof;  /* what is known of the lights on the triangle's plane */
+    int is_open;       /* no part of the sky is hidden anywhere on it */
     const ShortList *short_list; /* all that may be seen of the static scene; NULL: not known */
 } TileContent;
 
-#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, NULL})
+#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, NULL})
 
 /* Render a tile; where the triangle is unknown, rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);
@@ -31,6 +32,9 @@ TileContent move_content(const FrameState *state, const TileContent *content, Sh
 /* Radiance, (3, 16), of a block of a unit at the state's instant; bit mask of its rays. */
 uint32_t sample_block(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
                       const TileContent *content, float radiance[3][BLOCK_RAYS]);
+
+/* Whether all rays of a tile see the mirror. */
+int is_wholly_valid(const FrameState *state, int tile);
 
 /* Trace the rays of a tile against the static scene without any use of the hits. */
 void trace_tile(const FrameState *state, int tile);

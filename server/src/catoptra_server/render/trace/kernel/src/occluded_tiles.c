@@ -1,0 +1,123 @@
+#include "occluded_tiles.h"
+
+#include "occlusion.h"
+#include "pixels.h"
+#include "plane_light.h"
+
+#include <math.h>
+
+/* A factor at a pixel's centre is the mean of its samples where a pixel sees at most this much of a
+ * grid, nodes along a side: factors change slowly from node to node. */
+#define MAX_NODES_PER_PIXEL 2.0f
+
+/* A quantity of the rays of a tile: linear in the two tangents of the tile's pyramid. */
+typedef struct {
+    float middle, per_a, per_b;
+} Linear;
+
+/* Directions of a tile's pixels: axis + a along_a + b along_b, neither of unit length. */
+typedef struct {
+    Vec3 axis, along_a, along_b; /* Embree's axes */
+    float a[TILE_PX], b[TILE_PX]; /* of rows, of columns */
+} PixelGrid;
+
+/* Tangents at the centres of pixels: the pyramid ends at the outermost samples. */
+static void place_centres(float first, float last, int is_reversed, int samples,
+                          float centres[TILE_PX]) {
+    float step = (last - first) / (float)(TILE_PX * samples - 1);
+    for (int i = 0; i < TILE_PX; i++) {
+        float sample = ((float)i + 0.5f) * (float)samples - 0.5f;
+        centres[is_reversed ? TILE_PX - 1 - i : i] = first + step * sample;
+    }
+}
+
+static void find_grid(const FrameState *state, const Beam *beam, PixelGrid *grid) {
+    const float *rotation = state->camera.rotation;
+    float mixed = dot(beam->a, beam->b);
+    float inverse = 1.0f / (1.0f - mixed * mixed);
+    /* The dual of a and b within their plane. */
+    grid->axis = rotate(rotation, beam->axis);
+    grid->along_a =
+        rotate(rotation, scale(inverse, subtract(beam->a, scale(mixed, beam->b))));
+    grid->along_b =
+        rotate(rotation, scale(inverse, subtract(beam->b, scale(mixed, beam->a))));
+    int samples = state->rays->samples;
+    /* Rows of the tile differ in a, columns in b: the other is constant along each. */
+    place_centres(beam->a_min, beam->a_max, dot(beam->a, beam->down) < 0.0f, samples, grid->a);
+    place_centres(beam->b_min, beam->b_max, dot(beam->b, beam->across) < 0.0f, samples, grid->b);
+}
+
+static Linear project_rays(const PixelGrid *grid, Vec3 onto) {
+    return (Linear){dot(onto, grid->axis), dot(onto, grid->along_a), dot(onto, grid->along_b)};
+}
+
+static inline float at(Linear value, float a, float b) {
+    return value.middle + a * value.per_a + b * value.per_b;
+}
+
+/* Columns and rows of the atlas that the pixels' centres show; 0 if they are too far apart. */
+static int find_positions(const FrameState *state, int32_t triangle, const PixelGrid *grid,
+                          float columns[BLOCK_RAYS], float rows[BLOCK_RAYS]) {
+    const Scene *scene = state->scene;
+    const OcclusionPatch *patch = patch_of(scene, triangle);
+    Vec3 origin = vec3(state->camera.translation);
+    Vec3 normal = vec3(scene->mesh->arrays.normals + 3 * (size_t)triangle);
+    Vec3 first = vec3(scene->mesh->arrays.corners + 9 * (size_t)triangle);
+    float height = dot(normal, subtract(first, origin));
+    float first_column = atlas_coordinate(patch->column, origin);
+    float first_row = atlas_coordinate(patch->row, origin);
+    Linear along_normal = project_rays(grid, normal);
+    Linear to_column = project_rays(grid, vec3(patch->column));
+    Linear to_row = project_rays(grid, vec3(patch->row));
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float a = grid->a[i / TILE_PX], b = grid->b[i % TILE_PX];
+        float distance = height / at(along_normal, a, b);
+        columns[i] = first_column + distance * at(to_column, a, b);
+        rows[i] = first_row + distance * at(to_row, a, b);
+    }
+    float limit = MAX_NODES_PER_PIXEL * (TILE_PX - 1);
+    enum { LEFT = 0, RIGHT = TILE_PX - 1, LAST = BLOCK_RAYS - 1, BOTTOM = BLOCK_RAYS - TILE_PX };
+    return fabsf(columns[LAST] - columns[LEFT]) + fabsf(rows[LAST] - rows[LEFT]) < limit &&
+           fabsf(columns[BOTTOM] - columns[RIGHT]) + fabsf(rows[BOTTOM] - rows[RIGHT]) < limit;
+}
+
+static void write_factors(const FrameState *state, int tile, int32_t triangle,
+                          Vec3 light, const float factors[BLOCK_RAYS]) {
+    float radiance[3][BLOCK_RAYS];
+    float whole[3] = {light.x, light.y, light.z};
+    const float *ambient = state->scene->ambient_radiance + 3 * (size_t)triangle;
+    for (int channel = 0; channel < 3; channel++)
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            radiance[channel][i] = whole[channel] - (1.0f - factors[i]) * ambient[channel];
+    write_radiance(state, tile, (const float(*)[BLOCK_RAYS])radiance);
+}
+
+static int is_fillable(const FrameState *state, const TileContent *content, const Beam *beam,
+                       PlaneLight *light) {
+    int32_t triangle = content->triangle;
+    const Frame *frame = state->frame;
+    /* Samples are wanted one by one. */
+    if (frame->num_poses > 1 || state->is_rolling || state->plan || frame->inverse_range)
+        return 0;
+    return triangle >= 0 && !content->is_open && content->object == OBJECT_NONE &&
+           beam->kind == BEAM_NARROW && has_occlusion(state->scene, triangle) &&
+           !(state->scene->mesh->arrays.flags[triangle] & FACET_TEXTURED) &&
+           find_plane_light(state, triangle, content->proof, light) &&
+           /* What shadows change is measured by samples. */
+           !(state->frame->measures_shadows && !light->is_table);
+}
+
+int fill_occluded_tile(const FrameState *state, int tile, const TileContent *content,
+                       const Beam *beam) {
+    PlaneLight light;
+    if (state->frame->output == OUTPUT_HITS || !is_fillable(state, content, beam, &light) || !is_wholly_valid(state, tile))
+        return 0;
+    PixelGrid grid;
+    _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[BLOCK_RAYS];
+    find_grid(state, beam, &grid);
+    if (!find_positions(state, content->triangle, &grid, columns, rows))
+        return 0;
+    find_factors(state->scene, content->triangle, columns, rows, factors);
+    write_factors(state, tile, content->triangle, light.radiance, factors);
+    return 1;
+}

@@ -1,0 +1,1 @@
+"""Ambient occlusion, computed once for a scene: by rays, on grids over its flat surfaces."""

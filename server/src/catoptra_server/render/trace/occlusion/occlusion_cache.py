@@ -1,0 +1,123 @@
+"""Occlusion maps on disk: a restarted server does not cast the rays again.
+
+A file belongs to one content of a scene and one way to bake it. It begins with a digest of the
+rest: a file that is cut off, changed or of another program only means that the map is baked anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import logging
+import os
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from catoptra_server import __version__
+from catoptra_server.processor_count import count_processors
+from catoptra_server.render.trace.kernel.flat_surfaces import MAX_TRIANGLES
+from catoptra_server.render.trace.occlusion.baking import bake_occlusion
+from catoptra_server.render.trace.ray_caster import commit_ray_caster
+from catoptra_server.scene import shading
+from catoptra_server.scene.occlusion_map import BLOCK, OcclusionMap
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import World
+
+log = logging.getLogger(__name__)
+
+# Increased when maps change for the same scene.
+_FORMAT_VERSION = 1
+_ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
+_DIGEST_BYTES = 32
+# The largest atlas and the arrays of 200 000 triangles; what is larger is none of ours.
+_MAX_BYTES = 32 * 2**20
+
+
+def wants_occlusion(scene: SceneMesh, world: World) -> bool:
+    """Whether a world asks for an occlusion map, is small enough, and something is occluded."""
+    return (
+        world.ambient_occlusion
+        and 0 < len(scene) < MAX_TRIANGLES
+        and bool(shading.hemisphere_lights(world.lights))
+        and not bool(scene.unlit.all())
+        and bool(scene.casts_shadows.any())
+    )
+
+
+def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None:
+    """Occlusion map of a scene, from a folder's cache or baked now; None: nothing is occluded.
+
+    Args:
+        scene: Triangles of a world that wants a map.
+        folder: Folder of the cache; None for no cache.
+    """
+    file = None if folder is None else folder / f"{hash_scene(scene)}.bin"
+    cached = None if file is None else _read(file, len(scene))
+    if cached is not None:
+        return cached
+    start = time.perf_counter()
+    occlusion = bake_occlusion(scene, commit_ray_caster(scene), threads=count_processors())
+    log.info("ambient occlusion baked in %.2f s", time.perf_counter() - start)
+    if file is not None and occlusion is not None:
+        _write(file, occlusion)
+    return occlusion
+
+
+def hash_scene(scene: SceneMesh) -> str:
+    """Digest of all that an occlusion map depends on."""
+    digest = hashlib.sha256(f"{_FORMAT_VERSION} {__version__}".encode())
+    arrays = (scene.corners, scene.casts_shadows, scene.unlit, scene.albedo, scene.texture_index)
+    for array in (*arrays, scene.uv if scene.textures else None, scene.corner_albedo):
+        if array is not None:
+            digest.update(repr(array.shape).encode())
+            digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def _read(file: Path, num_triangles: int) -> OcclusionMap | None:
+    """Map of a file; None for an absent or unusable one."""
+    try:
+        with file.open("rb") as opened:
+            content = opened.read(_MAX_BYTES + 1)
+        body = content[_DIGEST_BYTES:]
+        if hashlib.sha256(body).digest() != content[:_DIGEST_BYTES]:
+            return None
+        with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
+            occlusion = OcclusionMap(*(arrays[name] for name in _ARRAYS))
+    # Whatever is wrong with the form: NumPy and the archive raise any of these.
+    except (OSError, ValueError, KeyError, IndexError, TypeError, zipfile.BadZipFile):
+        return None
+    return occlusion if _is_sound(occlusion, num_triangles) else None
+
+
+def _is_sound(occlusion: OcclusionMap, num_triangles: int) -> bool:
+    """Whether no index of a map leads out of its arrays: the kernel does not check them again."""
+    count, (height, width) = len(occlusion.bounds), occlusion.texels.shape
+    first, last = occlusion.bounds[:, :2], occlusion.bounds[:, 2:]
+    types = [getattr(occlusion, name).dtype for name in _ARRAYS]
+    return (
+        types == [np.int32, np.float64, np.float64, np.int32, np.uint8]
+        and occlusion.patch_of.shape == (num_triangles,)
+        and occlusion.columns_from_world.shape == occlusion.rows_from_world.shape == (count, 4)
+        and bool(((occlusion.patch_of >= -1) & (occlusion.patch_of < count)).all())
+        and height % BLOCK == width % BLOCK == 0
+        and bool(((first >= 0) & (first < last) & (last < (width, height))).all())
+    )
+
+
+def _write(file: Path, occlusion: OcclusionMap) -> None:
+    """Store a map, atomically."""
+    body = io.BytesIO()
+    np.savez(body, **{name: getattr(occlusion, name) for name in _ARRAYS})
+    content = hashlib.sha256(body.getvalue()).digest() + body.getvalue()
+    # A file of the process's own, then renamed: another server never reads half a file.
+    unfinished = file.with_suffix(f".{os.getpid()}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        unfinished.write_bytes(content)
+        unfinished.replace(file)
+    except OSError as error:
+        log.warning("ambient occlusion cannot be stored in %s: %s", file.parent, error)

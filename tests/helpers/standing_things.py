@@ -1,0 +1,73 @@
+"""Scenes in which things stand on a floor, with their occlusion maps, and the exact factors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.trace.occlusion.baking import bake_occlusion
+from catoptra_server.render.trace.occlusion.sky_rays import occluder_weights
+from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
+from catoptra_server.scene.world_description import (
+    Box,
+    HemisphereLight,
+    Item,
+    Light,
+    Material,
+    Rectangle,
+    World,
+)
+
+SKY = HemisphereLight((0.8, 0.8, 0.8), (0.4, 0.4, 0.4))
+FLOOR = Item("floor", Rectangle((8, 8)), Pose.identity(), Material((0.5, 0.5, 0.5)))
+
+
+def make_box_world(
+    size_m: tuple[float, float, float] = (0.5, 0.4, 0.6), *, lights: tuple[Light, ...] = (SKY,)
+) -> World:
+    """A floor, and a box at its middle."""
+    pose = Pose.from_rpy((0.0, 0.0, -0.5 * size_m[2]))
+    box = Item("box", Box(size_m), pose, Material((0.6, 0.3, 0.2)))
+    return World("standing", (FLOOR, box), lights=lights)
+
+
+def bake_scene(world: World, *, threads: int = 1) -> SceneMesh:
+    """Scene of a world with its occlusion map."""
+    scene = build_scene(world)
+    caster = EmbreeRayCaster(scene)
+    return replace(scene, occlusion=bake_occlusion(scene, caster, threads=threads))
+
+
+def integrate_factor(scene: SceneMesh, point: Floats, normal: Floats, *, count: int = 200) -> float:
+    """Factor of a point by brute force: count x count directions, all triangles, float64."""
+    across = (np.arange(count) + 0.5) / count
+    u, v = np.meshgrid(across, 2.0 * np.pi * across, indexing="ij")
+    other = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.7 else np.array([0.0, 1.0, 0.0])
+    axis_x = np.cross(normal, other)
+    axis_x /= np.linalg.norm(axis_x)
+    axes = np.stack((axis_x, np.cross(normal, axis_x), normal))
+    local = np.stack((np.sqrt(u) * np.cos(v), np.sqrt(u) * np.sin(v), np.sqrt(1.0 - u)), axis=-1)
+    directions = local.reshape(-1, 3) @ axes
+    nearest = np.full(len(directions), np.inf)
+    for corners in scene.corners:
+        nearest = np.minimum(nearest, _meet_triangle(point, directions, corners))
+    return float(1.0 - occluder_weights(nearest).mean())
+
+
+def _meet_triangle(point: Floats, directions: Floats, corners: Floats) -> Floats:
+    """(n,) distances to a triangle, inf beside it. Source: Moeller & Trumbore 1997."""
+    edge1, edge2 = corners[1] - corners[0], corners[2] - corners[0]
+    across = np.cross(directions, edge2)
+    determinant = across @ edge1
+    safe = np.where(np.abs(determinant) < 1e-12, np.inf, determinant)
+    from_first = point - corners[0]
+    u = across @ from_first / safe
+    turned = np.cross(from_first, edge1)
+    v = directions @ turned / safe
+    distance = (edge2 @ turned) / safe
+    is_met = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance > 1e-9) & np.isfinite(safe)
+    return np.where(is_met, distance, np.inf)

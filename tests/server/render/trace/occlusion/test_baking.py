@@ -1,0 +1,111 @@
+"""Baked factors against brute force, the analytic corner, and the open floor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.trace.occlusion.baking import bake_occlusion
+from catoptra_server.render.trace.occlusion.sky_rays import RADIUS_M, occluder_weights
+from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, Item, Material, Rectangle, World
+from helpers.standing_things import FLOOR, SKY, bake_scene, integrate_factor, make_box_world
+
+GREY = Material((0.5, 0.5, 0.5))
+# The mean of 32 rays a node, four sets mixed, interpolated between nodes 5 cm apart.
+TOLERANCE = 0.03
+
+
+def factors_on_floor(world: World, points: list[tuple[float, float]]) -> Floats:
+    occlusion = bake_scene(world).occlusion
+    assert occlusion is not None
+    at = np.array([(x, y, 0.0) for x, y in points])
+    # Both triangles of the floor are one surface.
+    return occlusion.factors(np.zeros(len(at), dtype=int), at)
+
+
+def test_factors_beside_a_box_equal_brute_force() -> None:
+    points = [(0.3, 0.1), (0.33, 0.0), (0.4, 0.0), (0.5, 0.3), (0.0, -0.35), (-0.6, 0.0)]
+    scene = build_scene(make_box_world())
+    exact = [integrate_factor(scene, np.array([*p, 0.0]), np.array([0, 0, -1.0])) for p in points]
+    assert min(exact) < 0.8
+    assert max(exact) > 0.95
+    np.testing.assert_allclose(factors_on_floor(make_box_world(), points), exact, atol=TOLERANCE)
+
+
+def make_wall_world() -> World:
+    """A floor before a wall that is infinite for all purposes: its face at x = 1."""
+    wall = Item("wall", Box((0.2, 8.0, 4.0)), Pose.from_rpy((1.1, 0.0, -2.0)), GREY)
+    return World("wall", (FLOOR, wall), lights=(SKY,))
+
+
+def analytic_factor(distance_m: float, count: int = 1000) -> float:
+    """Factor of a floor at a distance from an infinite wall, by the midpoint rule.
+
+    With u = sin^2(theta), evenly distributed, a ray at an angle phi to the wall's normal meets it
+    after distance / (sin(theta) cos(phi)).
+    """
+    across = (np.arange(count) + 0.5) / count
+    u, phi = np.meshgrid(across, np.pi * (across - 0.5))
+    weights = occluder_weights(distance_m / (np.sqrt(u) * np.cos(phi)))
+    return float(1.0 - 0.5 * weights.mean())
+
+
+def test_analytic_factor_at_the_foot_is_a_half() -> None:
+    assert analytic_factor(0.0) == 0.5
+    assert analytic_factor(RADIUS_M) == 1.0
+
+
+# Nearer than a node's distance the filter flattens the last step to the foot.
+@pytest.mark.parametrize(
+    ("distance_m", "tolerance"),
+    [(0.01, 0.08), (0.05, 0.03), (0.1, 0.03), (0.2, 0.02), (0.4, 0.01), (0.7, 0.005)],
+)
+def test_factor_before_a_wall_is_the_analytic_one(distance_m: float, tolerance: float) -> None:
+    factor = factors_on_floor(make_wall_world(), [(1.0 - distance_m, 0.0)])
+    np.testing.assert_allclose(factor, analytic_factor(distance_m), atol=tolerance)
+
+
+def test_open_floor_has_the_factor_one_exactly() -> None:
+    far = 0.25 + RADIUS_M + 0.2
+    factors = factors_on_floor(make_box_world(), [(far, 0.0), (3.0, 3.0), (-far, 1.0)])
+    assert factors.tolist() == [1.0, 1.0, 1.0]
+
+
+def test_floor_alone_needs_no_map() -> None:
+    assert bake_scene(World("floor", (FLOOR,), lights=(SKY,))).occlusion is None
+
+
+def test_marking_on_a_floor_occludes_nothing() -> None:
+    line = Item("line", Rectangle((1, 0.05)), Pose.from_rpy((0, 0, -0.001)), GREY)
+    assert bake_scene(World("line", (FLOOR, line), lights=(SKY,))).occlusion is None
+
+
+def test_thing_that_casts_no_shadow_occludes_nothing() -> None:
+    world = make_box_world()
+    items = (world.items[0], replace(world.items[1], casts_shadows=False))
+    scene = bake_scene(replace(world, items=items))
+    assert scene.occlusion is not None  # the floor darkens the foot of the box
+    assert (scene.occlusion.patch_of[:2] == -1).all()
+
+
+def test_unlit_facets_have_no_grid() -> None:
+    world = make_box_world()
+    glowing = replace(world.items[1], material=Material((1, 1, 1), unlit=True))
+    scene = bake_scene(replace(world, items=(world.items[0], glowing)))
+    assert scene.occlusion is not None
+    assert (scene.occlusion.patch_of[scene.unlit] == -1).all()
+
+
+def test_threads_and_casters_give_the_same_bytes() -> None:
+    world = make_box_world()
+    scene = build_scene(world)
+    casters = (EmbreeRayCaster(scene), commit_ray_caster(scene))
+    maps = [bake_occlusion(scene, caster, threads=n) for caster in casters for n in (1, 2)]
+    assert all(found is not None for found in maps)
+    assert len({found.texels.tobytes() for found in maps if found is not None}) == 1

@@ -1,0 +1,130 @@
+"""Occlusion maps on disk: read back bit for bit, and harmless whatever a file holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_server.render.trace.occlusion import occlusion_cache
+from catoptra_server.render.trace.occlusion.occlusion_cache import (
+    find_occlusion,
+    hash_scene,
+    wants_occlusion,
+)
+from catoptra_server.scene.occlusion_map import OcclusionMap
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Material, World
+from helpers.standing_things import SKY, make_box_world
+from helpers.worlds import DIRECTIONAL_LIGHT
+
+WORLD = make_box_world()
+SCENE = build_scene(WORLD)
+FIELDS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels", "darkest")
+
+
+def assert_same(found: OcclusionMap | None, expected: OcclusionMap | None) -> None:
+    assert found is not None
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def forbid_baking(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(occlusion_cache, "bake_occlusion", None)
+
+
+def test_second_start_reads_the_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    baked = find_occlusion(SCENE, tmp_path)
+    forbid_baking(monkeypatch)
+    assert_same(find_occlusion(SCENE, tmp_path), baked)
+    with pytest.raises(TypeError):
+        find_occlusion(SCENE, None)
+
+
+def test_other_scene_has_another_file(tmp_path: Path) -> None:
+    find_occlusion(SCENE, tmp_path)
+    moved = replace(SCENE, corners=SCENE.corners + np.array([0.0, 0.0, 0.1]))
+    find_occlusion(moved, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 2
+    assert hash_scene(SCENE) != hash_scene(replace(SCENE, casts_shadows=~SCENE.casts_shadows))
+
+
+def spoil(content: bytes) -> dict[str, bytes]:
+    return {
+        "empty": b"",
+        "cut off": content[: len(content) // 2],
+        "a bit changed": content[:900] + bytes([content[900] ^ 1]) + content[901:],
+        "foreign": b"#!/bin/sh\n" * 100,
+        "digest alone": content[:32],
+    }
+
+
+@pytest.mark.parametrize("kind", spoil(b"." * 1000))
+def test_spoilt_file_is_baked_anew(tmp_path: Path, kind: str) -> None:
+    baked = find_occlusion(SCENE, tmp_path)
+    (file,) = tmp_path.iterdir()
+    content = file.read_bytes()
+    file.write_bytes(spoil(content)[kind])
+    assert_same(find_occlusion(SCENE, tmp_path), baked)
+    assert file.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("patch_of", np.full(len(SCENE), 99, dtype=np.int32)),
+        ("patch_of", np.zeros(3, dtype=np.int32)),
+        ("bounds", np.array([[0, 0, 9999, 9999]], dtype=np.int32)),
+        ("texels", np.zeros((6, 6), dtype=np.uint8)),
+        ("columns_from_world", np.zeros((0, 4))),
+    ],
+)
+def test_map_whose_indices_lead_astray_is_not_used(
+    tmp_path: Path, name: str, value: np.ndarray[tuple[int, ...], np.dtype[np.generic]]
+) -> None:
+    baked = find_occlusion(SCENE, tmp_path)
+    assert baked is not None
+    arrays = {field: getattr(baked, field) for field in FIELDS if field != "darkest"}
+    one = {key: rows[:1] for key, rows in arrays.items() if key not in ("patch_of", "texels")}
+    few = {**one, "patch_of": np.zeros(len(SCENE), np.int32), "texels": arrays["texels"]}
+    assert occlusion_cache._is_sound(OcclusionMap(**few), len(SCENE))
+    (file,) = tmp_path.iterdir()
+    # With a right digest: written by a program that is not ours.
+    np.savez(tmp_path / "foreign.npz", **{**few, name: value})
+    body = (tmp_path / "foreign.npz").read_bytes()
+    file.write_bytes(occlusion_cache.hashlib.sha256(body).digest() + body)
+    assert_same(find_occlusion(SCENE, tmp_path), baked)
+
+
+def test_unwritable_folder_only_warns(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "file").write_text("")
+    assert find_occlusion(SCENE, tmp_path / "file" / "folder") is not None
+    assert "cannot be stored" in caplog.text
+
+
+def test_world_wants_a_map_unless_it_says_no_or_could_not_show_it() -> None:
+    assert wants_occlusion(SCENE, WORLD)
+    assert not wants_occlusion(SCENE, replace(WORLD, ambient_occlusion=False))
+    assert not wants_occlusion(SCENE, replace(WORLD, lights=(DIRECTIONAL_LIGHT,)))
+    assert not wants_occlusion(build_scene(World("empty", ())), WORLD)
+    assert not wants_occlusion(replace(SCENE, unlit=np.ones(len(SCENE), dtype=bool)), WORLD)
+
+
+def test_limit_of_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(occlusion_cache, "MAX_TRIANGLES", len(SCENE))
+    assert not wants_occlusion(SCENE, WORLD)
+    monkeypatch.setattr(occlusion_cache, "MAX_TRIANGLES", len(SCENE) + 1)
+    assert wants_occlusion(SCENE, WORLD)
+
+
+def test_limit_is_two_hundred_thousand() -> None:
+    assert occlusion_cache.MAX_TRIANGLES == 200_000
+
+
+def test_world_of_unlit_facets_alone_has_no_map() -> None:
+    glowing = Material((1.0, 1.0, 1.0), unlit=True)
+    items = tuple(replace(item, material=glowing) for item in WORLD.items)
+    world = World("glow", items, lights=(SKY,))
+    assert not wants_occlusion(build_scene(world), world)
