@@ -122,3 +122,16 @@ def test_second_robot_of_a_class_is_left_out_with_a_warning(
         startup = read_startup_config(robots, write_small_world(tmp_path))
     assert [robot.class_name for robot in startup.robots] == ["USARBot.OmniP2AT"]
     assert "a second robot of class" in caplog.text
+
+
+@pytest.mark.parametrize(("words", "is_occluded"), [((), True), (("AmbientOcclusion=off",), False)])
+def test_world_has_ambient_occlusion_unless_it_says_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], is_occluded: bool
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    box = "Boxes=(Position=(X=0,Y=0,Z=-0.2),Size=(X=0.4,Y=0.4,Z=0.4))"
+    floor = "Rectangles=(Size=(X=4,Y=4))"
+    world = write_small_world(tmp_path, box, floor, "Lights=(Type=Hemisphere)", *words)
+    startup = read_startup_config([write_small_robot(tmp_path)], world)
+    assert (startup.scene.occlusion is not None) == is_occluded
+    assert (tmp_path / "cache" / "catoptra" / "occlusion").exists() == is_occluded

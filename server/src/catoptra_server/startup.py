@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 
 from catoptra_protocol.optics.numerics import Floats
@@ -15,7 +15,8 @@ from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, r
 from catoptra_server.config.unknown_names import report_unknown_names
 from catoptra_server.config.world_file import read_world
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
-from catoptra_server.render.embreex_package import require_embreex
+from catoptra_server.planning.cost_cache import default_cache_folder
+from catoptra_server.render.embreex_package import has_embreex, require_embreex
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
@@ -73,7 +74,19 @@ def read_startup_config(
         _warn_unserved_robots(file)
     descriptions = _drop_repeated_classes([one for robot, _ in contents for one in robot])
     scene = build_scene(world_description, MemoryBudget(limit_bytes))
+    scene = _occlude_sky(scene, world_description)
     return StartupConfig(descriptions, world_description, scene, options)
+
+
+def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
+    """The scene with its occlusion map, where the world wants one."""
+    # Imported here: a server without Embree runs, with the whole sky everywhere.
+    from catoptra_server.render.trace.occlusion import occlusion_cache
+
+    if not has_embreex() or not occlusion_cache.wants_occlusion(scene, world):
+        return scene
+    folder = default_cache_folder().parent / "occlusion"
+    return replace(scene, occlusion=occlusion_cache.find_occlusion(scene, folder))
 
 
 def _warn_unserved_robots(file: IniFile) -> None:
