@@ -1,9 +1,8 @@
 """World files: from `[Catoptra.World]` and its lists of structs to a World.
 
 Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
-Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on or off. Positions are in
-metres, SAE (z down: a table has its
-top at Z=-0.75), rotations in radians, colours in sRGB bytes (R=255,G=0,B=0), file names relative to
+Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on or off, the default. Positions
+are in metres, SAE (z down: a table has its top at Z=-0.75), rotations in radians, colours in sRGB bytes (R=255,G=0,B=0), file names relative to
 the world file. A new shape is a reader and a line in _SHAPE_READERS.
 """
 
@@ -94,7 +93,7 @@ def read_world(path: Path) -> tuple[World, IniFile]:
             Victim(s.get_wire_name("Name"), _read_position(s, "Position")) for s in victims
         ),
         gps_origin=_read_gps_origin(section),
-        ambient_occlusion=section.get_choice("AmbientOcclusion", ["on", "off"], "on") == "on",
+        ambient_occlusion=section.get_choice("AmbientOcclusion", ["on", "off"], "off") == "on",
     )
     # Nothing but the background would be visible: more likely the name of a list is misspelt.
     if not world.items and not world.landmarks:

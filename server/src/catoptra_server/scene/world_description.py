@@ -210,5 +210,5 @@ class World:
     rfid_tags: tuple[RfidTag, ...] = ()
     victims: tuple[Victim, ...] = ()
     gps_origin: GpsOrigin | None = None
-    ambient_occlusion: bool = True
+    ambient_occlusion: bool = False
     """Whether the server darkens hemisphere light where the static scene occludes it."""

@@ -20,7 +20,7 @@ from catoptra_server.scene.world_description import Material, World
 from helpers.standing_things import SKY, make_box_world
 from helpers.worlds import DIRECTIONAL_LIGHT
 
-WORLD = make_box_world()
+WORLD = replace(make_box_world(), ambient_occlusion=True)
 SCENE = build_scene(WORLD)
 FIELDS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels", "darkest")
 
@@ -104,7 +104,7 @@ def test_unwritable_folder_only_warns(tmp_path: Path, caplog: pytest.LogCaptureF
     assert "cannot be stored" in caplog.text
 
 
-def test_world_wants_a_map_unless_it_says_no_or_could_not_show_it() -> None:
+def test_world_wants_a_map_if_it_says_so_and_could_show_it() -> None:
     assert wants_occlusion(SCENE, WORLD)
     assert not wants_occlusion(SCENE, replace(WORLD, ambient_occlusion=False))
     assert not wants_occlusion(SCENE, replace(WORLD, lights=(DIRECTIONAL_LIGHT,)))
