@@ -81,8 +81,10 @@ def test_frame_when_every_effect_is_on_has_no_seams(device: GlDevice) -> None:
     seam = find_seam_mask() & calm
     assert seam.sum() > 1000
     # A code of the converter more or less, rounded: one grey level.
-    assert (difference[calm] > 1).mean() < 0.01
-    assert (difference[seam] > 1).mean() < 0.01
+    # Traced fog is on samples, rastered fog on pixels: they differ where distances do, unseen in
+    # clear air.
+    assert (difference[calm] > 1).mean() < 0.02
+    assert (difference[seam] > 1).mean() < 0.02
     # A fifth of 1836 pixels differ by a level: three standard deviations of their mean.
     assert difference[seam].mean() <= difference[calm].mean() + 0.03
     # Outlines differ as they do without effects: each renderer shows them on its own samples.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.capture.noise_seed import ZERO_SEED, NoiseSeed
 from catoptra_server.capture.shutter import Shutter
 from catoptra_server.scene.dynamic_object import DynamicObject
@@ -32,6 +33,8 @@ class CameraState:
     to `objects`."""
     has_shadows: bool = False
     """Whether surfaces occlude directional and point lights."""
+    fog: FogMedium | None = None
+    """Air between camera and surfaces; None for clear air."""
     shutter: Shutter | None = None
     """Exposure and readout times; None for an exposure too short for any motion to show."""
 

@@ -97,6 +97,10 @@ def exposure_arrays(exposure: TracedExposure, centre: Floats, table: ObjectTable
         max_instants=max_instants,
         blur_threshold=-1.0,
     )
+    fog = states[0].fog
+    if fog is not None:
+        struct.fog_density = fog.density_per_m
+        struct.airlight[:] = fog.airlight
     return Owned(struct, (camera, addresses, poses, boxes, box_object))
 
 

@@ -186,6 +186,7 @@ class KernelEngine:
         frame = exposure_arrays(exposure, self._centre, self._objects)
         frame.struct.output = output
         frame.struct.measures_shadows = "Shadows" in thresholds
+        frame.struct.measures_fog = "Fog" in thresholds
         if "SelfView" in thresholds:
             frame.struct.watched_object = find_ego_body(exposure)
         frame.struct.blur_threshold = thresholds.get("MotionBlur", -1.0)
@@ -308,6 +309,8 @@ def _read_changes(
     changes = {}
     if state.has_shadows:
         changes["Shadows"] = counts.shadow_change
+    if state.fog is not None:
+        changes["Fog"] = counts.fog_change
     if find_ego_body(exposure):
         changes["SelfView"] = ANY_CHANGE if counts.shows_watched else 0.0
     if state.shutter is not None and state.shutter.readout_s > 0.0:

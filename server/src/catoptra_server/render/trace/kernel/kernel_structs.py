@@ -172,6 +172,9 @@ class FrameStruct(ctypes.Structure):
         ("readout", c_float),
         ("blur_threshold", c_float),
         ("max_instants", c_int32),
+        ("fog_density", c_float),
+        ("airlight", c_float * 3),
+        ("measures_fog", c_int32),
     ]
 
 
@@ -189,6 +192,7 @@ class FrameCounts(ctypes.Structure):
         ("blur_change", c_float),
         ("rolling_change", c_float),
         ("blur_ms", c_float),
+        ("fog_change", c_float),
     ]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.time_samples import advance, sample_shutter
 from catoptra_server.render.trace.image_changer import NumpyImageChanger
@@ -73,6 +75,8 @@ class _Frame:
     """Static scene and dynamic objects, with their poses."""
     lighting: Lighting
     """Background and shadows."""
+    fog: FogMedium | None
+    """Air between camera and surfaces."""
 
     def trace(self, batch: RayBatch) -> tuple[tuple[PlacedMesh, ...], WorldRays, FirstHits]:
         """First hits of a batch, with its rays and the meshes at their times."""
@@ -89,7 +93,9 @@ class _Frame:
 
     def shade(self, batch: RayBatch) -> Floats:
         """(n, 3) linear radiance of a batch."""
-        return shade_hits(*self.trace(batch), self.lighting)
+        meshes, rays, hits = self.trace(batch)
+        radiance = shade_hits(meshes, rays, hits, self.lighting)
+        return radiance if self.fog is None else self.fog.mix(radiance, hits.distance)
 
 
 class ReferenceEngine:
@@ -137,6 +143,7 @@ class ReferenceEngine:
             tuple(self._relative(state.world_from_mirror) for state in states),
             ((self._scene, (Pose.identity(),)), *objects),
             Lighting(self._centre, self._world.background, states[0].has_shadows),
+            states[0].fog,
         )
 
     def _relative(self, pose: Pose) -> Pose:
@@ -176,16 +183,20 @@ class ReferenceRays:
         sharp = exposure if isinstance(exposure, MovingExposure) else advance(exposure, 0.0)
         changes = {}
         if "Shadows" in request.thresholds and first_state(exposure).has_shadows:
-            changes["Shadows"] = self._measure_shadows(sharp, is_linear=request.is_linear)
+            changes["Shadows"] = self._measure(
+                sharp, is_linear=request.is_linear, has_shadows=False
+            )
+        if "Fog" in request.thresholds and first_state(exposure).fog is not None:
+            changes["Fog"] = self._measure(sharp, is_linear=request.is_linear, fog=None)
         if "SelfView" in request.thresholds and (number := find_ego_body(exposure)):
             is_seen = (self.find_hits(sharp).object == number).any()
             changes["SelfView"] = ANY_CHANGE if is_seen else 0.0
         ranges = self._measure_ranges(sharp) if request.has_ranges else None
         return TracedFrame(image, changes, ranges)
 
-    def _measure_shadows(self, exposure: TracedExposure, *, is_linear: bool) -> float:
-        """Largest change of a pixel by shadows, encoded grey levels: from two whole frames."""
-        unshadowed = tuple(replace(s, has_shadows=False) for s in camera_states(exposure))
+    def _measure(self, exposure: TracedExposure, *, is_linear: bool, **without: Any) -> float:
+        """Largest difference from frames without an effect, encoded grey levels."""
+        unshadowed = tuple(replace(s, **without) for s in camera_states(exposure))
         lit = unshadowed[0] if len(unshadowed) == 1 else MovingExposure(unshadowed)
         develop = mean_pixels if is_linear else _mean_clipped_pixels
         levels = [

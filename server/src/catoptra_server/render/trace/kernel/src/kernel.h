@@ -146,6 +146,9 @@ typedef struct {
     float readout;  /* from the first row's exposure to that of a row after the last, likewise */
     float blur_threshold;  /* grey levels; changes up to it may be left out. Negative: none is */
     int32_t max_instants;  /* limit of the instants of a pixel's exposure */
+    float fog_density;     /* extinction per metre; 0: clear air */
+    float airlight[3];     /* linear radiance */
+    int32_t measures_fog;  /* fog_change of the counts is wanted */
 } Frame;
 
 /* What a frame took, beside its pixels. */
@@ -160,6 +163,7 @@ typedef struct {
     float blur_change;    /* largest change of a pixel by them, encoded grey levels */
     float rolling_change; /* bound of the same by the rows' own times */
     float blur_ms;        /* time for them */
+    float fog_change;     /* largest change of a pixel by fog, encoded grey levels */
 } FrameCounts;
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);

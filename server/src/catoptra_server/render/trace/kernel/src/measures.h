@@ -11,7 +11,7 @@
 #include <stdatomic.h>
 
 struct Measures {
-    _Atomic float shadow_change;
+    _Atomic float shadow_change, fog_change;
     atomic_int shows_watched; /* some ray meets the watched object first */
 };
 

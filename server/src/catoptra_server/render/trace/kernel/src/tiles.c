@@ -3,6 +3,7 @@
 #include "blur_plan.h"
 #include "camera_rays.h"
 #include "facet_plane.h"
+#include "fog.h"
 #include "hit_points.h"
 #include "measures.h"
 #include "occlusion.h"
@@ -144,7 +145,7 @@ static void write_table_colours(const FrameState *state, int tile, uint32_t acti
 static int has_table_colours(const FrameState *state, uint32_t active, const HitBlock *hits) {
     const uint8_t *facets = state->scene->mesh->arrays.flags;
     if (!state->is_constant || state->frame->output != OUTPUT_SRGB || state->plan ||
-        state->frame->inverse_range)
+        state->frame->inverse_range || has_fog(state))
         return 0;
     int meets_object = 0;
     uint8_t flags = 0;
@@ -195,6 +196,9 @@ static void fill_tile(const FrameState *state, int tile, const TileContent *cont
     if (state->frame->measures_shadows && !light->is_table)
         note_change(state, &state->measures->shadow_change, light->radiance,
                     add(light->radiance, light->lost));
+    if (state->frame->measures_fog && has_fog(state))
+        note_change(state, &state->measures->fog_change, light->radiance,
+                    vec3(scene->sharp_radiance + 3 * entry));
     if (state->frame->inverse_range)
         fill_ranges(state, tile, content->triangle);
     if (!state->plan)
@@ -210,9 +214,13 @@ static int find_single_radiance(const FrameState *state, const TileContent *cont
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     if (content->triangle == SURFACE_BACKGROUND) {
         *entry = (size_t)mesh->num_triangles;
-        *light = (PlaneLight){.is_table = 1};
+        *light = (PlaneLight){.is_table = !has_fog(state),
+                              .radiance = vec3(state->frame->airlight)};
         return 1;
     }
+    /* Fog differs from ray to ray. */
+    if (has_fog(state))
+        return 0;
     *entry = (size_t)content->triangle;
     return !(mesh->flags[content->triangle] & FACET_TEXTURED) &&
            (content->is_open || !has_occlusion(state->scene, content->triangle)) &&
@@ -247,6 +255,23 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
         fill_block(state, content->triangle, rays, light.lost, lost->radiance);
         lost->rays = 0xffff;
     }
+}
+
+static int measures_fog(const FrameState *state) {
+    return state->frame->measures_fog && has_fog(state);
+}
+
+/* Shade and fog a block; its radiance in clear air, where that is wanted. */
+static void shade_in_fog(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                         const TileContent *content, float radiance[3][BLOCK_RAYS],
+                         LostLight *lost, float clear[3][BLOCK_RAYS]) {
+    shade(state, rays, hits, content, radiance, lost);
+    if (!has_fog(state))
+        return;
+    if (clear)
+        memcpy(clear, radiance, 3 * sizeof *radiance);
+    int is_plane = content->triangle >= 0 && content->object == OBJECT_NONE;
+    fog_block(state, rays, hits, is_plane, radiance, lost);
 }
 
 /* The samples of a tile without shadows, from the first block on that has any. */
@@ -304,7 +329,7 @@ uint32_t sample_block(const FrameState *state, int tile, const RayOrder *order, 
     load_unit(state, tile, order, unit, block, &rays);
     if (rays.active) {
         find_hits(state, &rays, &hits, content);
-        shade(state, &rays, &hits, content, radiance, NULL);
+        shade_in_fog(state, &rays, &hits, content, radiance, NULL, NULL);
     }
     return rays.active;
 }
@@ -318,9 +343,9 @@ TileContent move_content(const FrameState *state, const TileContent *content, Sh
     return result;
 }
 
-/* Sums of a tile's samples, with and without shadows, and of their inverse ranges. */
+/* Sums of a tile's samples, without shadows, in clear air, and of their inverse ranges. */
 typedef struct {
-    PixelSums sums, unshadowed;
+    PixelSums sums, unshadowed, clear;
     float inverse[TILE_PX * TILE_PX];
     int differs; /* both sums do */
 } RowSums;
@@ -330,7 +355,11 @@ static void add_row_block(const FrameState *state, int row, const RayBlock *rays
     _Alignas(64) float radiance[3][BLOCK_RAYS];
     LostLight lost = {.rays = 0};
     int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
-    shade(state, rays, hits, content, radiance, is_measured ? &lost : NULL);
+    float clear[3][BLOCK_RAYS];
+    shade_in_fog(state, rays, hits, content, radiance, is_measured ? &lost : NULL,
+                     measures_fog(state) ? clear : NULL);
+    if (measures_fog(state))
+        add_row(state, row, rays->active, clear, &result->clear);
     add_row(state, row, rays->active, radiance, &result->sums);
     result->differs |= lost.rays != 0;
     for (int lane = 0; is_measured && lane < BLOCK_RAYS; lane++)
@@ -369,6 +398,8 @@ static void render_rows(const FrameState *state, int tile, const TileContent *co
         }
     }
     finish_tile(state, tile, &sums.sums, sums.inverse);
+    if (measures_fog(state))
+        note_changes(state, tile, &state->measures->fog_change, &sums.sums, &sums.clear);
     if (sums.differs)
         note_changes(state, tile, &state->measures->shadow_change, &sums.sums, &sums.unshadowed);
 }
@@ -377,7 +408,7 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
     int blocks = state->rays->samples * state->rays->samples;
     int has_ranges = state->frame->inverse_range != NULL;
     float inverse[BLOCK_RAYS], inverse_sums[TILE_PX * TILE_PX] = {0};
-    PixelSums sums;
+    PixelSums sums, clear_sums;
     Unshadowed unshadowed = {.differs = 0};
     int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
     for (int block = 0; block < blocks; block++) {
@@ -394,7 +425,11 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
         if (state->plan)
             note_hits(state, tile, &rays, &hits);
         LostLight lost = {.rays = 0};
-        shade(state, &rays, &hits, content, radiance, is_measured ? &lost : NULL);
+        float clear[3][BLOCK_RAYS];
+        shade_in_fog(state, &rays, &hits, content, radiance, is_measured ? &lost : NULL,
+                     measures_fog(state) ? clear : NULL);
+        if (measures_fog(state))
+            add_samples(state, block, rays.active, clear, &clear_sums);
         if (is_measured)
             add_unshadowed(state, block, rays.active, radiance, &lost, &sums, &unshadowed);
         add_samples(state, block, rays.active, radiance, &sums);
@@ -404,6 +439,8 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
             inverse_sums[pixel_of_lane(state, block, lane)] += inverse[lane];
     }
     finish_tile(state, tile, &sums, inverse_sums);
+    if (measures_fog(state))
+        note_changes(state, tile, &state->measures->fog_change, &sums, &clear_sums);
     if (unshadowed.differs)
         note_changes(state, tile, &state->measures->shadow_change, &sums, &unshadowed.sums);
 }

@@ -1,0 +1,16 @@
+/* Fog on samples: Koschmieder's law by each hit's own distance. Float64 twin: capture/fog_medium.py.
+ */
+#ifndef CATOPTRA_FOG_H
+#define CATOPTRA_FOG_H
+
+#include "frame_state.h"
+#include "shading.h"
+
+static inline int has_fog(const FrameState *state) { return state->frame->fog_density > 0.0f; }
+
+/* Mix the radiance of a block's samples with the airlight; dim what shadows take away. `is_plane`:
+ * all rays meet one plane, at the distances that limit them. */
+void fog_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits, int is_plane,
+               float radiance[3][BLOCK_RAYS], LostLight *lost);
+
+#endif

@@ -1,0 +1,19 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from catoptra_server.capture.fog_medium import FogMedium
+
+FOG = FogMedium(0.5, (0.6, 0.5, 0.4))
+
+
+def test_light_of_a_black_surface_is_the_airlight_before_it() -> None:
+    mixed = FOG.mix(np.zeros((1, 3)), np.array([2.0]))
+    np.testing.assert_allclose(mixed, (1.0 - math.exp(-1.0)) * np.array([FOG.airlight]))
+
+
+def test_light_without_a_distance_is_the_surfaces_and_at_infinity_the_airlight() -> None:
+    mixed = FOG.mix(np.ones((2, 3)), np.array([0.0, np.inf]))
+    np.testing.assert_array_equal(mixed, [(1.0, 1.0, 1.0), FOG.airlight])

@@ -1,0 +1,110 @@
+"""Fog on samples: native against float64, each sample by its own distance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.fog_medium import FogMedium
+from catoptra_server.capture.shutter import Shutter
+from catoptra_server.render.trace.engine_choice import EngineName
+from catoptra_server.render.trace.ray_table import omni_ray_table
+from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.world_description import World
+from helpers.effect_measurement import make_effect
+from helpers.motion_reference import (
+    START_POSES,
+    crossing_object,
+    driving_camera_state,
+    load_world_setup,
+)
+from helpers.trace_engines import ENGINES, open_engine, open_renderer
+from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan, make_test_world
+
+CAMERA = make_omni_camera(width_px=160)
+FOG = FogMedium(0.2, (0.5, 0.55, 0.6))
+START = START_POSES["four_legged_2006"]
+STATE = driving_camera_state(START, 0.5, 30.0, crossing_object(START))
+
+
+def trace(engine: EngineName, state: CameraState, *, is_linear: bool = True) -> TracedFrame:
+    world = load_world_setup("four_legged_2006").world
+    with open_engine(engine, world, scene=load_world_setup("four_legged_2006").scene) as opened:
+        rays = opened.prepare(omni_ray_table(CAMERA, make_plan(CAMERA, samples=2)))
+        frame = rays.render(state, TraceRequest(is_linear=is_linear, thresholds={"Fog": 0.5}))
+        rays.close()
+    return frame
+
+
+def levels(light: Floats) -> Floats:
+    return np.asarray(255.0 * srgb_from_linear(np.clip(light.astype(np.float64), 0.0, 1.0)))
+
+
+@pytest.mark.parametrize("has_shadows", [False, True])
+@pytest.mark.parametrize("density_per_m", [0.01, 0.2, 5.0, 100.0])
+def test_fog_when_native_is_that_of_the_reference(density_per_m: float, has_shadows: bool) -> None:
+    fog = replace(FOG, density_per_m=density_per_m)
+    state = replace(STATE, fog=fog, has_shadows=has_shadows)
+    native, reference = (levels(trace(engine, state).image) for engine in ENGINES)
+    difference = np.abs(native - reference).max(axis=-1)
+    # An edge may meet another sample in float32.
+    assert (difference > 0.1).mean() < 0.002
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_change_by_fog_is_the_largest_difference_from_clear_air(engine: EngineName) -> None:
+    foggy, clear = trace(engine, replace(STATE, fog=FOG)), trace(engine, STATE)
+    difference = np.abs(levels(foggy.image) - levels(clear.image)).max()
+    assert foggy.changes["Fog"] == pytest.approx(difference, abs=0.02)
+
+
+def test_fog_of_each_sample_is_mixed_before_the_mean() -> None:
+    state = replace(STATE, fog=FOG)
+    world = load_world_setup("four_legged_2006").world
+    with open_engine("kernel", world, scene=load_world_setup("four_legged_2006").scene) as engine:
+        plan = make_plan(CAMERA, samples=2)
+        fine = make_omni_camera(width_px=320)
+        rays = engine.prepare(omni_ray_table(CAMERA, plan))
+        samples = engine.prepare(omni_ray_table(fine, make_plan(fine, samples=1)))
+        mean = samples.render_linear(state).astype(np.float64)
+        mean = mean.reshape(160, 2, 160, 2, 3).mean(axis=(1, 3))
+        np.testing.assert_allclose(rays.render_linear(state), mean, atol=2e-3)
+        rays.close()
+        samples.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_background_in_fog_is_the_airlight_and_beside_the_mirror_black(engine: EngineName) -> None:
+    with open_engine(engine, World("empty", (), background=(0.1, 0.2, 0.3))) as opened:
+        rays = opened.prepare(omni_ray_table(CAMERA, make_plan(CAMERA, samples=2)))
+        light = rays.render_linear(replace(CAMERA_STATE, fog=FOG))
+        rays.close()
+    np.testing.assert_allclose(light[80, 40], FOG.airlight, rtol=1e-6)
+    np.testing.assert_array_equal(light[0, 0], 0.0)
+
+
+def test_fog_of_a_moving_frame_without_motion_is_that_of_a_sharp_one() -> None:
+    still = CameraState(START, fog=FOG)
+    sharp = trace("kernel", still).image
+    for shutter in (Shutter(0.03, 0.0, 9.0), Shutter(0.0, 0.03, 9.0)):
+        moving = trace("kernel", replace(still, shutter=shutter)).image
+        # Levels of textures are chosen for other blocks of rays: a tenth of a grey level.
+        np.testing.assert_allclose(moving, sharp, atol=5e-4)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_fog_that_is_the_first_effect_of_a_view_is_on_its_samples(engine: EngineName) -> None:
+    fog = make_effect("Fog", {"density_per_m": 0.2, "red": 0.5, "green": 0.55, "blue": 0.6})
+    with open_renderer(engine, make_test_world()) as renderer:
+        view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=2))
+        by_effect = view.render(CAMERA_STATE, (fog,), {"Fog": 0.5})
+        by_state = view.render(replace(CAMERA_STATE, fog=FOG), (), {"Fog": 0.5})
+        np.testing.assert_array_equal(by_effect.rgb, by_state.rgb)
+        assert by_effect.changes == by_state.changes
+        assert "Fog" in by_effect.changes
+        view.close()
