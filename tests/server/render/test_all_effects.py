@@ -81,10 +81,8 @@ def test_frame_when_every_effect_is_on_has_no_seams(device: GlDevice) -> None:
     seam = find_seam_mask() & calm
     assert seam.sum() > 1000
     # A code of the converter more or less, rounded: one grey level.
-    # Traced fog is on samples, rastered fog on pixels: they differ where distances do, unseen in
-    # clear air.
-    assert (difference[calm] > 1).mean() < 0.02
-    assert (difference[seam] > 1).mean() < 0.02
+    assert (difference[calm] > 1).mean() < 0.01
+    assert (difference[seam] > 1).mean() < 0.01
     # A fifth of 1836 pixels differ by a level: three standard deviations of their mean.
     assert difference[seam].mean() <= difference[calm].mean() + 0.03
     # Outlines differ as they do without effects: each renderer shows them on its own samples.
@@ -97,7 +95,8 @@ def test_frame_when_rendered_again_has_the_same_bytes(device: GlDevice) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("name", NAMES)
+# Fog is drawn with the faces: test_omni_passes.
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "Fog"])
 def test_effect_when_it_runs_adds_its_own_pass_and_program_and_no_other(
     device: GlDevice, name: str
 ) -> None:

@@ -1,4 +1,4 @@
-// Provides the linear radiance of a facet: constant, lit by point lights or with shadows, textured.
+// Provides the linear radiance of a facet in fog: constant or lit, with shadows, textured.
 // Twin: catoptra_server.scene.shading.facet_radiance, then the other functions of that file.
 #ifdef SHADOWS
 #include "include/shadows.glsl"
@@ -14,9 +14,8 @@
 #else
 #define COLOUR flat
 #endif
-#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(TEXTURED)
+uniform vec4 fog;                    // airlight, and extinction per metre; 0 in clear air
 in vec3 offset;                      // from the viewpoint, world axes, metres
-#endif
 #if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
 flat in vec3 facet_normal;
 COLOUR in vec3 facet_albedo;
@@ -48,5 +47,7 @@ void main()
 #ifdef TEXTURED
     linear *= texture_mean(albedo_texture, texture_coordinates, offset);
 #endif
+    if (fog.a > 0.0)
+        linear = mix(fog.rgb, linear, exp(-fog.a * length(offset)));
     colour = vec4(linear, 1.0);
 }

@@ -25,9 +25,7 @@ COLOUR out vec3 facet_ambient;
 in vec2 uv;
 out vec2 texture_coordinates;
 #endif
-#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(TEXTURED)
 out vec3 offset;
-#endif
 #if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
 in vec3 normal;
 in vec3 lit_albedo;                  // zero for unlit materials
@@ -48,9 +46,7 @@ void main()
 #ifdef TEXTURED
     texture_coordinates = uv;
 #endif
-#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS) || defined(TEXTURED)
     offset = from_viewpoint;
-#endif
 #if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
     facet_normal = normal;
     facet_albedo = lit_albedo;

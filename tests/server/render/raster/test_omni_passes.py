@@ -21,9 +21,9 @@ SHUTTER = Shutter(exposure_s=0.02, readout_s=0.0, num_steps=2.0)
     [
         ((), None, ("faces", "mirror")),
         (("Vignetting",), None, ("faces", "mirror", "Vignetting", "encode")),
-        (("Fog",), None, ("faces", "mirror", "ranges", "Fog", "encode")),
+        (("Fog",), None, ("faces", "mirror")),
         ((), SHUTTER, ("accumulate", "encode")),
-        (("Fog",), SHUTTER, ("accumulate", "ranges", "Fog", "encode")),
+        (("Fog",), SHUTTER, ("accumulate", "encode")),
     ],
 )
 def test_passes_when_rendered_are_those_of_effects_and_shutter(

@@ -4,13 +4,12 @@ L' = L exp(-beta D) + A (1 - exp(-beta D)), D the range at the pixel centre, bet
 metre, A the airlight, the same in all directions. The background, infinitely far away, has the
 colour of the airlight. Source: Koschmieder's law. Domain: homogeneous fog; beta = 0 is clear air;
 the meteorological visibility, a contrast of 5 %, is 3 / beta. Pixels outside the mirror do not
-change. Error: a pixel that shows two surfaces has the range of one of them, and a pixel at the rim
-with its centre on the mirror counts as mirror with all of its samples; so edges are off by the
-difference of the fog between both ranges, in one row of pixels, and the rim by half of the fog. The
-criterion does not include this error. Criterion: the largest change, in encoded grey levels, of any
-radiance from black to the brightest at the farthest surface's range, and of the background, whose
-radiance is known, at infinity. The background counts even if no pixel shows any: in a room without
-an opening the thinnest fog is enabled.
+change. Both renderers fog each sample by its own distance where fog is the first of a frame's image
+effects, as in the table (`take_fog`); by the range of the pixel behind another effect, which is off
+at edges by the difference of the fog between both ranges. Criterion: the largest change, in encoded
+grey levels, of any radiance from black to the brightest at the farthest surface's range, and of the
+background, whose radiance is known, at infinity. The background counts even if no pixel shows any:
+in a room without an opening the thinnest fog is enabled, and the frame itself decides.
 """
 
 from __future__ import annotations
@@ -27,11 +26,14 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import pixel_sample_positions
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
     EffectBound,
     EffectParameter,
     EffectType,
+    ImageEffect,
     Real,
     Uniforms,
     float32_array,
@@ -138,6 +140,20 @@ def mirror_mask(camera: RadialCamera) -> npt.NDArray[np.float32]:
     mask = camera.direction_from_pixel(pixel_sample_positions(camera))[1].astype(np.float32)
     mask.setflags(write=False)
     return mask
+
+
+def take_fog(
+    camera_state: CameraState, effects: tuple[ImageEffect, ...]
+) -> tuple[CameraState, tuple[ImageEffect, ...]]:
+    """Camera state in the fog that is first among the effects, and the other effects.
+
+    Renderers know the distance of each sample: outlines stay as smooth as in clear air.
+    """
+    if not effects or not isinstance(effects[0], Fog):
+        return camera_state, effects
+    density_per_m = effects[0].density_per_m
+    fog = FogMedium(density_per_m, effects[0].airlight) if density_per_m > 0.0 else None
+    return replace(camera_state, fog=fog), effects[1:]
 
 
 EFFECT_TYPE = EffectType(

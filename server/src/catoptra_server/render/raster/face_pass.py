@@ -170,8 +170,10 @@ class FacePass(Generic[FaceLayoutT]):
         # Before set_frame: whether objects' programs need uniforms depends on the upload.
         scene.dynamic_objects.upload(camera_state.objects)
         scene.set_frame(viewpoint, depth.clip_z_from_w)
+        scene.set_fog(camera_state.fog)
         scene.set_spacing(self._spacing, pose.rotation[:, 2])
-        self._begin()
+        fog = camera_state.fog
+        self._begin(self._scene.background if fog is None else fog.airlight)
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
         calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
         # The resolve averages samples of a texel in linear light, since the texture is not sRGB.
@@ -179,12 +181,12 @@ class FacePass(Generic[FaceLayoutT]):
             self._context.copy_framebuffer(self._resolved, self._target)
         self.counts = DrawCounts(len(self.atlas.cells), self._texels, calls, triangles)
 
-    def _begin(self) -> None:
+    def _begin(self, background: tuple[float, float, float]) -> None:
         """Clear the whole target at once, which drivers do much faster than a part of it."""
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
         self._target.viewport = (0, 0, self.atlas.width, self.atlas.height)
-        self._target.clear(*self._scene.background, 1.0, depth=1.0)
+        self._target.clear(*background, 1.0, depth=1.0)
         self._target.use()
 
     def _draw_cells(

@@ -15,8 +15,10 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.render.projection.depth_range import DepthRangeFinder
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
+from catoptra_server.render.raster.fog_uniform import set_fog
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
 from catoptra_server.render.raster.sample_spacing import SampleSpacing
 from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, upload_values
@@ -45,6 +47,9 @@ class LitScene(Protocol):
             viewpoint: (3,) position in the scene's frame, metres.
             depth_from_forward: (a, b) of clip z = a w + b.
         """
+
+    def set_fog(self, fog: FogMedium | None) -> None:
+        """Write the fog of a frame; None for clear air."""
 
     def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
         """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""
@@ -144,6 +149,11 @@ class SceneBuffers:
                 viewpoint, depth_from_forward, lights=lights, origin=self.origin
             )
         )
+
+    def set_fog(self, fog: FogMedium | None) -> None:
+        """Write the fog of a frame; None for clear air."""
+        for program in self._batches.programs | self.dynamic_objects.programs:
+            set_fog(program, fog)
 
     def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
         """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""

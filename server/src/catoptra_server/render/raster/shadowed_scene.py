@@ -9,7 +9,9 @@ from __future__ import annotations
 import moderngl
 
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
+from catoptra_server.render.raster.fog_uniform import set_fog
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
 from catoptra_server.render.raster.sample_spacing import SampleSpacing
 from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches
@@ -67,6 +69,11 @@ class ShadowedScene:
             frame.apply_to(program)
             self._maps.apply_to(program, viewpoint)
         self._maps.bind()
+
+    def set_fog(self, fog: FogMedium | None) -> None:
+        """Write the fog of a frame; None for clear air."""
+        for program in self._batches.programs | self.dynamic_objects.programs:
+            set_fog(program, fog)
 
     def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
         """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""

@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.medium.fog import Fog
+from catoptra_server.effects.medium.fog import take_fog
 from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
 from catoptra_server.render.trace.image_changer import ImageChanger
 from catoptra_server.render.trace.trace_engine import TracedFrame, TracedRays, TraceRequest
@@ -49,7 +47,7 @@ class TraceOmniView:
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> RenderedImage:
         """Render one exposure of the camera, changed by effects; each effect is a stage."""
-        camera_state, effects = _move_fog(camera_state, effects)
+        camera_state, effects = take_fog(camera_state, effects)
         # The engine encodes a frame without image effects itself, without any float image: the
         # usual case, and the fastest.
         if not effects:
@@ -65,7 +63,7 @@ class TraceOmniView:
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
-        camera_state, effects = _move_fog(camera_state, effects)
+        camera_state, effects = take_fog(camera_state, effects)
         light, context, _, _ = self._expose(camera_state, effects, NO_THRESHOLDS)
         changer = self._image_changer
         return changer.change(light, effects, self._camera, context, NO_THRESHOLDS).light
@@ -95,19 +93,6 @@ class TraceOmniView:
     def close(self) -> None:
         """Free the rays."""
         self._rays.close()
-
-
-def _move_fog(
-    camera_state: CameraState, effects: tuple[ImageEffect, ...]
-) -> tuple[CameraState, tuple[ImageEffect, ...]]:
-    """Camera state in the fog that is first among the effects, and the other effects.
-
-    Rays know the distances of their samples: edges stay as smooth as in clear air.
-    """
-    if not effects or not isinstance(effects[0], Fog) or effects[0].density_per_m == 0.0:
-        return camera_state, effects
-    fog = FogMedium(effects[0].density_per_m, effects[0].airlight)
-    return replace(camera_state, fog=fog), effects[1:]
 
 
 def _elapsed_ms(begin_s: float) -> float:
