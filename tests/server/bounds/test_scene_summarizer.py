@@ -13,7 +13,7 @@ from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.scene_summary import NUM_RINGS
-from catoptra_server.scene.radiance_bounds import max_radiance
+from catoptra_server.scene.radiance_bounds import max_object_radiance, max_radiance
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.twist import Twist
 from catoptra_server.scene.world_description import Box, Item, Material, World
@@ -33,13 +33,19 @@ def make_summarizer(world: World) -> SceneSummarizer:
 def test_summary_has_the_largest_radiance_and_the_scene_twist() -> None:
     world = make_test_world()
     summary = make_summarizer(world).summarize(DRIVING_STATE, CAMERA)
-    assert summary.max_radiance == max_radiance(build_scene(world), world)
+    scene_radiance = max_radiance(build_scene(world), world)
+    assert summary.max_radiance == max(
+        scene_radiance,
+        *round_outward.round_away_from_zero(
+            max_object_radiance(one, world) for one in DRIVING_STATE.objects
+        ),
+    )
     assert summary.scene_twist == round_outward.round_twist(scene_twist_in_mirror(DRIVING_STATE))
 
 
 def test_summary_of_radiance_alone_has_no_distances() -> None:
     summarizer = make_summarizer(make_test_world())
-    summary = summarizer.summarize_radiance()
+    summary = summarizer.summarize_radiance(CameraState(Pose.identity()))
     assert summary.max_radiance == summarizer.max_radiance
     assert set(summary.min_distances_m) == {math.inf}
 

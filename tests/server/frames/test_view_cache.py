@@ -154,7 +154,7 @@ class EffectRenderer(CountingRenderer):
         super().__init__()
         self.changes: dict[str, float] = {}
 
-    def summarize_radiance(self) -> SceneSummary:
+    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
         self.log.append("radiance")
         return SceneSummary(self.max_radiance)
 

@@ -9,9 +9,14 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.radiance_bounds import max_radiance
+from catoptra_server.scene import shading
+from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
+from catoptra_server.scene.primitives import box
+from catoptra_server.scene.radiance_bounds import max_object_radiance, max_radiance
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import (
+    Box,
     DirectionalLight,
     HemisphereLight,
     Item,
@@ -70,12 +75,45 @@ def test_unlit_world_is_as_bright_as_its_background() -> None:
     assert bound_of(World("night", (), background=(0.01, 0.03, 0.02))) == 0.03
 
 
-def test_white_facet_counts_under_hemisphere_and_directional_light() -> None:
-    lights = (
-        HemisphereLight((0.2, 0.2, 0.2), (0.1, 0.1, 0.1)),
-        DirectionalLight((0, 0, 1), (2, 1, 1)),
+def test_world_without_surfaces_is_dark_under_any_light() -> None:
+    lights = (HemisphereLight((0.2, 0.2, 0.2), (0.1, 0.1, 0.1)), POINT_LIGHT)
+    assert bound_of(World("dusk", (), lights=lights)) == 0.0
+
+
+def test_texture_counts_with_its_brightest_texel() -> None:
+    floor = Item("floor", Rectangle((2, 2)), Pose.identity(), Material((0.5, 0.5, 1.0), unlit=True))
+    scene = build_scene(World("w", (floor,)))
+    texels = np.zeros((2, 3, 3), dtype=np.uint8)
+    texels[1, 2] = (200, 250, 30)
+    textured = replace(
+        scene, textures=(texels,), texture_index=np.zeros(len(scene), dtype=np.int32)
     )
-    assert bound_of(World("dusk", (), lights=lights)) == pytest.approx(2.2)
+    brightest = 0.5 * float(linear_from_srgb(np.array(250 / 255)))
+    assert max_radiance(textured, World("w", (floor,))) == pytest.approx(brightest)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_object_is_never_brighter_than_its_bound_and_half_as_bright_at_least(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lights: tuple[Light, ...] = (
+        HemisphereLight((0.4, 0.3, 0.2), (0.1, 0.2, 0.3)),
+        DirectionalLight((0.6, 0.0, 0.8), (0.5, 0.6, 0.7)),
+        PointLight(tuple(rng.uniform(-2.0, 2.0, 3)), (0.8, 0.9, 1.0)),
+    )
+    world = World("w", (), lights=lights)
+    ball = build_object_mesh([(box(Box((0.1, 0.1, 0.1))), Material((0.9, 0.6, 0.3)))])
+    radiances = []
+    for _ in range(200):
+        pose = Pose.from_rpy(rng.uniform(-1.0, 1.0, 3), rng.uniform(-3.0, 3.0, 3))
+        bound = max_object_radiance(DynamicObject(ball, pose), world)
+        points = pose.transform_points(ball.corners.reshape(-1, 3))
+        normals = np.repeat(ball.normals @ pose.rotation.T, 3, axis=0)
+        irradiance = shading.facet_irradiance(lights, normals)
+        irradiance += shading.point_irradiance(lights, points, normals)
+        brightest = float((np.repeat(ball.albedo, 3, axis=0) * irradiance).max())
+        assert brightest <= bound * (1.0 + 1e-12)
+        radiances.append(brightest / bound)
+    assert max(radiances) > 0.5
 
 
 def test_floor_under_a_point_light_is_as_bright_as_right_below() -> None:

@@ -30,7 +30,7 @@ from catoptra_server.bounds.shadow_bounds import ShadowBounds
 from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.radiance_bounds import max_radiance
+from catoptra_server.scene.radiance_bounds import max_object_radiance, max_radiance
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import World
 
@@ -49,7 +49,7 @@ class SceneSummarizer:
 
     @cached_property
     def max_radiance(self) -> float:
-        """Largest radiance of the scene."""
+        """Largest radiance of the static scene."""
         return max_radiance(self._scene, self._world)
 
     def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
@@ -64,9 +64,14 @@ class SceneSummarizer:
         )
         return round_outward.round_away_from_zero((angle_rad,))[0]
 
-    def summarize_radiance(self) -> SceneSummary:
-        """Summary of the radiance alone, the same for every camera state."""
-        return SceneSummary(self.max_radiance)
+    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
+        """Summary of the radiance alone, of the scene and of the objects in view."""
+        return SceneSummary(max(self.max_radiance, self._bound_objects(camera_state.objects)))
+
+    def _bound_objects(self, objects: tuple[DynamicObject, ...]) -> float:
+        """Largest radiance of any object, rounded up; 0 without objects."""
+        radiances = [max_object_radiance(one, self._world) for one in objects]
+        return round_outward.round_away_from_zero((max(radiances, default=0.0),))[0]
 
     def summarize(self, camera_state: CameraState, camera: RadialCamera) -> SceneSummary:
         """Summary of a camera state."""
@@ -76,8 +81,9 @@ class SceneSummarizer:
             bound_self_view(camera_state, camera) if isinstance(camera, OmniCamera) else NOT_VISIBLE
         )
         with_ego_body = _objects_with_ego_body(camera_state)
+        ego_bodies = () if camera_state.ego_body is None else (camera_state.ego_body,)
         summary = SceneSummary(
-            self.max_radiance,
+            max(self.max_radiance, self._bound_objects(camera_state.objects)),
             self._distance_bounds.min_distances_m(camera_state.world_from_mirror, camera),
             max_distance_m=self._bounds.max_distance_m(
                 camera_state.world_from_mirror.translation, with_ego_body
@@ -86,6 +92,7 @@ class SceneSummarizer:
             # and walls of the bundled worlds merely touch.
             background_radiance=self._world.background,
             scene_twist=round_outward.round_twist(scene_twist_in_mirror(camera_state)),
+            ego_body_max_radiance=self._bound_objects(ego_bodies),
             ego_body_max_angle_rad=ego_body.max_angle_rad,
             ego_body_min_distances_m=ego_body.min_distances_m,
             max_shadow_loss=self._shadows.darkest_shadow(camera_state.objects),

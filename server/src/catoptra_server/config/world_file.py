@@ -2,8 +2,9 @@
 
 Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
 Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on or off, the default. Positions
-are in metres, SAE (z down: a table has its top at Z=-0.75), rotations in radians, colours in sRGB bytes (R=255,G=0,B=0), file names relative to
-the world file. A new shape is a reader and a line in _SHAPE_READERS.
+are in metres, SAE (z down: a table has its top at Z=-0.75), rotations in radians, colours in sRGB
+bytes (R=255,G=0,B=0), file names relative to the world file. A new shape is a reader and a line in
+_SHAPE_READERS.
 """
 
 from __future__ import annotations

@@ -57,6 +57,8 @@ class SceneSummary:
     """Largest loss in the shadow of scene and dynamic objects."""
     max_shadow_loss_with_ego_body: ShadowLoss = NO_SHADOW_LOSS
     """Largest loss where the robot that carries the camera casts shadows, too."""
+    ego_body_max_radiance: float = 0.0
+    """Largest radiance of the ego body."""
     ego_body_max_angle_rad: float = 0.0
     """Largest angle between the optical axis and the ego body; 0 if none of it is in view."""
     ego_body_min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS

@@ -289,7 +289,7 @@ class ViewCache:
         """Decide which effects a camera state calls for."""
         # Radiance bounds never change; a whole summary measures distances from the new pose.
         if needs_radiance_only(camera.effect_settings):
-            summary = self._summarizer.summarize_radiance()
+            summary = self._summarizer.summarize_radiance(camera_state)
         else:
             summary = self._summarizer.summarize(camera_state, camera.camera)
         return plan_effects(camera.effect_settings, summary, camera.camera)

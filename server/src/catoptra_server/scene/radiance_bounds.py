@@ -1,15 +1,19 @@
 """Upper bounds of radiance and irradiance in a scene.
 
-A facet counts with all its light, a texture as white, a point light from the nearest point of a
-facet's box. A robot counts as a white facet under hemisphere and directional lights; a robot nearer
-to a point light than every surface of the scene may exceed the bound.
+A facet counts with all its light, a texture with its brightest texel of each colour, a point light
+from the nearest point of a facet's box. A dynamic object counts with its own brightest colour,
+turned towards all lights, and with point lights from the nearest point of its bounding sphere.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh
 from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import facet_irradiance, point_lights
@@ -29,7 +33,26 @@ def max_radiance(scene: SceneMesh, world: World) -> float:
     of_facets = (
         float(_max_facet_radiance(scene, world, block).max()) for block in row_blocks(len(scene))
     )
-    return max(*world.background, _max_white_facet_radiance(world), *of_facets)
+    return max(*world.background, *of_facets)
+
+
+def max_object_radiance(dynamic_object: DynamicObject, world: World) -> float:
+    """Largest radiance of a dynamic object at its pose, in any colour channel."""
+    irradiance = _max_irradiance_of_any_facet(world)
+    for light in point_lights(world.lights):
+        towards = np.asarray(light.position_m) - dynamic_object.centre
+        nearest_m = max(0.0, float(np.linalg.norm(towards)) - dynamic_object.mesh.radius_m)
+        squared_m2 = max(nearest_m**2, _MIN_DISTANCE_SQUARED_M2)
+        irradiance = irradiance + np.asarray(light.intensity) / squared_m2
+    unlit, lit = _max_albedos(dynamic_object.mesh)
+    return float(np.maximum(unlit, lit * irradiance).max())
+
+
+@lru_cache(maxsize=64)
+def _max_albedos(mesh: ObjectMesh) -> tuple[Floats, Floats]:
+    """(3,) largest albedo of unlit and of lit facets; 0 without any."""
+    unlit, lit = mesh.albedo[mesh.unlit], mesh.albedo[~mesh.unlit]
+    return unlit.max(axis=0, initial=0.0), lit.max(axis=0, initial=0.0)
 
 
 def _max_facet_radiance(scene: SceneMesh, world: World, block: slice) -> Floats:
@@ -37,7 +60,17 @@ def _max_facet_radiance(scene: SceneMesh, world: World, block: slice) -> Floats:
     irradiance = facet_irradiance(world.lights, scene.normals[block])
     for light in point_lights(world.lights):
         irradiance += max_point_irradiance(scene.corners[block], light)[0]
-    return scene.max_albedo(block) * np.where(scene.unlit[block, None], 1.0, irradiance)
+    albedo = scene.max_albedo(block) * _brightest_texels(scene)[scene.texture_index[block]]
+    radiance: Floats = albedo * np.where(scene.unlit[block, None], 1.0, irradiance)
+    return radiance
+
+
+@lru_cache(maxsize=4)
+def _brightest_texels(scene: SceneMesh) -> Floats:
+    """(t + 1, 3) brightest linear texel of each texture in each colour; 1 for no texture, last."""
+    # Index -1, of facets without a texture, is the last row.
+    brightest = [texture.max(axis=(0, 1)) / 255.0 for texture in scene.textures]
+    return linear_from_srgb(np.array([*brightest, np.ones(3)]))
 
 
 def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floats]:
@@ -60,8 +93,8 @@ def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Fl
     return irradiance, np.sqrt(squared)
 
 
-def _max_white_facet_radiance(world: World) -> float:
-    """Largest radiance of a white facet under hemisphere and directional lights."""
+def _max_irradiance_of_any_facet(world: World) -> Floats:
+    """(3,) largest irradiance of a facet at any orientation, but for point lights."""
     total = np.zeros(3)
     for light in world.lights:
         match light:
@@ -69,4 +102,4 @@ def _max_white_facet_radiance(world: World) -> float:
                 total += np.maximum(up, down)
             case DirectionalLight(_, irradiance):
                 total += np.asarray(irradiance)
-    return float(total.max())
+    return total

@@ -28,7 +28,9 @@ class SelfView:
 
     name: ClassVar[str] = "SelfView"
     changes_scene: ClassVar[bool] = True
-    reads: ClassVar[frozenset[str]] = frozenset({"ego_body_max_angle_rad", "max_radiance"})
+    reads: ClassVar[frozenset[str]] = frozenset(
+        {"ego_body_max_angle_rad", "ego_body_max_radiance", "max_radiance"}
+    )
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Change from black to the brightest, if any of the ego body is in view."""
@@ -38,7 +40,8 @@ class SelfView:
             return EffectBound(0.0, "no part of the robot is in view")
         # Any pixel may change from floor to robot, so all of its light is others'.
         reason = f"the robot is in view up to {math.degrees(angle_rad):.1f} degrees from the axis"
-        return EffectBound(max_change_by_exchange(1.0, summary.max_radiance), reason)
+        brightest = max(summary.max_radiance, summary.ego_body_max_radiance)
+        return EffectBound(max_change_by_exchange(1.0, brightest), reason)
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Summary of the scene with the ego body."""
@@ -46,6 +49,7 @@ class SelfView:
         # defocus, but surfaces that move with the camera do not count for motion blur.
         return replace(
             summary,
+            max_radiance=max(summary.max_radiance, summary.ego_body_max_radiance),
             attached_min_distances_m=summary.ego_body_min_distances_m,
             max_shadow_loss=summary.max_shadow_loss_with_ego_body,
         )
