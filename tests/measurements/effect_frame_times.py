@@ -56,8 +56,13 @@ PARAMETERS = {
     "MotionBlur": {"exposure_s": 1.0 / 60.0},
     "Defocus": {"f_number": 4.0},
 }
-# Parameters with which no effect is needed at rest; the noise is of a sensor without any.
-UNNEEDED_PARAMETERS = NEGLIGIBLE_PARAMETERS | {"Fog": {"density_per_m": 0.0}}
+# Parameters with which no effect is needed, in grey levels: small and not zero where that is enough
+# for a proof, so that bounds have to be computed.
+UNNEEDED_PARAMETERS = NEGLIGIBLE_PARAMETERS | {
+    "DefocusByDepth": {"f_number": 64.0, "pixel_pitch_m": 1e-7},
+    "Defocus": {"f_number": 64.0, "pixel_pitch_m": 1e-7},
+    "Diffraction": {"f_number": 0.7, "pixel_pitch_m": 2e-5},
+}
 
 
 def make_settings(names: tuple[str, ...], mode: EffectMode = EffectMode.AUTO) -> EffectSettings:
