@@ -165,3 +165,29 @@ def test_blur_when_the_budget_allows_two_instants_takes_no_more(rays: KernelRays
     # Both ends of the exposure; its middle is the sharp frame.
     assert limited.num_blur_rays <= 2 * 64 * limited.num_blurred_tiles
     assert limited.num_blur_rays < free
+
+
+FULL_CAMERA = make_omni_camera(width_px=640)
+
+
+@pytest.mark.parametrize("world", ["four_legged_2006", "corridor"])
+@pytest.mark.parametrize(("speed_m_s", "turn_deg_s"), [(0.5, 30.0), (2.0, 0.0), (0.5, 114.0)])
+def test_blur_at_640_px_is_within_2_and_8_levels_of_64_frames(
+    world: str, speed_m_s: float, turn_deg_s: float
+) -> None:
+    start = START_POSES[world]
+    state = driving_camera_state(start, speed_m_s, turn_deg_s, crossing_object(start))
+    setup = load_world_setup(world)
+    try:
+        renderer = TraceRenderer(setup.scene, setup.world, threads=2, engine="kernel")
+    except KernelUnavailableError as error:
+        pytest.skip(str(error))
+    rays = renderer._engine.prepare(omni_ray_table(FULL_CAMERA, make_plan(FULL_CAMERA, samples=2)))
+    assert isinstance(rays, KernelRays)
+    blurred = levels(expose(rays, state, BLUR).image)
+    difference = np.abs(blurred - levels(mean_frame(rays, state, 0.0, 64))).max(axis=-1)
+    rays.close()
+    renderer.close()
+    # The mirror, which is pi / 4 of the image; the rest is black in both.
+    assert np.quantile(difference, 1.0 - 0.01 * np.pi / 4.0) <= 2.0
+    assert np.quantile(difference, 1.0 - 0.001 * np.pi / 4.0) <= 8.0

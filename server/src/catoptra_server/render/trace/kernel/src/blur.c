@@ -8,8 +8,8 @@
 #include <string.h>
 
 /* A unit is finished when twice as many instants change no pixel by more, in grey levels: what is
- * left is about half. Measured in tests/server/render/test_motion_agreement.py. */
-#define TOLERANCE 5.0f
+ * left is about half. Measured in tests/server/render/trace/test_engine_shutter.py. */
+#define TOLERANCE 3.5f
 
 /* The pixels of one unit, and the sums over the instants so far. */
 typedef struct {
