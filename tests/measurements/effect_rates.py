@@ -49,7 +49,7 @@ SCENE_EFFECTS = ("SelfView", "Shadows", "RollingShutter", "MotionBlur", "Fog")
 SIZES = {
     RenderEngine.KERNEL: (480, 9),
     RenderEngine.SOFTWARE_OPENGL: (480, 3),
-    RenderEngine.REFERENCE: (120, 1),
+    RenderEngine.REFERENCE: (160, 3),
 }
 PARAMETERS: Mapping[str, Mapping[str, float]] = {
     "RollingShutter": {"readout_s": 0.02},

@@ -10,6 +10,9 @@ sample, a texel. Rates hold for one scene, one camera and one renderer on one ma
 | raster   | faces  | the scene's triangles (constant), texels, further samples a texel  |
 | raster   | mirror | samples of the image, and texels: a larger atlas exceeds the cache |
 | any      | other  | samples: averaging, read-back, time between the stages             |
+
+Effects are no stage of a calibration: `cost_corrections` adds them, by `effect_rates` until frames
+are drawn.
 """
 
 from __future__ import annotations
