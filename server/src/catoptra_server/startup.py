@@ -80,10 +80,12 @@ def read_startup_config(
 
 def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
     """The scene with its occlusion map, where the world wants one."""
+    if not world.ambient_occlusion or not has_embreex():
+        return scene
     # Imported here: a server without Embree runs, with the whole sky everywhere.
     from catoptra_server.render.trace.occlusion import occlusion_cache
 
-    if not has_embreex() or not occlusion_cache.wants_occlusion(scene, world):
+    if not occlusion_cache.wants_occlusion(scene, world):
         return scene
     folder = default_cache_folder().parent / "occlusion"
     return replace(scene, occlusion=occlusion_cache.find_occlusion(scene, folder))

@@ -211,7 +211,7 @@ def test_view_grows_by_the_images_of_effects(kind: RendererKind) -> None:
     view = renderer.prepare(CAMERA, cast(RenderPlan, plan))
     view.render(CAMERA_STATE)
     before = view.memory_bytes
-    view.render(CAMERA_STATE, (make_effect("Fog"),))
+    view.render(CAMERA_STATE, (make_effect("DefocusByDepth"),))
     # Ranges of all pixels, a texel of 4 bytes at least; rays that are traced have them already.
     assert view.memory_bytes - before > (0 if kind is TRACE else 100 * 100 * 4) - 1
     view.close()

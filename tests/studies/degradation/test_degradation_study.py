@@ -85,7 +85,7 @@ def test_levels_when_read_by_the_server_select_their_effects(
         assert (EffectMode.AUTO if sweep.base_robot == REAL_ROBOT else EffectMode.ALWAYS) in modes
         assert robot.omni_camera.camera == clean.omni_camera.camera
         assert robot.sensors == clean.sensors
-    assert clean.omni_camera.effects.settings == ()
+    assert [one.effect.name for one in clean.omni_camera.effects.settings] == ["SelfView"]
 
 
 def test_configs_when_missing_are_reported_in_one_line(

@@ -8,6 +8,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.kernels.symmetric_kernels import pair_multiplicities
 from catoptra_server.effects.medium.diffraction import (
+    WAVELENGTHS_M,
     Diffraction,
     airy_pattern,
     kernel_half_width_px,
@@ -138,3 +139,15 @@ def test_bound_in_grey_levels_holds_for_edges(f_number: float) -> None:
     points[::9, ::9] = 1.0
     changes = [max_grey_level_change(effect, image) for image in (points, 1.0 - points)]
     assert 0.3 * bound < max(changes) <= bound * (1.0 + 1e-9)
+
+
+def test_pattern_far_narrower_than_a_pixel_needs_no_quadrature_of_its_rings() -> None:
+    # On both sides of the limit the neighbours receive the same light, in proportion.
+    wide, narrow = (
+        kernel_weights(Diffraction(4.0, 4.0 * WAVELENGTHS_M[0] / lambda_n_px))
+        for lambda_n_px in (0.0185, 0.0175)
+    )
+    others = [1.0 - one[0, 0] for one in (wide, narrow)]
+    assert others[0] / 0.0185 == pytest.approx(others[1] / 0.0175, rel=0.05)
+    # Sensors of millimetres are allowed: 13 000 nodes took minutes.
+    assert kernel_weights(Diffraction(0.7, 1e-3))[0].min() > 0.9995

@@ -43,6 +43,8 @@ WAVELENGTHS_M = (610e-9, 540e-9, 465e-9)
 _FIRST_DARK_RING = 3.8317059702075125 / math.pi
 # Width of the kernel's square over the diameter of the disc.
 _KERNEL_WIDTH_IN_DISCS = 5.0
+# Narrower patterns have more rings in a pixel than quadrature should resolve: 300 nodes.
+_MIN_RESOLVED_PX = 0.018
 # Largest step of v between two quadrature nodes: 5 nodes per ring.
 _MAX_STEP_RAD = 0.6
 
@@ -131,7 +133,32 @@ def airy_pattern(effect: Diffraction) -> Floats:
 
 
 def _pixel_integrals(half_width_px: int, lambda_n_px: float) -> Floats:
-    """Integrals of the Airy pattern over pixels, (pairs,), by Gauss-Legendre quadrature."""
+    """Integrals of the Airy pattern over pixels, (pairs,)."""
+    if lambda_n_px < _MIN_RESOLVED_PX:
+        return _integrals_of_point(half_width_px, lambda_n_px)
+    return _integrals_by_quadrature(half_width_px, lambda_n_px)
+
+
+def _integrals_of_point(half_width_px: int, lambda_n_px: float) -> Floats:
+    """Integrals of a pattern far narrower than a pixel: the mean over its rings beside the centre.
+
+    J1(v)^2 is 1 / (pi v) in the mean for large v, so the intensity is lambda_n_px / (pi^3 r^3) per
+    px^2; what is left is in the central pixel.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    position, weight = 0.5 * nodes, 0.5 * weights
+    integrals = np.zeros(len(pair_multiplicities(half_width_px)))
+    for pair, (i, j) in enumerate(offset_pairs(half_width_px)):
+        if pair:
+            radius_px = np.hypot((i + position)[:, None], j + position)
+            intensity = lambda_n_px / (math.pi**3 * radius_px**3)
+            integrals[pair] = weight @ intensity @ weight
+    integrals[0] = 1.0 - pair_multiplicities(half_width_px) @ integrals
+    return integrals
+
+
+def _integrals_by_quadrature(half_width_px: int, lambda_n_px: float) -> Floats:
+    """Integrals over pixels by Gauss-Legendre quadrature."""
     # Nodes by the pattern's scale: a large pixel pitch packs several rings into one pixel.
     count = 8 + math.ceil(math.pi / lambda_n_px / _MAX_STEP_RAD)
     nodes, weights = np.polynomial.legendre.leggauss(count)
