@@ -35,6 +35,7 @@ FULL = SceneSummary(
     max_object_rates_rad_s=(1.0,) * NUM_RINGS,
     max_shadow_loss=ShadowLoss(0.4, 0.1),
     max_shadow_loss_with_ego_body=ShadowLoss(0.5, 0.1),
+    camera_key=(7, 11),
     ego_body_max_radiance=3.0,
     ego_body_max_angle_rad=0.5,
     ego_body_min_distances_m=(0.1,) * NUM_RINGS,

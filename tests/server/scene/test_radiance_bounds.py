@@ -13,7 +13,11 @@ from catoptra_server.scene import shading
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
 from catoptra_server.scene.primitives import box
-from catoptra_server.scene.radiance_bounds import max_object_radiance, max_radiance
+from catoptra_server.scene.radiance_bounds import (
+    max_facet_irradiance,
+    max_object_radiance,
+    max_radiance,
+)
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import (
     Box,
@@ -127,3 +131,20 @@ def test_unlit_facet_at_a_point_light_keeps_its_albedo() -> None:
     point_light = PointLight((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
     assert bound_of(World("lamp", (floor,), lights=(point_light,))) == pytest.approx(0.5)
     assert np.isfinite(bound_of(World("lamp", (floor,), lights=(point_light,))))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_facets_near_lamps_are_never_brighter_than_their_bound(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-1.0, 1.0, (200, 3, 3))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    light = PointLight(tuple(rng.uniform(-1.0, 1.0, 3)), (0.8, 0.9, 1.0))
+    bound = max_facet_irradiance(corners, normals, light)
+    weights = rng.dirichlet((0.6, 0.6, 0.6), 400)
+    points = np.einsum("pk,nki->npi", weights, corners).reshape(-1, 3)
+    sampled = shading.point_irradiance((light,), points, np.repeat(normals, 400, axis=0))
+    brightest = sampled.reshape(200, 400, 3).max(axis=1)
+    assert (brightest <= bound * (1.0 + 1e-9)).all()
+    # Facets that face away are dark, and counted as such.
+    assert ((bound == 0.0) == (brightest == 0.0)).all()

@@ -66,7 +66,10 @@ class SceneSummarizer:
 
     def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
         """Summary of the radiance alone, of the scene and of the objects in view."""
-        return SceneSummary(max(self.max_radiance, self._bound_objects(camera_state.objects)))
+        return SceneSummary(
+            max(self.max_radiance, self._bound_objects(camera_state.objects)),
+            camera_key=camera_state.noise_seed.camera_key,
+        )
 
     def _bound_objects(self, objects: tuple[DynamicObject, ...]) -> float:
         """Largest radiance of any object, rounded up; 0 without objects."""
@@ -92,6 +95,7 @@ class SceneSummarizer:
             # and walls of the bundled worlds merely touch.
             background_radiance=self._world.background,
             scene_twist=round_outward.round_twist(scene_twist_in_mirror(camera_state)),
+            camera_key=camera_state.noise_seed.camera_key,
             ego_body_max_radiance=self._bound_objects(ego_bodies),
             ego_body_max_angle_rad=ego_body.max_angle_rad,
             ego_body_min_distances_m=ego_body.min_distances_m,

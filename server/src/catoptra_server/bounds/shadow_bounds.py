@@ -27,7 +27,7 @@ from catoptra_server.bounds.shadow_candidates import shadow_candidates
 from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.scene import shading
 from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.radiance_bounds import max_point_irradiance
+from catoptra_server.scene.radiance_bounds import max_facet_irradiance, max_point_irradiance
 from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import ShadowCastingLight
@@ -157,14 +157,7 @@ class ShadowBounds:
         """(n, 3) largest irradiance by a light on each triangle."""
         if isinstance(light, DirectionalLight):
             return shading.facet_irradiance((light,), self._scene.normals)
-        nearest_m = max_point_irradiance(self._scene.corners, light)[1]
-        # The irradiance I h / d^3 of a facet grows towards the lamp, whose height above its plane
-        # is the same all over it, and no greater than any distance.
-        to_light = np.asarray(light.position_m) - self._scene.corners[:, 0]
-        height_m = np.maximum(np.einsum("ni,ni->n", self._scene.normals, to_light), 0.0)
-        distance_m = np.maximum(np.maximum(nearest_m, height_m), _MIN_DISTANCE_M)
-        irradiance: Floats = np.asarray(light.intensity) * (height_m / distance_m**3)[:, None]
-        return irradiance
+        return max_facet_irradiance(self._scene.corners, self._scene.normals, light)
 
     def _visible_losses(self, lost_irradiance: Floats, remaining_irradiance: Floats) -> Floats:
         """(n,) most visible losses of all triangles, grey levels."""

@@ -32,7 +32,7 @@ Uniforms = Mapping[str, npt.NDArray[np.float32] | npt.NDArray[np.uint32]]
 NEEDS_MIRROR = "this effect needs a mirror"
 
 # Fields of a summary that are known without distances, motions and shadows.
-_RADIANCE_FIELDS = frozenset({"max_radiance"})
+_RADIANCE_FIELDS = frozenset({"max_radiance", "camera_key"})
 
 
 class EffectMode(Enum):

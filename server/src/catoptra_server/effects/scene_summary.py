@@ -57,6 +57,8 @@ class SceneSummary:
     """Largest loss in the shadow of scene and dynamic objects."""
     max_shadow_loss_with_ego_body: ShadowLoss = NO_SHADOW_LOSS
     """Largest loss where the robot that carries the camera casts shadows, too."""
+    camera_key: tuple[int, int] | None = None
+    """Key of the camera's own patterns (`NoiseSeed.camera_key`); None if unknown."""
     ego_body_max_radiance: float = 0.0
     """Largest radiance of the ego body."""
     ego_body_max_angle_rad: float = 0.0

@@ -26,22 +26,30 @@ from catoptra_server.scene.world_description import (
 
 # Shading clamps the squared distance of a point light to this as well.
 _MIN_DISTANCE_SQUARED_M2 = 1e-6
+# Time between the pose of an exposure and its begin or end.
+_MAX_OFFSET_S = 0.1
 
 
 def max_radiance(scene: SceneMesh, world: World) -> float:
     """Largest radiance in any colour channel: 30 ms for a million triangles."""
+    texels = _brightest_texels(scene)
     of_facets = (
-        float(_max_facet_radiance(scene, world, block).max()) for block in row_blocks(len(scene))
+        float(_max_facet_radiance(scene, world, texels, block).max())
+        for block in row_blocks(len(scene))
     )
     return max(*world.background, *of_facets)
 
 
 def max_object_radiance(dynamic_object: DynamicObject, world: World) -> float:
-    """Largest radiance of a dynamic object at its pose, in any colour channel."""
+    """Largest radiance of a dynamic object around its pose, in any colour channel.
+
+    Domain: exposures of at most a fifth of a second, in which a moving object nears a lamp.
+    """
     irradiance = _max_irradiance_of_any_facet(world)
     for light in point_lights(world.lights):
         towards = np.asarray(light.position_m) - dynamic_object.centre
-        nearest_m = max(0.0, float(np.linalg.norm(towards)) - dynamic_object.mesh.radius_m)
+        reach_m = dynamic_object.mesh.radius_m + _MAX_OFFSET_S * dynamic_object.twist.speed_m_s
+        nearest_m = max(0.0, float(np.linalg.norm(towards)) - reach_m)
         squared_m2 = max(nearest_m**2, _MIN_DISTANCE_SQUARED_M2)
         irradiance = irradiance + np.asarray(light.intensity) / squared_m2
     unlit, lit = _max_albedos(dynamic_object.mesh)
@@ -55,17 +63,16 @@ def _max_albedos(mesh: ObjectMesh) -> tuple[Floats, Floats]:
     return unlit.max(axis=0, initial=0.0), lit.max(axis=0, initial=0.0)
 
 
-def _max_facet_radiance(scene: SceneMesh, world: World, block: slice) -> Floats:
-    """(m, 3) largest radiance of each of some triangles."""
+def _max_facet_radiance(scene: SceneMesh, world: World, texels: Floats, block: slice) -> Floats:
+    """(m, 3) largest radiance of each of some triangles, with (t + 1, 3) brightest texels."""
     irradiance = facet_irradiance(world.lights, scene.normals[block])
     for light in point_lights(world.lights):
-        irradiance += max_point_irradiance(scene.corners[block], light)[0]
-    albedo = scene.max_albedo(block) * _brightest_texels(scene)[scene.texture_index[block]]
+        irradiance += max_facet_irradiance(scene.corners[block], scene.normals[block], light)
+    albedo = scene.max_albedo(block) * texels[scene.texture_index[block]]
     radiance: Floats = albedo * np.where(scene.unlit[block, None], 1.0, irradiance)
     return radiance
 
 
-@lru_cache(maxsize=4)
 def _brightest_texels(scene: SceneMesh) -> Floats:
     """(t + 1, 3) brightest linear texel of each texture in each colour; 1 for no texture, last."""
     # Index -1, of facets without a texture, is the last row.
@@ -91,6 +98,18 @@ def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Fl
     squared = np.maximum(np.square(outside).sum(axis=-1), _MIN_DISTANCE_SQUARED_M2)
     irradiance: Floats = np.asarray(light.intensity) / squared[:, None]
     return irradiance, np.sqrt(squared)
+
+
+def max_facet_irradiance(corners: Floats, normals: Floats, light: PointLight) -> Floats:
+    """(n, 3) largest irradiance by a point light on (n, 3, 3) triangles with (n, 3) normals."""
+    nearest_m = max_point_irradiance(corners, light)[1]
+    # The irradiance I h / d^3 of a facet grows towards the lamp, whose height above its plane is
+    # the same all over it, and no greater than any distance.
+    to_light = np.asarray(light.position_m) - corners[:, 0]
+    height_m = np.maximum(np.einsum("ni,ni->n", normals, to_light), 0.0)
+    distance_m = np.maximum(np.maximum(nearest_m, height_m), _MIN_DISTANCE_SQUARED_M2**0.5)
+    irradiance: Floats = np.asarray(light.intensity) * (height_m / distance_m**3)[:, None]
+    return irradiance
 
 
 def _max_irradiance_of_any_facet(world: World) -> Floats:

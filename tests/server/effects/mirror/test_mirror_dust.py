@@ -13,6 +13,7 @@ from catoptra_server.effects.kernels.contaminants import Contaminants
 from catoptra_server.effects.kernels.mirror_surface_table import mirror_surface_table
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust, coverage_map, max_coverage
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.scene.colour import srgb_from_linear
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
@@ -176,3 +177,14 @@ def test_dust_when_black_measures_no_light() -> None:
 
 def test_summary_behind_it_holds() -> None:
     assert_summary_bounds_effect(DUST, 2.0)
+
+
+def test_bound_of_a_known_camera_is_that_of_its_own_map() -> None:
+    any_camera = DUST.bound(SceneSummary(1.0), CAMERA)
+    for key in ((7, 11), (1, 2), (3, 4)):
+        bound = DUST.bound(SceneSummary(1.0, camera_key=key), CAMERA)
+        assert 0.0 < bound.value <= any_camera.value
+        image = make_test_pattern()
+        context = replace(CAPTURE_CONTEXT, noise_seed=NoiseSeed(key))
+        change = srgb_from_linear(DUST.apply(image, CAMERA, context)) - srgb_from_linear(image)
+        assert 0.2 * bound.value < 255.0 * np.abs(change).max() <= bound.value

@@ -5,9 +5,10 @@ L' = (1 - a) L + a w A: a(p) the fraction of a pixel's view that contaminants co
 them. The lens is focused at the mirror's virtual image, behind its surface: contaminants are
 blurred by the disc of points on the mirror (`lens_blur`). Positions are constant for a camera and
 differ between cameras. Domain: central mirrors; diffuse scattering, independent of the angle.
-Criterion: the loss of white, or the gain of black, at the maximum coverage of a pixel.
+Criterion: the loss of white, or the gain of black, at the maximum coverage of a pixel: of this
+camera's own map, or of any camera's where the camera is not known.
 
-The maximum holds for any camera: several particles in one pixel by Bernstein's inequality, such
+The maximum of any camera: several particles in one pixel by Bernstein's inequality, such
 that no pixel in 1e12 exceeds the maximum (one that did would be cut).
 """
 
@@ -78,13 +79,19 @@ class MirrorDust:
 
     name: ClassVar[str] = "MirrorDust"
     changes_scene: ClassVar[bool] = False
-    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance", "camera_key"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Loss of white in a dark image, or gain of black in a white image: the larger."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
-        coverage = max_coverage(self, camera)
+        # The map of a camera is needed with the first frame that shows it, so its own maximum is
+        # known: the bound for all cameras is several times as large.
+        coverage = (
+            max_coverage(self, camera)
+            if summary.camera_key is None
+            else float(coverage_map(self, camera, summary.camera_key).max())
+        )
         loss = max_change_by_gain(1.0 - coverage, summary.max_radiance)
         gain = grey_level(coverage * self.albedo * summary.max_radiance)
         return EffectBound(max(loss, gain), f"dust covers up to {coverage:.2%} of a pixel's view")
