@@ -7,30 +7,33 @@ import pytest
 
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.sensor.exposure import Exposure
-from catoptra_server.render.trace.image_changer import NumpyImageChanger, measure_change
+from catoptra_server.render.trace.image_changer import (
+    ExposedImage,
+    NumpyImageChanger,
+    measure_change,
+)
 from catoptra_server.render.trace.srgb_encoding import encode_srgb
 from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, make_test_pattern
 
 PATTERN = make_test_pattern().astype(np.float32)
+EXPOSED = ExposedImage(PATTERN, CAMERA, CAPTURE_CONTEXT)
 
 
 def test_effects_are_applied_in_their_order_and_measured_where_asked() -> None:
     effects = (Vignetting(), Exposure(0.02, 0.01))
-    changed = NumpyImageChanger().change(
-        PATTERN, effects, CAMERA, CAPTURE_CONTEXT, {"Exposure": 0.5}
-    )
+    changed = NumpyImageChanger().change(EXPOSED, effects, {"Exposure": 0.5})
     between = effects[0].apply(PATTERN, CAMERA, CAPTURE_CONTEXT)
     expected = effects[1].apply(between, CAMERA, CAPTURE_CONTEXT)
-    np.testing.assert_array_equal(changed.light, expected)
+    np.testing.assert_array_equal(changed.image, expected)
     assert changed.changes == {"Exposure": measure_change(between, expected)}
     assert list(changed.stage_ms) == ["Vignetting", "Exposure"]
 
 
 def test_encoding_is_a_stage_behind_all_effects() -> None:
-    encoded = NumpyImageChanger().encode(PATTERN, (Vignetting(),), CAMERA, CAPTURE_CONTEXT, {})
+    encoded = NumpyImageChanger().encode(EXPOSED, (Vignetting(),), {})
     expected = encode_srgb(Vignetting().apply(PATTERN, CAMERA, CAPTURE_CONTEXT))
-    np.testing.assert_array_equal(encoded.rgb, expected)
-    assert not encoded.rgb.flags.writeable
+    np.testing.assert_array_equal(encoded.image, expected)
+    assert not encoded.image.flags.writeable
     assert list(encoded.stage_ms) == ["Vignetting", "encode"]
     assert encoded.changes == {}
 

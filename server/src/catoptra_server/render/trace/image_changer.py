@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,25 +16,25 @@ from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.trace.srgb_encoding import encode_srgb
 from catoptra_server.scene.colour import srgb_from_linear
 
+ImageT = TypeVar("ImageT")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChangedImage:
-    """An image behind its effects."""
+class ExposedImage:
+    """An image before its effects."""
 
     light: LinearImage
     """(h, w, 3) linear light."""
-    stage_ms: dict[str, float]
-    """Milliseconds of each effect."""
-    changes: dict[str, float]
-    """Largest change by effect, grey levels, of the effects with a threshold."""
+    camera: RadialCamera
+    context: CaptureContext
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EncodedImage:
-    """An encoded image behind its effects."""
+class ChangedImage(Generic[ImageT]):
+    """An image behind its effects."""
 
-    rgb: Image
-    """(h, w, 3) sRGB, read-only."""
+    image: ImageT
+    """(h, w, 3), linear, or sRGB and read-only."""
     stage_ms: dict[str, float]
     """Milliseconds of each effect, and of the encoding."""
     changes: dict[str, float]
@@ -42,26 +42,22 @@ class EncodedImage:
 
 
 class ImageChanger(Protocol):
-    """Applies image effects in their order."""
+    """Applies image effects in their order; thresholds are those of `renderer.View`."""
 
     def change(
         self,
-        light: LinearImage,
+        exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        camera: RadialCamera,
-        context: CaptureContext,
         thresholds: Mapping[str, float],
-    ) -> ChangedImage:
-        """Change a (h, w, 3) linear image; for the arguments see `renderer.OmniView`."""
+    ) -> ChangedImage[LinearImage]:
+        """Change an image in linear light."""
 
     def encode(
         self,
-        light: LinearImage,
+        exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        camera: RadialCamera,
-        context: CaptureContext,
         thresholds: Mapping[str, float],
-    ) -> EncodedImage:
+    ) -> ChangedImage[Image]:
         """Change an image and encode it."""
 
 
@@ -70,18 +66,17 @@ class NumpyImageChanger:
 
     def change(
         self,
-        light: LinearImage,
+        exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        camera: RadialCamera,
-        context: CaptureContext,
         thresholds: Mapping[str, float],
-    ) -> ChangedImage:
-        """Change a linear image, everywhere."""
+    ) -> ChangedImage[LinearImage]:
+        """Change an image everywhere."""
+        light = exposed.light
         stage_ms: dict[str, float] = {}
         changes: dict[str, float] = {}
         for effect in effects:
             begin_s = time.perf_counter()
-            before, light = light, effect.apply(light, camera, context)
+            before, light = light, effect.apply(light, exposed.camera, exposed.context)
             stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin_s)
             if effect.name in thresholds:
                 changes[effect.name] = measure_change(before, light)
@@ -89,20 +84,18 @@ class NumpyImageChanger:
 
     def encode(
         self,
-        light: LinearImage,
+        exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        camera: RadialCamera,
-        context: CaptureContext,
         thresholds: Mapping[str, float],
-    ) -> EncodedImage:
+    ) -> ChangedImage[Image]:
         """Change an image and encode it."""
-        changed = self.change(light, effects, camera, context, thresholds)
+        changed = self.change(exposed, effects, thresholds)
         begin_s = time.perf_counter()
-        rgb = encode_srgb(changed.light)
+        rgb = encode_srgb(changed.image)
         # Read-only, as the engine's frames: callers may keep both without a copy.
         rgb.setflags(write=False)
         stage_ms = changed.stage_ms | {"encode": 1e3 * (time.perf_counter() - begin_s)}
-        return EncodedImage(rgb, stage_ms, changed.changes)
+        return ChangedImage(rgb, stage_ms, changed.changes)
 
 
 def measure_change(before: LinearImage, after: LinearImage) -> float:

@@ -16,7 +16,7 @@ from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.medium.fog import take_fog
 from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
-from catoptra_server.render.trace.image_changer import ImageChanger
+from catoptra_server.render.trace.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.trace.trace_engine import TracedFrame, TracedRays, TraceRequest
 
 
@@ -54,32 +54,31 @@ class TraceOmniView:
             frame, stage_ms = self._trace(camera_state, TraceRequest(thresholds=thresholds))
             assert frame.image.dtype == np.uint8
             return RenderedImage(frame.image, stage_ms, frame.changes)
-        light, context, stage_ms, changes = self._expose(camera_state, effects, thresholds)
-        encoded = self._image_changer.encode(light, effects, self._camera, context, thresholds)
+        exposed, stage_ms, changes = self._expose(camera_state, effects, thresholds)
+        encoded = self._image_changer.encode(exposed, effects, thresholds)
         all_changes = {**changes, **encoded.changes}
-        return RenderedImage(encoded.rgb, stage_ms | encoded.stage_ms, all_changes)
+        return RenderedImage(encoded.image, stage_ms | encoded.stage_ms, all_changes)
 
     def render_linear(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
         camera_state, effects = take_fog(camera_state, effects)
-        light, context, _, _ = self._expose(camera_state, effects, NO_THRESHOLDS)
-        changer = self._image_changer
-        return changer.change(light, effects, self._camera, context, NO_THRESHOLDS).light
+        exposed, _, _ = self._expose(camera_state, effects, NO_THRESHOLDS)
+        return self._image_changer.change(exposed, effects, NO_THRESHOLDS).image
 
     def _expose(
         self,
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...],
         thresholds: Mapping[str, float],
-    ) -> tuple[LinearImage, CaptureContext, dict[str, float], Mapping[str, float]]:
-        """Linear image at the sensor, inputs of its effects, milliseconds by stage, changes."""
+    ) -> tuple[ExposedImage, dict[str, float], Mapping[str, float]]:
+        """Linear image at the sensor, milliseconds by stage, and changes by scene effect."""
         has_ranges = any(effect.needs_range for effect in effects)
         request = TraceRequest(is_linear=True, has_ranges=has_ranges, thresholds=thresholds)
         frame, stage_ms = self._trace(camera_state, request)
         context = CaptureContext(camera_state.noise_seed, range_m=frame.range_m)
-        return frame.image, context, stage_ms, frame.changes
+        return ExposedImage(frame.image, self._camera, context), stage_ms, frame.changes
 
     def _trace(
         self, camera_state: CameraState, request: TraceRequest

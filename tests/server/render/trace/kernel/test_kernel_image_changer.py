@@ -12,7 +12,11 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.renderer import LinearImage
-from catoptra_server.render.trace.image_changer import NumpyImageChanger, measure_change
+from catoptra_server.render.trace.image_changer import (
+    ExposedImage,
+    NumpyImageChanger,
+    measure_change,
+)
 from catoptra_server.render.trace.kernel.image_stages import STAGE_MAKERS
 from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
 from catoptra_server.render.trace.kernel.kernel_image_changer import KernelImageChanger
@@ -89,10 +93,10 @@ def test_stage_agrees_with_the_effects_formula(
     camera, effect = camera_of_size(*size), make_strong(name)
     context = make_context(camera)
     for image in make_images(camera):
-        native = changer.change(image, (effect,), camera, context, {})
+        native = changer.change(ExposedImage(image, camera, context), (effect,), {})
         expected = effect.apply(image.astype(np.float64), camera, context)
         limit = CODE.get(name, 3e-6 * max(1.0, float(image.max())))
-        np.testing.assert_allclose(native.light, expected, rtol=3e-6, atol=limit)
+        np.testing.assert_allclose(native.image, expected, rtol=3e-6, atol=limit)
         assert native.changes == {}
         assert list(native.stage_ms) == [name]
 
@@ -105,12 +109,12 @@ def test_threshold_leaves_cells_plain_by_no_more_than_itself(
     camera, effect = camera_of_size(97, 71), make_effect(name, STRONG.get(name))
     context = make_context(camera)
     for image in make_images(camera):
-        everywhere = changer.change(image, (effect,), camera, context, {}).light
-        native = changer.change(image, (effect,), camera, context, {name: threshold})
-        assert measure_change(everywhere, native.light) <= threshold
+        everywhere = changer.change(ExposedImage(image, camera, context), (effect,), {}).image
+        native = changer.change(ExposedImage(image, camera, context), (effect,), {name: threshold})
+        assert measure_change(everywhere, native.image) <= threshold
         # The change of what was drawn; plain cells count nothing.
         if name != "DefocusByDepth":
-            measured = measure_change(image, native.light)
+            measured = measure_change(image, native.image)
             assert native.changes[name] == pytest.approx(measured, abs=0.02)
 
 
@@ -121,7 +125,9 @@ def test_blur_by_range_is_measured_against_the_disc_of_infinity(
     by_depth, fixed = make_strong("DefocusByDepth"), make_strong("Defocus")
     context = make_context(camera)
     image = next(make_images(camera))
-    native = changer.change(image, (by_depth,), camera, context, {"DefocusByDepth": 0.0})
+    native = changer.change(
+        ExposedImage(image, camera, context), (by_depth,), {"DefocusByDepth": 0.0}
+    )
     far = fixed.apply(image, camera, context)
     near = by_depth.apply(image, camera, context)
     assert native.changes["DefocusByDepth"] == pytest.approx(measure_change(far, near), abs=0.05)
@@ -132,14 +138,14 @@ def test_all_effects_in_one_call_are_the_effects_one_by_one(changer: KernelImage
     camera = camera_of_size(97, 71)
     context, image = make_context(camera), next(make_images(camera))
     effects = tuple(make_effect(name) for name in STAGE_MAKERS if name != "Defocus")
-    native = changer.encode(image, effects, camera, context, {})
-    expected = NUMPY.encode(image, effects, camera, context, {})
-    difference = np.abs(native.rgb.astype(np.int64) - expected.rgb.astype(np.int64))
+    native = changer.encode(ExposedImage(image, camera, context), effects, {})
+    expected = NUMPY.encode(ExposedImage(image, camera, context), effects, {})
+    difference = np.abs(native.image.astype(np.int64) - expected.image.astype(np.int64))
     # A value beside a code of the converter, or beside half a grey, may fall to either side.
     assert difference.max() <= 3
     assert (difference > 0).mean() < 0.01
     assert list(native.stage_ms) == [*(effect.name for effect in effects), "encode"]
-    assert not native.rgb.flags.writeable
+    assert not native.image.flags.writeable
 
 
 class Darker:
@@ -156,9 +162,9 @@ def test_effect_without_native_code_is_applied_in_its_place(changer: KernelImage
     context, image = make_context(camera), next(make_images(camera))
     effects = (make_strong("Vignetting"), Darker(), make_strong("Blooming"))
     thresholds = dict.fromkeys(("Vignetting", "Darker", "Blooming"), 0.0)
-    native = changer.change(image, effects, camera, context, thresholds)  # type: ignore[arg-type]
-    expected = NUMPY.change(image, effects, camera, context, thresholds)  # type: ignore[arg-type]
-    np.testing.assert_allclose(native.light, expected.light, rtol=1e-5, atol=1e-6)
+    native = changer.change(ExposedImage(image, camera, context), effects, thresholds)  # type: ignore[arg-type]
+    expected = NUMPY.change(ExposedImage(image, camera, context), effects, thresholds)  # type: ignore[arg-type]
+    np.testing.assert_allclose(native.image, expected.image, rtol=1e-5, atol=1e-6)
     assert list(native.stage_ms) == ["Vignetting", "Darker", "Blooming"]
     assert native.changes == pytest.approx(expected.changes, abs=0.02)
 
@@ -171,7 +177,9 @@ def test_changes_and_images_do_not_depend_on_threads() -> None:
     results = []
     for threads in (1, 2, 3):
         device = KernelDevice(choose_instruction_set("auto"), threads)
-        changed = KernelImageChanger(device).change(image, effects, camera, context, thresholds)
-        results.append((changed.light.tobytes(), changed.changes))
+        changed = KernelImageChanger(device).change(
+            ExposedImage(image, camera, context), effects, thresholds
+        )
+        results.append((changed.image.tobytes(), changed.changes))
         device.close()
     assert results[0] == results[1] == results[2]

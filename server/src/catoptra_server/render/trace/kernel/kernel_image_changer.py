@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.effects.capture_context import CaptureContext
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.kernels.luminance import count_valid_pixels
 from catoptra_server.effects.kernels.noise import normal_quantile_table
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
-from catoptra_server.render.renderer import LinearImage
+from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.trace.image_changer import (
     ChangedImage,
-    EncodedImage,
+    ExposedImage,
     NumpyImageChanger,
 )
 from catoptra_server.render.trace.kernel.image_stages import MadeStage, make_stage
@@ -28,6 +27,18 @@ from catoptra_server.render.trace.srgb_encoding import srgb_table
 
 _ALIGNMENT = 64
 _NOISE_EFFECTS = frozenset({"ShotNoise", "ReadNoise"})
+
+
+@dataclass(slots=True, eq=False)
+class _Run:
+    """One image on its way through its effects, and the results so far."""
+
+    exposed: ExposedImage
+    thresholds: Mapping[str, float]
+    stage_ms: dict[str, float] = field(default_factory=dict)
+    changes: dict[str, float] = field(default_factory=dict)
+    layout_ms: float = 0.0
+    """Milliseconds of the encoding, and of the change of the arrays' layout."""
 
 
 class KernelImageChanger:
@@ -46,100 +57,81 @@ class KernelImageChanger:
 
     def change(
         self,
-        light: LinearImage,
+        exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        camera: RadialCamera,
-        context: CaptureContext,
         thresholds: Mapping[str, float],
-    ) -> ChangedImage:
-        """Change a linear image; cells that change by too little stay as they are."""
-        result = np.zeros(light.shape, dtype=np.float32)
-        stage_ms, changes, _ = self._run(
-            light, effects, camera, context, thresholds, linear=result, rgb=None
-        )
-        return ChangedImage(result, stage_ms, changes)
+    ) -> ChangedImage[LinearImage]:
+        """Change an image; cells that change by too little stay as they are."""
+        run = _Run(exposed, thresholds)
+        result = np.zeros(exposed.light.shape, dtype=np.float32)
+        self._apply(run, effects, result)
+        return ChangedImage(result, run.stage_ms, run.changes)
 
     def encode(
         self,
-        light: LinearImage,
+        exposed: ExposedImage,
         effects: tuple[ImageEffect, ...],
-        camera: RadialCamera,
-        context: CaptureContext,
         thresholds: Mapping[str, float],
-    ) -> EncodedImage:
+    ) -> ChangedImage[Image]:
         """Change an image and encode it."""
-        rgb = np.zeros(light.shape, dtype=np.uint8)
-        stage_ms, changes, encode_ms = self._run(
-            light, effects, camera, context, thresholds, linear=None, rgb=rgb
-        )
+        run = _Run(exposed, thresholds)
+        rgb = np.zeros(exposed.light.shape, dtype=np.uint8)
+        self._apply(run, effects, rgb)
         rgb.setflags(write=False)
-        return EncodedImage(rgb, stage_ms | {"encode": encode_ms}, changes)
+        return ChangedImage(rgb, run.stage_ms | {"encode": run.layout_ms}, run.changes)
 
-    def _run(
-        self,
-        light: LinearImage,
-        effects: tuple[ImageEffect, ...],
-        camera: RadialCamera,
-        context: CaptureContext,
-        thresholds: Mapping[str, float],
-        *,
-        linear: LinearImage | None,
-        rgb: npt.NDArray[np.uint8] | None,
-    ) -> tuple[dict[str, float], dict[str, float], float]:
-        """Milliseconds and changes by effect, and the milliseconds of the encoding."""
-        stage_ms: dict[str, float] = {}
-        changes: dict[str, float] = {}
+    def _apply(
+        self, run: _Run, effects: tuple[ImageEffect, ...], result: LinearImage | Image
+    ) -> None:
+        """Apply effects into an image of float32, or of uint8 for an encoded one."""
         made: list[tuple[str, MadeStage]] = []
-        encode_ms = 0.0
         for effect in effects:
-            stage = make_stage(effect, camera, context, thresholds.get(effect.name))
+            exposed, threshold = run.exposed, run.thresholds.get(effect.name)
+            stage = make_stage(effect, exposed.camera, exposed.context, threshold)
             if stage is not None:
                 made.append((effect.name, stage))
                 continue
             # In its place between native stages, so that the order stays.
-            between = np.zeros(light.shape, dtype=np.float32)
-            encode_ms += self._run_stages(light, made, camera, stage_ms, changes, between, None)
-            changed = self._numpy.change(between, (effect,), camera, context, thresholds)
-            light, made = np.ascontiguousarray(changed.light, dtype=np.float32), []
-            stage_ms |= changed.stage_ms
-            changes |= changed.changes
-        encode_ms += self._run_stages(light, made, camera, stage_ms, changes, linear, rgb)
-        return stage_ms, changes, encode_ms
+            between = np.zeros(exposed.light.shape, dtype=np.float32)
+            self._run_stages(run, made, between)
+            made = []
+            exposed = replace(exposed, light=between)
+            changed = self._numpy.change(exposed, (effect,), run.thresholds)
+            light = np.ascontiguousarray(changed.image, dtype=np.float32)
+            run.exposed = replace(exposed, light=light)
+            run.stage_ms |= changed.stage_ms
+            run.changes |= changed.changes
+        self._run_stages(run, made, result)
 
     def _run_stages(
-        self,
-        light: LinearImage,
-        made: Sequence[tuple[str, MadeStage]],
-        camera: RadialCamera,
-        stage_ms: dict[str, float],
-        changes: dict[str, float],
-        linear: LinearImage | None,
-        rgb: npt.NDArray[np.uint8] | None,
-    ) -> float:
-        """Run native stages and note their results; the milliseconds of loading and storing."""
+        self, run: _Run, made: Sequence[tuple[str, MadeStage]], result: LinearImage | Image
+    ) -> None:
+        """Run native stages into an image, and note their results."""
+        light = run.exposed.light
         stages = (ImageStage * max(1, len(made)))(*(stage.struct for _, stage in made))
         has_noise = any(name in _NOISE_EFFECTS for name, _ in made)
+        is_encoded = result.dtype == np.uint8
         job = ImageJob(
             width=light.shape[1],
             height=light.shape[0],
             light=light.ctypes.data,
-            linear=None if linear is None else linear.ctypes.data,
-            rgb=None if rgb is None else rgb.ctypes.data,
+            linear=None if is_encoded else result.ctypes.data,
+            rgb=result.ctypes.data if is_encoded else None,
             srgb_table=srgb_table().ctypes.data,
             quantiles=normal_quantile_table().ctypes.data if has_noise else None,
-            mirror_pixels=count_valid_pixels(camera),
+            mirror_pixels=count_valid_pixels(run.exposed.camera),
             num_stages=len(made),
             stages=ctypes.addressof(stages),
         )
         job.scratch = self._reserve(self._device.image_scratch_bytes(job))
         self._device.change_image(job)
+        run.layout_ms += job.encode_ms
         for (name, _), stage in zip(made, stages, strict=False):
-            stage_ms[name] = stage.ms
+            run.stage_ms[name] = stage.ms
             if stage.threshold >= 0.0:
-                changes[name] = stage.change
+                run.changes[name] = stage.change
             if stage.threshold >= 0.0 and name == DefocusByDepth.name:
-                changes[Defocus.name] = stage.other_change
-        return float(job.encode_ms)
+                run.changes[Defocus.name] = stage.other_change
 
     def _reserve(self, size: int) -> int:
         """Address of memory of a size, kept for the next frames."""
