@@ -18,7 +18,7 @@ from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.replies import DifferenceRecord, EffectRecord, PlanAlternative
+from catoptra_protocol.stream.frame_header import DifferenceRecord, EffectRecord, PlanAlternative
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_protocol.usarsim.jpeg_header import parse_jpeg_size
 

@@ -1,23 +1,20 @@
-"""The table of replies, their chapter of the specification, and the log text of a header."""
+"""The table of replies, and their chapter of the specification."""
 
 from __future__ import annotations
 
 import dataclasses
 
-from catoptra_protocol.stream.replies import (
-    REPLIES,
-    DifferenceRecord,
-    EffectRecord,
+from catoptra_protocol.stream.frame_header import DifferenceRecord, EffectRecord, PlanAlternative
+from catoptra_protocol.stream.replies import REPLIES
+from catoptra_protocol.stream.requests import REQUESTS, FrameVariant
+from catoptra_protocol.stream.transform import Transform
+from catoptra_protocol.stream.world_replies import (
     LandmarkRecord,
     NoteRecord,
-    PlanAlternative,
     RobotState,
     StartPoseRecord,
-    Transform,
 )
-from catoptra_protocol.stream.requests import REQUESTS, FrameVariant
 from helpers.configs import REPOSITORY
-from helpers.stream_messages import HEADER
 
 # Dataclasses inside messages; they have no kind of their own.
 RECORDS = (
@@ -29,10 +26,6 @@ SPECIFICATION = REPOSITORY / "protocol/SPEC.md"
 
 def test_replies_are_listed_under_their_kinds() -> None:
     assert all(kind == reply.KIND for kind, reply in REPLIES.items())
-
-
-def test_header_when_logged_names_camera_size_and_age() -> None:
-    assert str(HEADER) == "frame 42 of 'Omni', 6 x 4 px raw, 30.0 ms old"
 
 
 def test_specification_names_every_kind_and_field() -> None:

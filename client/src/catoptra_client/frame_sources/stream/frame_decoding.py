@@ -10,8 +10,9 @@ from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.replies import FrameHeader, Transform
+from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_protocol.stream.transform import Transform
 from catoptra_protocol.usarsim.image_port import ImageType
 
 

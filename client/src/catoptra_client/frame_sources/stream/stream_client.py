@@ -36,20 +36,15 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.notes import text_from_note
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
 from catoptra_protocol.stream.replies import (
     CameraReply,
     Error,
-    FrameHeader,
-    LandmarksReply,
     Ok,
-    PixelReply,
     PlanReply,
     Reply,
     SensorReports,
-    StartPoseRecord,
-    StartPosesReply,
-    StateReply,
     StatusReply,
 )
 from catoptra_protocol.stream.requests import (
@@ -71,6 +66,13 @@ from catoptra_protocol.stream.requests import (
     ShareControlRequest,
     SpawnRequest,
     StepRequest,
+)
+from catoptra_protocol.stream.world_replies import (
+    LandmarksReply,
+    PixelReply,
+    StartPoseRecord,
+    StartPosesReply,
+    StateReply,
 )
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.reports import Report, report_from_message
