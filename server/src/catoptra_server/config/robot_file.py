@@ -22,13 +22,9 @@ from catoptra_server.config.perspective_camera_items import (
     is_perspective_camera,
     read_perspective_camera,
 )
-from catoptra_server.config.section_reader import (
-    WIRE_NAME_EXPECTED,
-    SectionReader,
-    Vector,
-    is_wire_name,
-)
+from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.config.sensor_readers import is_sensor, read_sensor, report_unknown_class
+from catoptra_server.config.wire_name import WIRE_NAME_EXPECTED, is_wire_name
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES
 from catoptra_server.robot.robot_description import DriveBase, RobotDescription
 from catoptra_server.robot.standard_bases import STANDARD_BASES

@@ -7,33 +7,22 @@ read, so that the rest can be reported as unknown (`unknown_names`).
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_protocol.limits import MAX_NAME_CHARS
 from catoptra_server.config.bundled_files import (
     FileKind,
     describe_missing_file,
     find_bundled_file,
 )
-from catoptra_server.config.entry_list import EntryList
-from catoptra_server.config.unknown_names import UnknownName, suggest_name
+from catoptra_server.config.number_values import MAX_NUMBER, describe_range, parse_number
+from catoptra_server.config.section_entries import SectionEntries
+from catoptra_server.config.unknown_names import UnknownName
 from catoptra_server.config.unreal_ini import Entry, parse_struct, unquote
+from catoptra_server.config.wire_name import WIRE_NAME_EXPECTED, is_wire_name
 
 Vector = tuple[float, float, float]
-
-# A key that was not read so far may be read later: WheelBase is no misspelt WheelRadius.
-_MIN_SIMILARITY = 0.75
-
-# Bound of all numbers: squares and products of a few stay finite in float32, too. A
-# robot's battery of 30 years has 1e9 s; no length, mass or angle of a real file is near.
-MAX_NUMBER = 1e9
-
-# Printable Latin-1 without space and braces, which delimit names in a line of the protocol.
-_WIRE_NAME = re.compile(rf"[!-z|~\xa1-\xff]{{1,{MAX_NAME_CHARS}}}")
-WIRE_NAME_EXPECTED = "one word without spaces and braces: it is sent to clients"
 
 
 class SectionReader:
@@ -61,45 +50,30 @@ class SectionReader:
         self.where = where
         self._is_struct = is_struct
         self._absence = absence
-        # The lines as written: a derived section is replayed line by line over its base, operators
-        # included, which the resulting values alone would no longer show.
-        self._lines: list[Entry] = []
-        self._entries: dict[str, EntryList] = {}
+        self._entries = SectionEntries(entries)
         # Parsed once, so that all readers of a struct record their keys in the same object.
         self._structs: dict[str, list[SectionReader]] = {}
-        # As readers spell them, by lower-case key.
-        self._used_keys: dict[str, str] = {}
-        for entry in entries:
-            self.apply(entry)
 
     def apply(self, entry: Entry) -> None:
         """Apply a line: a repeated key and . append, + appends if new, - removes, ! clears."""
-        self._lines.append(entry)
-        self._entries.setdefault(entry.key.lower(), EntryList()).apply(entry)
+        self._entries.apply(entry)
 
     def apply_overrides(self, derived: SectionReader) -> None:
         """Apply a derived section: plain keys replace this one's, + . - ! lines modify them."""
-        changed: set[str] = set()
-        for entry in derived._lines:
-            key = entry.key.lower()
-            # Only the first plain line of a key clears the base's list; the next ones extend it.
-            if key not in changed and not entry.operator:
-                self._entries.pop(key, None)
-            changed.add(key)
-            self.apply(entry)
+        self._entries.apply_overrides(derived._entries)
 
     def has_key(self, key: str) -> bool:
         """Whether the key has a value; does not count as reading the key."""
-        return bool(self._entries.get(key.lower()))
+        return self._entries.has_key(key)
 
     @property
     def is_used(self) -> bool:
         """Whether any key was read."""
-        return bool(self._used_keys)
+        return self._entries.is_used
 
     def ignore_all(self) -> None:
         """Count every key as read, for a section that has no effect or was reported as a whole."""
-        self._used_keys.update({key: key for key in self._entries})
+        self._entries.ignore_all()
 
     def unknown_names(self, section: str = "") -> list[UnknownName]:
         """Keys that were not read, those of structs included.
@@ -108,42 +82,24 @@ class SectionReader:
             section: Name of the section that a struct is in; this reader's own by default.
         """
         section = section or self.name
-        known = self._used_keys.values()
-        own = [
-            UnknownName(
-                entry.key, entry.value, entry.where, section, suggest_name(entry.key, known)
-            )
-            for key, entries in self._entries.items()
-            if key not in self._used_keys
-            for entry in entries
-        ]
         structs = (struct for structs in self._structs.values() for struct in structs)
+        own = self._entries.unread_names(section)
         return [*own, *(name for struct in structs for name in struct.unknown_names(section))]
 
     def _last_entry(self, key: str, expected: str) -> Entry:
-        entries = self._use_entries(key)
+        entries = self._entries.use(key)
         if entries:
             return entries.last
         reason = self._absence or "it is missing"
         raise self.make_error(key, expected=f"{expected}; {reason}")
 
-    def _ask_for_misspelt(self, key: str) -> str:
-        """Question for a missing key, whether an unread one was meant to be it."""
-        unread = [k for k in self._entries if k not in self._used_keys]
-        misspelt = suggest_name(key, unread, _MIN_SIMILARITY)
-        return f"; is {self._entries[misspelt].last.key} meant to be it?" if misspelt else ""
-
     def _value_error(self, entry: Entry, expected: str) -> ConfigError:
         key = f"{self.name}.{entry.key}" if self._is_struct else entry.key
         return ConfigError(entry.where, key=key, value=entry.value, expected=expected)
 
-    def _use_entries(self, key: str) -> EntryList:
-        self._used_keys[key.lower()] = key
-        return self._entries.get(key.lower(), EntryList())
-
     def get_str(self, key: str, default: str | None = None) -> str:
         """Text without quotes or class'...'; a missing key without a default is a ConfigError."""
-        if default is not None and not self._use_entries(key):
+        if default is not None and not self._entries.use(key):
             return default
         return unquote(self._last_entry(key, "a text").value)
 
@@ -194,11 +150,11 @@ class SectionReader:
             min_value: smallest accepted value.
             max_value: largest accepted value.
         """
-        if default is not None and not self._use_entries(key):
+        if default is not None and not self._entries.use(key):
             return default
-        expected = _describe_range("a number", min_value, max_value)
+        expected = describe_range("a number", min_value, max_value)
         entry = self._last_entry(key, expected)
-        value = _parse_float(entry.value)
+        value = parse_number(entry.value)
         if value is not None and abs(value) > MAX_NUMBER:
             expected += f", not beyond {MAX_NUMBER:g}"
             raise self._value_error(entry, expected)
@@ -210,18 +166,18 @@ class SectionReader:
         self, key: str, default: int | None = None, *, min_value: int = 0, max_value: int = 2**31
     ) -> int:
         """Whole number within bounds, both included; arguments as of `get_float`."""
-        if default is not None and not self._use_entries(key):
+        if default is not None and not self._entries.use(key):
             return default
-        expected = _describe_range("a whole number", min_value, max_value)
+        expected = describe_range("a whole number", min_value, max_value)
         entry = self._last_entry(key, expected)
-        value = _parse_float(entry.value)
+        value = parse_number(entry.value)
         if value is None or value != int(value) or not min_value <= value <= max_value:
             raise self._value_error(entry, expected)
         return int(value)
 
     def get_bool(self, key: str, default: bool) -> bool:
         """Truth value: true, false, 1 or 0 in any case."""
-        if not self._use_entries(key):
+        if not self._entries.use(key):
             return default
         entry = self._last_entry(key, "true or false")
         words = {"true": True, "1": True, "false": False, "0": False}
@@ -231,7 +187,7 @@ class SectionReader:
 
     def get_choice(self, key: str, allowed: Sequence[str], default: str | None = None) -> str:
         """One of the allowed words, matched regardless of case, spelled as in `allowed`."""
-        if default is not None and not self._use_entries(key):
+        if default is not None and not self._entries.use(key):
             return default
         expected = "one of " + ", ".join(allowed)
         entry = self._last_entry(key, expected)
@@ -260,7 +216,7 @@ class SectionReader:
             min_value: smallest accepted value of a member.
             max_value: largest accepted value of a member.
         """
-        if default is not None and not self._use_entries(key):
+        if default is not None and not self._entries.use(key):
             return default
         example = "(" + ",".join(f"{member}=0" for member in members) + ")"
         struct = self.get_struct(key, example=example)
@@ -280,7 +236,7 @@ class SectionReader:
         self, key: str, *, example: str = '(Name="a",Position=(X=0,Y=0,Z=0))'
     ) -> list[SectionReader]:
         """Struct literals of a repeated key, in order; an empty list for a missing one."""
-        entries = self._use_entries(key)
+        entries = self._entries.use(key)
         if key.lower() not in self._structs:
             self._structs[key.lower()] = [_parse_struct(entry, example) for entry in entries]
         return self._structs[key.lower()]
@@ -292,9 +248,10 @@ class SectionReader:
             key: the key to be named, with the value and line of its last entry if there is one.
             expected: an acceptable value, as a phrase.
         """
-        entries = self._use_entries(key)
+        entries = self._entries.use(key)
         value = entries.last.value if entries else ""
-        hint = "" if entries else self._ask_for_misspelt(key)
+        misspelt = "" if entries else self._entries.find_misspelt(key)
+        hint = f"; is {misspelt} meant to be it?" if misspelt else ""
         return ConfigError(
             self.find_location(key),
             key=f"{self.name}.{key}",
@@ -304,13 +261,8 @@ class SectionReader:
 
     def find_location(self, key: str) -> SourceLocation:
         """File and line of a key's last entry; those of the section without one."""
-        entries = self._use_entries(key)
+        entries = self._entries.use(key)
         return entries.last.where if entries else self.where
-
-
-def is_wire_name(text: str) -> bool:
-    """Whether a text fits a line of the protocol as a name."""
-    return _WIRE_NAME.fullmatch(text) is not None
 
 
 def _parse_struct(entry: Entry, example: str) -> SectionReader:
@@ -325,24 +277,3 @@ def _parse_struct(entry: Entry, example: str) -> SectionReader:
     # Members share the line of their struct: one struct is one line of the file.
     inner = (Entry(name, text, "", entry.where) for name, text in members)
     return SectionReader(entry.key, entry.where, inner, is_struct=True)
-
-
-def _parse_float(text: str) -> float | None:
-    # UnrealScript's literals may end in f. "nan", "inf" and their kin, which float() would accept,
-    # are no numbers in an ini file.
-    try:
-        value = float(text.rstrip("fF")) if text[:1] not in "nNiI" else math.nan
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
-
-
-def _describe_range(kind: str, min_value: float, max_value: float) -> str:
-    if math.isinf(min_value) and math.isinf(max_value):
-        return kind
-    # 2^31 is the default bound of get_int, which no user set: naming it would puzzle.
-    if math.isinf(max_value) or max_value == 2**31:
-        return f"{kind} of at least {min_value:g}"
-    if math.isinf(min_value):
-        return f"{kind} of at most {max_value:g}"
-    return f"{kind} from {min_value:g} to {max_value:g}"
