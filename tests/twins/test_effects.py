@@ -74,7 +74,6 @@ CHANGES: dict[str, dict[str, float]] = {
     "DefocusByDepth": {"f_number": 0.8, "pixel_pitch_m": 3e-5},
     "ChromaticAberration": {"red_magnification": 1.013, "blue_magnification": 0.991},
     "Exposure": {"exposure_s": 0.05},
-    "Fog": {"density_per_m": 0.2, "red": 0.9},
     "MirrorReflectance": {"refractive_index": 2.8, "extinction_coefficient": 3.4},
     "Misalignment": {"x_m": 1e-3, "y_m": -4e-4, "axial_m": 2e-3, "pitch_rad": 1e-3},
     "WhiteBalance": {"red_gain": 1.7, "blue_gain": 0.6},

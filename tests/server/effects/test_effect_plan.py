@@ -25,7 +25,7 @@ from catoptra_server.effects.effect_plan import (
 from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
-from catoptra_server.effects.medium.fog import Fog
+from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.effects.scene.self_view import SelfView

@@ -28,8 +28,8 @@ from catoptra_server.effects.effect import (
     EffectType,
     ImageEffect,
 )
-from catoptra_server.effects.medium.fog import Fog
 from catoptra_server.effects.medium.vignetting import Vignetting
+from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming

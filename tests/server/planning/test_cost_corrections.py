@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
-from catoptra_server.effects.medium.fog import Fog
+from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.effects.sensor.shot_noise import ShotNoise
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_corrections import CostCorrections, added_ms

@@ -15,6 +15,7 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import face_from_direction
 from catoptra_protocol.optics.omni_camera import direction_from_pixel, pixel_sample_positions
+from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.capture.shutter import Shutter
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import ImageEffect
@@ -30,10 +31,9 @@ from helpers.worlds import make_omni_camera, make_plan, make_test_world
 CAMERA = make_omni_camera(width_px=240)
 PLAN = make_plan(CAMERA, samples=3)
 # These change the scene, and have no pass.
-SCENE_EFFECTS = ("SelfView", "Shadows", "RollingShutter", "MotionBlur")
+SCENE_EFFECTS = ("SelfView", "Shadows", "Fog", "RollingShutter", "MotionBlur")
 # Where the defaults do little: numbers that show.
 STRONG: dict[str, dict[str, float]] = {
-    "Fog": {"density_per_m": 0.1, "red": 0.7},
     "DefocusByDepth": {"f_number": 2.0, "pixel_pitch_m": 1.1e-5},
     "Misalignment": {"x_m": 3e-4, "y_m": -2e-4, "axial_m": 1e-3},
     "ChromaticAberration": {"red_magnification": 1.004, "blue_magnification": 0.997},
@@ -46,7 +46,12 @@ NAMES = [k.name for k in EFFECT_TYPES if k.name not in (*SCENE_EFFECTS, "Defocus
 CHAIN = tuple(make_effect(name, STRONG.get(name, {})) for name in NAMES)
 # Effects that measure the whole image first.
 METERED = ("AutoExposure", "MirrorDust")
-CAMERA_STATE_WITH_ALL = replace(DRIVING_STATE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
+CAMERA_STATE_WITH_ALL = replace(
+    DRIVING_STATE,
+    has_shadows=True,
+    fog=FogMedium(0.1, (0.7, 0.5, 0.5)),
+    shutter=Shutter(0.04, 0.03, 6),
+)
 
 
 def render_both(device: GlDevice, chain: tuple[ImageEffect, ...]) -> tuple[Image, Image]:
@@ -95,8 +100,7 @@ def test_frame_when_rendered_again_has_the_same_bytes(device: GlDevice) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-# Fog is drawn with the faces: test_omni_passes.
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "Fog"])
+@pytest.mark.parametrize("name", NAMES)
 def test_effect_when_it_runs_adds_its_own_pass_and_program_and_no_other(
     device: GlDevice, name: str
 ) -> None:

@@ -16,8 +16,10 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import View
@@ -82,13 +84,13 @@ def test_renderers_with_fog_agree(device: GlDevice, density_per_m: float) -> Non
         replace(CAMERA_STATE, objects=TWO_ROBOTS),
         make_plan(camera, face_size_px=640),
     )
-    fog = (make_effect("Fog", {"density_per_m": density_per_m, "blue": 0.8}),)
+    in_fog = replace(camera_state, fog=FogMedium(density_per_m, (0.5, 0.5, 0.8)))
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
     view = RasterRenderer(scene, world, device=device).prepare(camera, plan)
     calm = trace.prepare(camera, plan).render(camera_state).rgb
-    foggy = trace.prepare(camera, plan).render(camera_state, fog).rgb
-    difference = level_differences(view.render(camera_state, fog).rgb, foggy)
+    foggy = trace.prepare(camera, plan).render(in_fog).rgb
+    difference = level_differences(view.render(in_fog).rgb, foggy)
     smooth = mask_away_from_edges(calm)
     assert (level_differences(calm, foggy) > 8).mean() > 0.5
     assert (difference[smooth] > 2).mean() < 1e-3
@@ -110,12 +112,13 @@ def test_fog_in_a_rendered_scene_stays_within_its_bound(background: float, step:
     )
     trace = TraceRenderer(build_scene(world), world, threads=2)
     view = trace.prepare(CAMERA, make_plan(CAMERA))
-    fog = make_effect("Fog", {"density_per_m": 10.0**step})
+    fog = Fog(10.0**step, 0.5, 0.5, 0.5)
     camera_state = replace(CAMERA_STATE, objects=TWO_ROBOTS)
     bound = fog.bound(
         SceneSummarizer(build_scene(world), world).summarize(camera_state, CAMERA), CAMERA
     ).value
-    clear, foggy = (view.render_linear(camera_state, effects) for effects in ((), (fog,)))
+    in_fog = fog.apply_to_scene(camera_state, 0.0)
+    clear, foggy = (view.render_linear(state) for state in (camera_state, in_fog))
     trace.close()
     change = 255.0 * np.abs(srgb_from_linear(foggy) - srgb_from_linear(clear)).max()
     assert change <= bound + 1e-3

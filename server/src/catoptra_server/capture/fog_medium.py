@@ -22,8 +22,12 @@ class FogMedium:
     """Linear radiance of an infinite depth of fog."""
 
     @np.errstate(under="ignore")  # exp of a large optical depth is 0, as intended
+    def transmittance(self, range_m: Floats) -> Floats:
+        """(...) fraction of light that passes (...) ranges, metres or inf."""
+        return np.asarray(np.exp(-self.density_per_m * range_m))
+
     def mix(self, radiance: Floats, range_m: Floats) -> Floats:
         """(..., 3) linear radiance behind fog, of radiance at (...) ranges, metres or inf."""
-        transmittance = np.exp(-self.density_per_m * range_m)[..., None]
+        transmittance = self.transmittance(range_m)[..., None]
         mixed: Floats = radiance * transmittance + np.asarray(self.airlight) * (1.0 - transmittance)
         return mixed

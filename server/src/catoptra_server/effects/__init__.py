@@ -1,8 +1,8 @@
 """Effects of scene, lens, mirror and sensor on a camera's image: the table, in optical order.
 
 The order is that of the light: the scene effects come first, since they change the objects, the
-light or the times that a renderer works on; the image effects follow, from the air before the
-mirror to the sensor's white balance. Motion and defocus act before anything that lies on mirror and
+light, the air or the times that a renderer works on; the image effects follow, from the lens to the
+sensor's white balance. Motion and defocus act before anything that lies on mirror and
 lens, which neither moves nor blurs with the scene. `plan_effects` decides in this order, and both
 renderers apply the enabled effects in this order.
 
@@ -27,12 +27,11 @@ from catoptra_server.effects.medium import (
     defocus,
     defocus_by_depth,
     diffraction,
-    fog,
     misalignment,
     vignetting,
 )
 from catoptra_server.effects.mirror import mirror_dust, mirror_reflectance
-from catoptra_server.effects.scene import motion_blur, rolling_shutter, self_view, shadows
+from catoptra_server.effects.scene import fog, motion_blur, rolling_shutter, self_view, shadows
 from catoptra_server.effects.sensor import (
     auto_exposure,
     bayer,
@@ -48,9 +47,9 @@ from catoptra_server.effects.sensor import (
 EFFECT_TYPES: tuple[EffectType, ...] = (
     self_view.EFFECT_TYPE,
     shadows.EFFECT_TYPE,
+    fog.EFFECT_TYPE,
     rolling_shutter.EFFECT_TYPE,
     motion_blur.EFFECT_TYPE,
-    fog.EFFECT_TYPE,
     # Supersedes Defocus where both are named, so this criterion decides first.
     defocus_by_depth.EFFECT_TYPE,
     defocus.EFFECT_TYPE,

@@ -15,11 +15,11 @@ from catoptra_server.effects.medium.chromatic_aberration import ChromaticAberrat
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.medium.diffraction import Diffraction
-from catoptra_server.effects.medium.fog import Fog
 from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust
 from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance
+from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.effects.scene.self_view import SelfView
@@ -97,6 +97,11 @@ EFFECT_CASES = (
         upstream_effects=(SelfView(),),
     ),
     EffectCase(
+        Fog(0.35, 0.5, 0.5, 0.5),
+        NegligibleCase("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
+        "fog with a visibility of 9 m",
+    ),
+    EffectCase(
         # The same motion for shutter and blur: the pages can be compared.
         RollingShutter(1.0 / 30.0),
         NegligibleCase("a robot that stands", RollingShutter(1.0 / 30.0)),
@@ -108,11 +113,6 @@ EFFECT_CASES = (
         NegligibleCase("a robot that stands", MotionBlur(1.0 / 30.0)),
         "0.5 m/s and 120 degrees/s, 33 ms",
         twist=_FAST_TWIST,
-    ),
-    EffectCase(
-        Fog(0.35, 0.5, 0.5, 0.5),
-        NegligibleCase("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
-        "fog with a visibility of 9 m",
     ),
     EffectCase(
         # Nearer than half a metre, where one disc for each image radius is no longer exact.

@@ -10,7 +10,6 @@ import moderngl
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.medium.fog import take_fog
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.projection.lens_projection import LensProjection
 from catoptra_server.render.raster.effect_chain import EffectChain
@@ -132,7 +131,6 @@ class RasterOmniView:
     ) -> RenderedImage:
         """Render one exposure of the camera, changed by effects."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
-        camera_state, effects = take_fog(camera_state, effects)
         with self._device.context as context:
             has_shutter = camera_state.shutter is not None
             # Without effects and shutter the pass after the faces encodes by itself: no float image
@@ -153,7 +151,6 @@ class RasterOmniView:
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
-        camera_state, effects = take_fog(camera_state, effects)
         with self._device.context as context:
             sequence = self._linear_sequence(effects, camera_state.shutter is not None)
             self._run(sequence, camera_state, StageClock(context.finish))

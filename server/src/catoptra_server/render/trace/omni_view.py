@@ -14,7 +14,6 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.medium.fog import take_fog
 from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
 from catoptra_server.render.trace.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.trace.trace_engine import TracedFrame, TracedRays, TraceRequest
@@ -47,7 +46,6 @@ class TraceOmniView:
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> RenderedImage:
         """Render one exposure of the camera, changed by effects; each effect is a stage."""
-        camera_state, effects = take_fog(camera_state, effects)
         # The engine encodes a frame without image effects itself, without any float image: the
         # usual case, and the fastest.
         if not effects:
@@ -63,7 +61,6 @@ class TraceOmniView:
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
-        camera_state, effects = take_fog(camera_state, effects)
         exposed, _, _ = self._expose(camera_state, effects, NO_THRESHOLDS)
         return self._image_changer.change(exposed, effects, NO_THRESHOLDS).image
 
