@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -15,18 +14,8 @@ from catoptra_protocol.usarsim.reports import StartPose, StartPoses, line_from_r
 from catoptra_server.config.world_file import read_world
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import (
-    Box,
-    Cylinder,
-    DirectionalLight,
     GpsOrigin,
-    HemisphereLight,
-    Material,
-    MeshFile,
-    PointLight,
-    Rectangle,
     RfidTag,
-    Ring,
-    SphereBand,
     StartPlace,
     Victim,
     World,
@@ -62,79 +51,6 @@ def test_field_when_read_is_the_four_legged_one_of_2006() -> None:
     # The 2006 rules: beacons 1.35 m either side of halfway, goals 0.8 m wide on lines 5.4 m apart.
     assert {abs(m.x_m) for m in world.landmarks if m.kind == "beacon"} == {1.35}
     assert {(abs(m.x_m), m.width_m) for m in world.landmarks if m.kind == "goal"} == {(2.7, 0.8)}
-
-
-@pytest.mark.parametrize(
-    ("line", "shape"),
-    [
-        ("Boxes=(Size=(X=1,Y=2,Z=3))", Box((1.0, 2.0, 3.0))),
-        ("Cylinders=(Radius=0.1,Height=2,Sectors=12)", Cylinder(0.1, 2.0, 12)),
-        ("Rectangles=(Size=(X=1,Y=2),Repeat=(X=3,Y=4))", Rectangle((1.0, 2.0), (3.0, 4.0))),
-        ("Rings=(InnerRadius=0,OuterRadius=1)", Ring(0.0, 1.0)),
-        (
-            "SphereBands=(Radius=2,From=90,To=180,Sectors=8,Rings=3)",
-            SphereBand(2.0, 0.5 * math.pi, math.pi, 8, 3),
-        ),
-    ],
-)
-def test_item_when_written_is_its_shape(tmp_path: Path, line: str, shape: object) -> None:
-    assert shape in [item.shape for item in read_world_text(tmp_path, line).items]
-
-
-def test_item_when_placed_has_pose_colour_and_name(tmp_path: Path) -> None:
-    line = (
-        'Cylinders=(Name="Post",Radius=1,Height=1,Position=(X=1,Y=2,Z=-3),'
-        "Direction=(Z=1.5),Colour=(R=255,B=0),Unlit=true,CastShadow=false)"
-    )
-    item = read_world_text(tmp_path, line).items[-1]
-    assert item.name == "Post"
-    assert item.world_from_item.translation.tolist() == [1.0, 2.0, -3.0]
-    assert item.world_from_item.to_rpy() == pytest.approx((0.0, 0.0, 1.5))
-    assert item.material == Material((1.0, 0.0, 0.0), unlit=True)
-    assert not item.casts_shadows
-
-
-def test_mesh_when_no_material_is_stated_keeps_its_own(tmp_path: Path) -> None:
-    (tmp_path / "m.stl").touch()
-    item = read_world_text(tmp_path, "Meshes=(File=m.stl,Scale=0.01,Up=Y)").items[-1]
-    assert item.shape == MeshFile(tmp_path / "m.stl", 0.01, "y")
-    assert item.material is None
-    assert item.unlit is None
-
-
-@pytest.mark.parametrize("unlit", [True, False])
-def test_lights_of_a_mesh_with_its_own_material_are_switched_by_the_world(
-    tmp_path: Path, unlit: bool
-) -> None:
-    (tmp_path / "m.stl").touch()
-    path = write_small_world(tmp_path, f"Meshes=(File=m.stl,Unlit={unlit})")
-    world, file = read_world(path)
-    assert world.items[-1].material is None
-    assert world.items[-1].unlit is unlit
-    assert file.unknown_names() == []
-
-
-def test_unlit_beside_a_colour_belongs_to_the_material(tmp_path: Path) -> None:
-    (tmp_path / "m.stl").touch()
-    item = read_world_text(tmp_path, "Meshes=(File=m.stl,Colour=(R=0,G=0,B=0),Unlit=true)").items[
-        -1
-    ]
-    assert item.material == Material((0.0, 0.0, 0.0), unlit=True)
-    assert item.unlit is None
-
-
-def test_lights_when_written_are_linear_light_times_brightness(tmp_path: Path) -> None:
-    world = read_world_text(
-        tmp_path,
-        "Lights=(Type=Hemisphere,Up=(R=255,G=255,B=255),Down=(R=0,G=0,B=0),Brightness=0.5)",
-        "Lights=(Type=Directional,Direction=(X=0,Y=0,Z=2))",
-        "Lights=(Type=Point,Position=(X=1,Y=2,Z=-3),Colour=(R=255,G=0,B=0),Brightness=4)",
-    )
-    assert world.lights == (
-        HemisphereLight((0.5, 0.5, 0.5), (0.0, 0.0, 0.0)),
-        DirectionalLight((0.0, 0.0, 1.0), (1.0, 1.0, 1.0)),
-        PointLight((1.0, 2.0, -3.0), (4.0, 0.0, 0.0)),
-    )
 
 
 def test_start_when_written_is_a_pose(tmp_path: Path) -> None:
