@@ -11,11 +11,8 @@ import pytest
 from catoptra_client.unwarp import CylinderGeometry, PerspectiveGeometry, make_unwarp_map, unwarp
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
-from catoptra_protocol.optics.omni_camera import (
-    camera_with_inscribed_rim,
-    direction_from_pixel,
-    pixel_sample_positions,
-)
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, direction_from_pixel
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 
 CAMERA = camera_with_inscribed_rim(
     PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120)

@@ -15,8 +15,8 @@ import numpy as np
 
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.stream.requests import ImageEncoding
 from conformance.check import (
     Check,

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from conformance.check import CheckFailed, CheckSkipped
 
 Floats = npt.NDArray[np.float64]

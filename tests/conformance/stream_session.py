@@ -20,8 +20,8 @@ from catoptra_protocol.errors import (
     DeadlineExceededError,
     RemoteProtocolError,
 )
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.grammar import parse_message

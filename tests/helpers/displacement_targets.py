@@ -22,8 +22,8 @@ from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
     pixel_from_direction,
-    pixel_sample_positions,
 )
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
 from catoptra_server.render.renderer import Image
 from catoptra_server.scene.colour import linear_from_srgb
@@ -122,8 +122,8 @@ def _scatter(
     angle_rad = rng.uniform(-math.pi, math.pi, 60 * count)
     circle = np.stack((np.cos(angle_rad), np.sin(angle_rad)), axis=-1)
     points, _ = direction_from_pixel(camera, camera.centre_px + radius_px[:, None] * circle)
-    t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
-    along_px = camera.horizon_radius_px * camera.mirror.radius_ratio_slope(t)
+    t = camera.projection.t_from_radius_ratio(radius_px / camera.scale_px)
+    along_px = camera.scale_px * camera.projection.radius_ratio_slope(t)
     across_px = radius_px * (1.0 + t * t) / (2.0 * t)
     half = 0.5 * size_px / np.minimum(along_px, across_px)
     # Half a square's diagonal, and a little room.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR, CentralMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, Mirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
@@ -114,7 +114,7 @@ def make_fine_floor(texture: Path) -> World:
 
 
 def make_omni_camera(
-    *, mirror: CentralMirror = PAPER_MIRROR, width_px: int = 200, rim_deg: float = 120.0
+    *, mirror: Mirror = PAPER_MIRROR, width_px: int = 200, rim_deg: float = 120.0
 ) -> OmniCamera:
     """A square camera whose rim touches the image borders."""
     return camera_with_inscribed_rim(

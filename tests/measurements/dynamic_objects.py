@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 from scenes import CAMERA_STATE, make_camera, make_robots, make_worlds
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import create_renderer

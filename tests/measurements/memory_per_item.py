@@ -20,7 +20,7 @@ from pathlib import Path
 from PIL import Image
 from scenes import CAMERA_STATE, make_balls, make_camera, make_worlds
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.robot_file import read_robot

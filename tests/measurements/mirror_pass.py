@@ -88,7 +88,7 @@ def set_camera_model(program: moderngl.Program) -> None:
     mirror = camera.mirror
     assert isinstance(mirror, HyperbolicMirror)
     set_uniform(program, "centre_px", camera.centre_px)
-    set_uniform(program, "inverse_h", 1.0 / camera.horizon_radius_px)
+    set_uniform(program, "inverse_h", 1.0 / camera.scale_px)
     set_uniform(program, "kappa_s", mirror.kappa * mirror.s)
     set_uniform(program, "inverse_s2", 1.0 / mirror.s**2)
     set_uniform(program, "rim_t", camera.rim_t)

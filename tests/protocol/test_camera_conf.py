@@ -16,21 +16,21 @@ from catoptra_protocol.camera_conf import (
     pairs_from_perspective_camera,
 )
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
+from catoptra_protocol.optics.mirrors import MIRRORS, HyperbolicMirror, Mirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
     pixel_from_direction,
 )
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.usarsim.grammar import Pairs, parse_message
 from catoptra_protocol.usarsim.reports import Configuration, line_from_report, report_from_message
 
 PAPER = HyperbolicMirror(11.546, 2.321)
 
 
-def make_camera(mirror: CentralMirror = PAPER, rim_deg: float = 125.0) -> OmniCamera:
+def make_camera(mirror: Mirror = PAPER, rim_deg: float = 125.0) -> OmniCamera:
     """Camera of the paper, 360 x 360 px."""
     return camera_with_inscribed_rim(
         mirror, width_px=360, height_px=360, rim_rad=math.radians(rim_deg)
@@ -41,7 +41,7 @@ def test_pairs_have_the_specified_names_and_order() -> None:
     names = [name for name, _ in pairs_from_omni_camera(make_camera(), 0.5)]
     assert " ".join(names) == (
         "CameraDefFov CameraMinFov CameraMaxFov CameraFov Width Height Mirror MirrorK MirrorC "
-        "CentreU CentreV HorizonRadius RimAngle UpAzimuth ViewpointHeight"
+        "CentreU CentreV HorizonRadius RimAngle UpAzimuth Picture ViewpointHeight"
     )
 
 
@@ -58,7 +58,7 @@ def test_pairs_of_a_parabolic_mirror_have_its_radius() -> None:
 
 
 @pytest.mark.parametrize("mirror", [PAPER, ParabolicMirror(0.03)])
-def test_camera_when_sent_as_a_line_is_the_same(mirror: CentralMirror) -> None:
+def test_camera_when_sent_as_a_line_is_the_same(mirror: Mirror) -> None:
     sent = make_camera(mirror)
     conf = Configuration("Camera", (("Name", "Omni"), *pairs_from_omni_camera(sent, 0.4321)))
     line = line_from_report(conf).decode().rstrip("\r\n")
@@ -123,6 +123,7 @@ BAD = [
     ("CentreU", "half", "CentreU"),
     ("HorizonRadius", "-1", "radius > 0"),
     ("RimAngle", "179", "rim"),
+    ("Picture", "sideways", "mirrored or flipped"),
     ("ViewpointHeight", "inf", "ViewpointHeight"),
 ]
 
@@ -153,7 +154,7 @@ def test_pairs_of_the_same_camera_are_formatted_once(monkeypatch: pytest.MonkeyP
 
 
 def test_every_mirror_can_be_sent() -> None:
-    examples: dict[str, CentralMirror] = {"hyperbolic": PAPER, "parabolic": ParabolicMirror(0.03)}
+    examples: dict[str, Mirror] = {"hyperbolic": PAPER, "parabolic": ParabolicMirror(0.03)}
     assert set(examples) == set(MIRRORS)
     assert all(
         omni_camera_from_pairs(pairs_from_omni_camera(make_camera(m), 0.0))

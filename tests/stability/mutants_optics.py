@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
-from catoptra_protocol.optics.lenses.perspective import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.trace.reference.ray_batches import mean_pixels
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.world_description import PointLight
@@ -24,7 +24,7 @@ HYPERBOLIC = "catoptra_protocol.optics.mirrors.hyperbolic.HyperbolicMirror"
 PARABOLIC = "catoptra_protocol.optics.mirrors.parabolic.ParabolicMirror"
 CAMERA = "catoptra_protocol.optics.omni_camera"
 CUBE = "catoptra_protocol.optics.cube_map"
-LENS = "catoptra_protocol.optics.lenses.perspective.PerspectiveCamera"
+LENS = "catoptra_protocol.optics.perspective_camera.PerspectiveCamera"
 NUMBERS = "catoptra_protocol.usarsim.value_format"
 PIXELS = "catoptra_server.render.trace.reference.ray_batches.encode_pixels"
 
@@ -122,16 +122,16 @@ def pixel_by_azimuth(camera: OmniCamera, direction: Floats) -> tuple[Floats, Flo
     x, y, z = direction
     theta = np.minimum(np.arctan2(np.sqrt(x * x + y * y), z), camera.rim_rad)
     azimuth = np.arctan2(y, x) - camera.image_up_azimuth_rad
-    radius = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(np.tan(0.5 * theta))
+    radius = camera.scale_px * camera.projection.radius_ratio_from_t(np.tan(0.5 * theta))
     u, v = -radius * np.sin(azimuth), -radius * np.cos(azimuth)
     return np.stack((u, v), axis=-1) + camera.centre_px, np.bool_(True)
 
 
 def direction_by_normalising(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Floats]:
     """Divide by the radius, zero at the centre."""
-    du, dv = (np.asarray(pixel) - camera.centre_px) / camera.horizon_radius_px
+    du, dv = (np.asarray(pixel) - camera.centre_px) / camera.scale_px
     radius = np.sqrt(du * du + dv * dv)
-    t = camera.mirror.t_from_radius_ratio(radius)
+    t = camera.projection.t_from_radius_ratio(radius)
     theta, up = 2.0 * np.arctan(t), camera.image_up_azimuth_rad
     x = np.sin(theta) * (math.sin(up) * du - math.cos(up) * dv) / radius
     y = -np.sin(theta) * (math.cos(up) * du + math.sin(up) * dv) / radius
@@ -237,7 +237,8 @@ def point_light_without_guard(
 RATIO, SHAPE = f"{HYPERBOLIC}.radius_ratio_from_t", f"{HYPERBOLIC}.surface_point"
 INVERSE, SLOPE = f"{HYPERBOLIC}.t_from_radius_ratio", f"{HYPERBOLIC}.radius_ratio_slope"
 PIXEL, RAY = f"{CAMERA}.pixel_from_direction", f"{CAMERA}.direction_from_pixel"
-HALF_ANGLE, FACE = f"{CAMERA}.half_angle_tangent", f"{CUBE}.face_from_direction"
+HALF_ANGLE = "catoptra_protocol.optics.half_angle.half_angle_tangent"
+FACE = f"{CUBE}.face_from_direction"
 POINT_LIGHT = "catoptra_server.scene.shading.point_irradiance"
 ENCODE = "catoptra_server.scene.colour.srgb_from_linear"
 

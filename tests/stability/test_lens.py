@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.lenses.perspective import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from stability.catalogue import Case, Invalid, check, load
 
 

@@ -18,13 +18,13 @@ from catoptra_protocol.optics.cube_map import (
     face_coordinates,
     face_from_direction,
 )
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.half_angle import half_angle_tangent
+from catoptra_protocol.optics.mirrors import HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
     direction_from_pixel,
-    half_angle_tangent,
     pixel_from_direction,
 )
 from catoptra_protocol.usarsim.value_format import (
@@ -58,7 +58,7 @@ def some_camera(seed: int, k: float) -> tuple[OmniCamera, np.random.Generator]:
     """Camera of any size, rim, centre and turn, and the generator of its samples."""
     note(f"k = {k!r}, seed = {seed}")
     rng = np.random.default_rng(seed)
-    mirror: CentralMirror = HyperbolicMirror(k, 0.2) if seed % 4 else ParabolicMirror(0.05)
+    mirror: Mirror = HyperbolicMirror(k, 0.2) if seed % 4 else ParabolicMirror(0.05)
     # No nearer to the antipode than 150 degrees, where a radian is a thousandth of a pixel.
     highest = min(2.0 * math.atan(mirror.t_limit), math.radians(150.0))
     camera = camera_with_inscribed_rim(
@@ -133,7 +133,7 @@ def test_pixel_when_sent_to_a_direction_and_back_is_the_same(seed: int, k: float
     assert (valid & ~seen).sum() <= 0.01 * PLACES
     both = seen & valid
     # A direction is known to an ulp of 1; how many pixels that is, is the magnification.
-    slope = float(camera.mirror.radius_ratio_slope(np.array(camera.rim_t)))
+    slope = float(camera.projection.radius_ratio_slope(np.array(camera.rim_t)))
     bound = EPS * (64.0 * size.max() + 16.0 * camera.horizon_radius_px * slope)
     assert np.abs(back - pixel)[both].max(initial=0.0) <= bound
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics import omni_camera
+from catoptra_protocol.optics import half_angle, omni_camera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from stability.catalogue import Case, Invalid, check, load
@@ -24,18 +24,18 @@ def valid_value(answer: tuple[Floats, Bools]) -> Floats:
 
 def _camera(inputs: dict[str, Any]) -> omni_camera.OmniCamera:
     return omni_camera.OmniCamera(
-        mirror=HyperbolicMirror(inputs["k"], 0.2),
+        projection=HyperbolicMirror(inputs["k"], 0.2),
         width_px=inputs["width_px"],
         height_px=inputs["height_px"],
         centre_px=(inputs["centre_px"][0], inputs["centre_px"][1]),
-        horizon_radius_px=inputs["horizon_px"],
+        scale_px=inputs["horizon_px"],
         rim_rad=inputs["rim_rad"],
         image_up_azimuth_rad=inputs["up_rad"],
     )
 
 
 def _half_angle(direction: list[float]) -> Floats:
-    return valid_value(omni_camera.half_angle_tangent(np.array(direction)))
+    return valid_value(half_angle.half_angle_tangent(np.array(direction)))
 
 
 def _pixel(direction: list[float], **of: Any) -> Floats:

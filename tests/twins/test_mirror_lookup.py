@@ -9,8 +9,8 @@ import pytest
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
-    CentralMirror,
     HyperbolicMirror,
+    Mirror,
     ParabolicMirror,
 )
 from catoptra_protocol.optics.numerics import Bools, Floats
@@ -29,7 +29,7 @@ TOLERANCE_PX = 1e-3
 MAX_TEXELS = 16384
 
 # name, mirror, rim: below the asymptote, which is at 91.3 degrees for k = 2.001 and 102.6 for 2.1.
-MIRRORS: list[tuple[str, CentralMirror, float]] = [
+MIRRORS: list[tuple[str, Mirror, float]] = [
     ("a plane, nearly", HyperbolicMirror(2.001, 0.2), 80.0),
     ("strongly curved", HyperbolicMirror(2.1, 0.2), 100.0),
     ("curved", HyperbolicMirror(4.0, 0.2), 120.0),
@@ -99,7 +99,7 @@ def largest_error_px(context: moderngl.Context, camera: OmniCamera, atlas: Atlas
 @pytest.mark.parametrize(("mirror", "rim_deg"), CASES)
 @pytest.mark.parametrize("width_px", [360, 1024, 4096])
 def test_lookup_over_the_image_returns_to_its_pixel(
-    context: moderngl.Context, mirror: CentralMirror, rim_deg: float, width_px: int
+    context: moderngl.Context, mirror: Mirror, rim_deg: float, width_px: int
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
     assert largest_error_px(context, camera, atlas_by_density(camera)) < TOLERANCE_PX
@@ -125,7 +125,7 @@ def test_lookup_on_faces_of_an_explicit_size_returns_to_its_pixel(
 
 @pytest.mark.parametrize(("mirror", "rim_deg"), CASES)
 def test_samples_have_coordinates_exactly_where_the_camera_model_sees_the_mirror(
-    context: moderngl.Context, mirror: CentralMirror, rim_deg: float
+    context: moderngl.Context, mirror: Mirror, rim_deg: float
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=360, rim_deg=rim_deg)
     _, valid = sample_directions(context, camera, atlas_by_density(camera), grid(camera))

@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_IMAGE_PIXELS
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.frame_header import DifferenceRecord, EffectRecord, PlanAlternative
 from catoptra_protocol.usarsim.image_port import ImageType

@@ -26,7 +26,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import TWO_PI, Bools, Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, opencv_from_pixel, pixel_from_direction
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.pixel_grid import opencv_from_pixel
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 
 UInt8Array = npt.NDArray[np.uint8]

@@ -5,30 +5,67 @@ the image width. Then our extension (SPEC.md 5.5), in the shortest decimals that
 same doubles (the rim passes through degrees and may differ in its last bit). The only module that
 knows both sides: it works on pairs, so that neither the wire nor the optics imports the other.
 
-To add a mirror: its line in `MIRROR_PARAMETERS` and, if it has a focal length, in
-`_capture_fov_deg`.
+To add a mirror or a lens: its line in `MIRROR_PARAMETERS` or `LENS_PARAMETERS`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import lru_cache
 
 from catoptra_protocol.errors import DomainError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
-from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
+from catoptra_protocol.optics.image_plane import ImagePlane
+from catoptra_protocol.optics.lenses import LENSES
+from catoptra_protocol.optics.mirrors import MIRRORS
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.slotted_dataclass import dataclass
 
 Pairs = tuple[tuple[str, str], ...]
+Parameters = tuple[tuple[str, str], ...]
 
-# Parameters of each mirror: the name on the wire and the attribute.
-MIRROR_PARAMETERS: dict[str, tuple[tuple[str, str], ...]] = {
+# Parameters of each projection: the name on the wire and the attribute, a number or a tuple of
+# numbers.
+MIRROR_PARAMETERS: dict[str, Parameters] = {
     "hyperbolic": (("MirrorK", "k"), ("MirrorC", "c_m")),
     "parabolic": (("MirrorHorizonRadius", "horizon_radius_m"),),
 }
+LENS_PARAMETERS: dict[str, Parameters] = {
+    "equidistant": (),
+}
 
-# Value of Projection in the model of an ordinary camera; an omnidirectional one has a Mirror.
+# Numbers of a pair with several values, such as a table's: a camera's pairs are a datagram.
+_MAX_VALUES = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """Projections of one kind on the wire."""
+
+    key: str
+    """Name of the pair that names the projection."""
+    types: Mapping[str, type[RadialProjection]]
+    parameters: Mapping[str, Parameters]
+
+    def find_name(self, projection: RadialProjection) -> str | None:
+        # By exact type: the projection classes know no names of the wire.
+        return next((name for name, kind in self.types.items() if type(projection) is kind), None)
+
+
+_KINDS = (
+    _Kind("Mirror", MIRRORS, MIRROR_PARAMETERS),
+    _Kind("Lens", LENSES, LENS_PARAMETERS),
+)
+
+# Name of the scale: mirrors with the 90-degree circle as unit state h of Eq. 2.
+_HORIZON_UNIT = ("hyperbolic", "parabolic")
+
+# Value of Projection in the model of an ordinary camera; an omnidirectional one has a Mirror or a
+# Lens.
 _PERSPECTIVE_PROJECTION = "perspective"
 
 # Cameras whose pairs stay formatted: every frame header carries the pairs, formatting takes 7
@@ -47,18 +84,21 @@ def pairs_from_omni_camera(camera: OmniCamera, viewpoint_height_m: float) -> Pai
         viewpoint_height_m: Height of the effective viewpoint above the floor, robot upright.
     """
     fov = f"{_capture_fov_deg(camera):.4f}"
+    pairs = _pairs_from_projection(camera.projection)
     # The capture camera has no zoom: default, minimum, maximum and present value are the same.
     names = ("CameraDefFov", "CameraMinFov", "CameraMaxFov", "CameraFov")
     return (
         *((name, fov) for name in names),
         ("Width", str(camera.width_px)),
         ("Height", str(camera.height_px)),
-        *_pairs_from_mirror(camera.mirror),
+        *pairs,
         ("CentreU", _format_number(camera.centre_px[0])),
         ("CentreV", _format_number(camera.centre_px[1])),
-        ("HorizonRadius", _format_number(camera.horizon_radius_px)),
+        (_scale_key(pairs), _format_number(camera.scale_px)),
         ("RimAngle", _format_number(math.degrees(camera.rim_rad))),
         ("UpAzimuth", _format_number(camera.image_up_azimuth_rad)),
+        ("Picture", camera.picture.value),
+        *_pairs_from_plane(camera.plane),
         ("ViewpointHeight", _format_number(viewpoint_height_m)),
     )
 
@@ -71,15 +111,19 @@ def omni_camera_from_pairs(pairs: Pairs) -> tuple[OmniCamera, float]:
     Raises:
         RemoteProtocolError: A field is missing or wrong; names the field.
     """
+    projection = _projection_from_pairs(pairs)
+    scale_key = _scale_key(_pairs_from_projection(projection))
     try:
         camera = OmniCamera(
-            mirror=_mirror_from_pairs(pairs),
+            projection=projection,
             width_px=_parse_side_px(pairs, "Width"),
             height_px=_parse_side_px(pairs, "Height"),
             centre_px=(_parse_number(pairs, "CentreU"), _parse_number(pairs, "CentreV")),
-            horizon_radius_px=_parse_number(pairs, "HorizonRadius"),
+            scale_px=_parse_number(pairs, scale_key),
             rim_rad=math.radians(_parse_number(pairs, "RimAngle")),
             image_up_azimuth_rad=_parse_number(pairs, "UpAzimuth"),
+            picture=_parse_picture(pairs),
+            plane=_plane_from_pairs(pairs),
         )
     except DomainError as error:
         raise RemoteProtocolError(f"CONF of an impossible camera: {error}") from error
@@ -113,30 +157,75 @@ def any_camera_from_pairs(pairs: Pairs) -> OmniCamera | PerspectiveCamera:
         raise RemoteProtocolError(f"an impossible camera: {error}") from error
 
 
-def _pairs_from_mirror(mirror: CentralMirror) -> Pairs:
-    # By isinstance: the mirror classes know no names of the wire.
-    name = next(name for name, kind in MIRRORS.items() if isinstance(mirror, kind))
-    parameters = (
-        (key, _format_number(getattr(mirror, field))) for key, field in MIRROR_PARAMETERS[name]
-    )
-    return (("Mirror", name), *parameters)
+def _pairs_from_projection(projection: RadialProjection) -> Pairs:
+    for kind in _KINDS:
+        name = kind.find_name(projection)
+        if name is not None:
+            parameters = (
+                (key, _format_numbers(getattr(projection, attribute)))
+                for key, attribute in kind.parameters[name]
+            )
+            return ((kind.key, name), *parameters)
+    raise AssertionError(f"no line of MIRRORS or LENSES for {projection!r}")
 
 
-def _mirror_from_pairs(pairs: Pairs) -> CentralMirror:
-    name = _require_value(pairs, "Mirror").lower()
-    if name not in MIRRORS:
-        raise _field_error("Mirror", name, "one of " + ", ".join(MIRRORS))
-    parameters = {field: _parse_number(pairs, key) for key, field in MIRROR_PARAMETERS[name]}
-    return MIRRORS[name](**parameters)
+def _projection_from_pairs(pairs: Pairs) -> RadialProjection:
+    names = {key.lower() for key, _ in pairs}
+    # By Mirror where neither is there: the error names the commoner one.
+    kind = next((kind for kind in _KINDS if kind.key.lower() in names), _KINDS[0])
+    name = _require_value(pairs, kind.key).lower()
+    if name not in kind.types:
+        raise _field_error(kind.key, name, "one of " + ", ".join(kind.types))
+    parameters = {attribute: _parse_numbers(pairs, key) for key, attribute in kind.parameters[name]}
+    try:
+        return kind.types[name](**parameters)
+    except (DomainError, TypeError) as error:
+        raise RemoteProtocolError(f"CONF of an impossible {kind.key.lower()}: {error}") from error
+
+
+def _scale_key(projection: Pairs) -> str:
+    return "HorizonRadius" if projection[0][1] in _HORIZON_UNIT else "FocalLength"
+
+
+def _pairs_from_plane(plane: ImagePlane) -> Pairs:
+    if plane.is_radial:
+        return ()
+    numbers = (*plane.stretch, plane.p1, plane.p2)
+    return (("ImagePlane", _format_numbers(numbers)),)
+
+
+def _plane_from_pairs(pairs: Pairs) -> ImagePlane:
+    if not any(key.lower() == "imageplane" for key, _ in pairs):
+        return ImagePlane()
+    values = _parse_numbers(pairs, "ImagePlane")
+    if not isinstance(values, tuple) or len(values) != 6:
+        raise _field_error("ImagePlane", str(values), "a 2 x 2 matrix, p1 and p2: six numbers")
+    a, b, c, d, p1, p2 = values
+    return ImagePlane((a, b, c, d), p1, p2)
+
+
+def _parse_picture(pairs: Pairs) -> Picture:
+    value = _require_value(pairs, "Picture")
+    try:
+        return Picture(value.lower())
+    except ValueError:
+        expected = " or ".join(picture.value for picture in Picture)
+        raise _field_error("Picture", value, expected) from None
 
 
 def _capture_fov_deg(camera: OmniCamera) -> float:
-    """Field of view of the capture camera across the image width; 0 if orthographic."""
-    if not isinstance(camera.mirror, HyperbolicMirror):
+    """Field of view of the capture camera across the image width; 0 if telecentric or a lens's."""
+    if not camera.has_mirror:
         return 0.0
-    focal_length_px = camera.mirror.s * camera.horizon_radius_px
     # atan2 and not atan of the quotient: the focal length may vanish or overflow for extreme h, k.
-    return math.degrees(2.0 * math.atan2(0.5 * camera.width_px, focal_length_px))
+    tangent = 0.5 * camera.width_px * camera.inverse_focal_length
+    return math.degrees(2.0 * math.atan(tangent))
+
+
+def _format_numbers(value: float | tuple[float, ...]) -> str:
+    if isinstance(value, tuple):
+        return ",".join(map(_format_number, value))
+    return _format_number(value)
 
 
 def _format_number(value: float) -> str:
@@ -162,6 +251,16 @@ def _parse_number(pairs: Pairs, name: str) -> float:
     if not math.isfinite(value):
         raise _field_error(name, text, "a finite number")
     return value
+
+
+def _parse_numbers(pairs: Pairs, name: str) -> float | tuple[float, ...]:
+    """A number, or several with commas between."""
+    text = _require_value(pairs, name)
+    if "," not in text:
+        return _parse_number(pairs, name)
+    if text.count(",") >= _MAX_VALUES:
+        raise _field_error(name, text, f"at most {_MAX_VALUES} numbers")
+    return tuple(_parse_number(((name, part),), name) for part in text.split(","))
 
 
 def _parse_side_px(pairs: Pairs, name: str) -> int:

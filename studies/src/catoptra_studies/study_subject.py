@@ -175,7 +175,7 @@ def resize_camera(camera: OmniCamera, size_px: int) -> OmniCamera:
         width_px=size_px,
         height_px=size_px,
         centre_px=(0.5 * size_px, 0.5 * size_px),
-        horizon_radius_px=scale * camera.horizon_radius_px,
+        scale_px=scale * camera.scale_px,
     )
 
 

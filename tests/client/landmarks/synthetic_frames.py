@@ -19,8 +19,8 @@ from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
     direction_from_pixel,
-    pixel_sample_positions,
 )
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 
 FIELD_LANDMARKS = read_landmarks(
     Path(__file__).parents[3] / "configs/landmarks/four_legged_2006.csv"

@@ -13,8 +13,8 @@ from catoptra_protocol.optics.image_scale import (
 )
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
-    CentralMirror,
     HyperbolicMirror,
+    Mirror,
     ParabolicMirror,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
@@ -41,7 +41,7 @@ def numeric_scales(camera: OmniCamera, theta: float) -> tuple[float, float]:
 @pytest.mark.parametrize(
     "mirror", [PAPER_MIRROR, HyperbolicMirror(2.5, 0.1), ParabolicMirror(0.03)], ids=str
 )
-def test_scales_are_the_derivatives_of_the_projection(mirror: CentralMirror) -> None:
+def test_scales_are_the_derivatives_of_the_projection(mirror: Mirror) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=360, rim_deg=105.0)
     scale = compute_image_scale(camera)
     for ring in (20, 64, 110):

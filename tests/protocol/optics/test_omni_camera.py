@@ -13,10 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.half_angle import half_angle_tangent
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
-    CentralMirror,
     HyperbolicMirror,
+    Mirror,
     ParabolicMirror,
 )
 from catoptra_protocol.optics.omni_camera import (
@@ -24,17 +25,15 @@ from catoptra_protocol.optics.omni_camera import (
     camera_with_inscribed_rim,
     direction_from_pixel,
     direction_from_pixel_grid,
-    half_angle_tangent,
-    opencv_from_pixel,
     pixel_from_direction,
-    pixel_sample_positions,
 )
+from catoptra_protocol.optics.pixel_grid import opencv_from_pixel, pixel_sample_positions
 
 HYPERBOLIC = PAPER_MIRROR
 
 
 def make_camera(
-    mirror: CentralMirror = HYPERBOLIC,
+    mirror: Mirror = HYPERBOLIC,
     *,
     width_px: int = 360,
     height_px: int = 360,
@@ -93,7 +92,7 @@ def test_pixel_when_of_an_incidence_lies_on_its_circle(incidence_deg: float, rat
     pixel, valid = pixel_from_direction(camera, direction_from_angles(incidence_deg, 37.0))
     assert valid
     radius = math.dist(pixel, camera.centre_px)
-    assert radius / camera.horizon_radius_px == pytest.approx(ratio, abs=5.1e-10)
+    assert radius / camera.scale_px == pytest.approx(ratio, abs=5.1e-10)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +103,7 @@ def test_pixel_when_of_an_incidence_lies_on_its_circle(incidence_deg: float, rat
 def test_image_when_forward_is_up_is_mirrored(bearing_deg: float, u: float, v: float) -> None:
     camera = make_camera()
     pixel, _ = pixel_from_direction(camera, direction_from_angles(90.0, bearing_deg))
-    away = (pixel - camera.centre_px) / camera.horizon_radius_px
+    away = (pixel - camera.centre_px) / camera.scale_px
     np.testing.assert_allclose(away, (u, v), atol=1e-15)
 
 
@@ -119,7 +118,7 @@ def test_image_when_turned_shows_the_up_azimuth_at_its_top(up_deg: float) -> Non
 @pytest.mark.parametrize("mirror", [HYPERBOLIC, ParabolicMirror(0.05), HyperbolicMirror(1e9, 0.2)])
 @pytest.mark.parametrize("up_azimuth_rad", [0.0, 2.1])
 def test_direction_when_sent_to_a_pixel_and_back_is_the_same(
-    mirror: CentralMirror, up_azimuth_rad: float
+    mirror: Mirror, up_azimuth_rad: float
 ) -> None:
     camera = make_camera(mirror, up_azimuth_rad=up_azimuth_rad)
     there = np.array(
@@ -162,7 +161,7 @@ def test_pixel_when_beside_the_mirror_is_invalid_and_harmless() -> None:
     [((20.0, 15.0), 0.0), ((20.0, 15.0), 0.3), ((17.3, 15.0), 2.0), ((-3.0, 31.7), 0.0)],
 )
 def test_direction_in_a_grid_is_that_of_its_pixel_to_the_last_bit(
-    mirror: CentralMirror, centre_px: tuple[float, float], up_azimuth_rad: float
+    mirror: Mirror, centre_px: tuple[float, float], up_azimuth_rad: float
 ) -> None:
     inscribed = make_camera(mirror, width_px=40, height_px=30, up_azimuth_rad=up_azimuth_rad)
     camera = dataclasses.replace(inscribed, centre_px=centre_px)
@@ -305,8 +304,8 @@ def test_projection_agrees_with_opencv_s_omnidirectional_model() -> None:
     [
         ({"width_px": 0}, "no pixel"),
         ({"height_px": -1}, "no pixel"),
-        ({"horizon_radius_px": 0.0}, "radius > 0"),
-        ({"horizon_radius_px": math.nan}, "radius > 0"),
+        ({"scale_px": 0.0}, "radius > 0"),
+        ({"scale_px": math.nan}, "radius > 0"),
         ({"rim_rad": 0.0}, "below 155.405"),
         ({"rim_rad": math.radians(155.41)}, "below 155.405"),
         ({"rim_rad": math.pi}, "below 155.405"),
@@ -318,7 +317,7 @@ def test_camera_when_impossible_is_rejected(change: dict[str, float], expected: 
         "width_px": 360,
         "height_px": 360,
         "centre_px": (180.0, 180.0),
-        "horizon_radius_px": 100.0,
+        "scale_px": 100.0,
         "rim_rad": 2.0,
     }
     with pytest.raises(DomainError, match=expected):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.image_scale import compute_image_scale, visible_radii_px
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from helpers.effect_measurement import CAMERA
 from helpers.worlds import make_omni_camera
@@ -20,7 +20,7 @@ def test_focal_length_gives_the_angle_of_the_ray_to_the_mirrors_point() -> None:
     t = np.array(0.7 * CAMERA.rim_t)
     r, z = CAMERA.mirror.surface_point(t)
     psi = math.atan2(float(r), CAMERA.mirror.pinhole_distance_m - float(z))
-    radius_px = CAMERA.horizon_radius_px * float(CAMERA.mirror.radius_ratio_from_t(t))
+    radius_px = CAMERA.scale_px * float(CAMERA.projection.radius_ratio_from_t(t))
     assert math.atan(radius_px * CAMERA.inverse_focal_length) == pytest.approx(psi, rel=1e-12)
 
 

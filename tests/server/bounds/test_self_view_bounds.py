@@ -102,7 +102,7 @@ def test_ring_distances_do_not_exceed_those_of_points(ring: int) -> None:
     mesh = state.ego_body.mesh if state.ego_body else build_cube_mesh(1.0)
     local = MIRROR.inverse().transform_points(mesh.corners).reshape(-1, 3)
     theta = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
-    ratio = camera.mirror.radius_ratio_from_t(np.tan(0.5 * theta))
+    ratio = camera.projection.radius_ratio_from_t(np.tan(0.5 * theta))
     share = ratio * camera.horizon_radius_px / camera.rim_radius_px
     of_ring = local[np.floor(share * NUM_RINGS).astype(int) == ring]
     reach = bound_self_view(state, camera)

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mirror_section import read_mirror, read_surface
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 
 
-def read_from(folder: Path, class_name: str, *lines: str) -> tuple[CentralMirror, MirrorSurface]:
+def read_from(folder: Path, class_name: str, *lines: str) -> tuple[Mirror, MirrorSurface]:
     """Mirror and surface of a section with the lines of a class."""
     path = folder / "mirror.ini"
     item = f"Mesh=(ItemClass=class'Catoptra.{class_name}',ItemName=\"M\")"
@@ -32,7 +32,7 @@ def read_from(folder: Path, class_name: str, *lines: str) -> tuple[CentralMirror
     ],
 )
 def test_mirror_has_the_parameters_of_its_section_in_metres(
-    tmp_path: Path, class_name: str, lines: tuple[str, ...], mirror: CentralMirror
+    tmp_path: Path, class_name: str, lines: tuple[str, ...], mirror: Mirror
 ) -> None:
     assert read_from(tmp_path, class_name, *lines) == (mirror, PerPixel())
 

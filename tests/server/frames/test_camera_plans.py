@@ -8,8 +8,8 @@ from itertools import groupby
 
 import pytest
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.frames.camera_plans import CameraPlans, ErrorBoundTable
 from catoptra_server.planning.budget_monitor import BudgetStatus
 from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec

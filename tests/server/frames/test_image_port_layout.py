@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.usarsim.commands import Drive, Init, Set, SetViewports
 from catoptra_protocol.usarsim.reports import CameraConfiguration, Report, VehicleStatus
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from catoptra_protocol.optics.image_scale import compute_image_scale
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.frames.planned_camera import PlannedCamera
 from catoptra_server.planning.budget_monitor import BudgetMonitor
 from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec

@@ -13,8 +13,8 @@ from catoptra_protocol.optics.cube_map import (
 )
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
-    CentralMirror,
     HyperbolicMirror,
+    Mirror,
     ParabolicMirror,
 )
 from catoptra_protocol.optics.numerics import Floats
@@ -104,7 +104,7 @@ def texel_sides_px(camera: OmniCamera, region: FaceRegion) -> Floats:
     return np.array(lengths)
 
 
-MIRRORS: list[tuple[CentralMirror, float]] = [
+MIRRORS: list[tuple[Mirror, float]] = [
     *((PAPER_MIRROR, rim_deg) for rim_deg in RIMS_DEG),
     (HyperbolicMirror(3.0, 0.2), 105.0),
     (ParabolicMirror(0.03), 110.0),
@@ -114,7 +114,7 @@ MIRRORS: list[tuple[CentralMirror, float]] = [
 @pytest.mark.parametrize(("mirror", "rim_deg"), MIRRORS)
 @pytest.mark.parametrize("texels_per_px", [1.0, 1.7])
 def test_no_texel_is_longer_than_its_fraction_of_a_pixel(
-    mirror: CentralMirror, rim_deg: float, texels_per_px: float
+    mirror: Mirror, rim_deg: float, texels_per_px: float
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=640, rim_deg=rim_deg)
     for part in regions_of(camera, texels_per_px):
@@ -136,7 +136,7 @@ def test_bottom_face_is_coarser_than_the_side_faces() -> None:
 def test_density_on_the_axis_is_the_same_all_around() -> None:
     camera = make_omni_camera()
     density = pixels_per_unit(camera, Face.C, np.array([[0.0, 0.0], [1e-5, -1e-5]]))
-    slope = float(camera.mirror.radius_ratio_slope(np.array(0.0)))
+    slope = float(camera.projection.radius_ratio_slope(np.array(0.0)))
     assert density == pytest.approx(np.full((2, 2), camera.horizon_radius_px * slope), rel=1e-4)
 
 

@@ -7,15 +7,12 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
-    CentralMirror,
     HyperbolicMirror,
+    Mirror,
     ParabolicMirror,
 )
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-    direction_from_pixel,
-    pixel_sample_positions,
-)
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.rounding_error import corner_error, rounding_error
 from catoptra_server.planning.texel_footprint import texel_footprint
@@ -46,7 +43,7 @@ def rounding_px(
     ids=str,
 )
 def test_atlas_coordinates_are_more_precise_than_their_bound(
-    mirror: CentralMirror, rim_deg: float
+    mirror: Mirror, rim_deg: float
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=640, rim_deg=rim_deg)
     plan = make_plan(camera, RendererKind.RASTER, PerPixel())

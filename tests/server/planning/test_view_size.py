@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.memory_budget import ViewSize
 from catoptra_server.planning.view_size import (
     omni_view_size,

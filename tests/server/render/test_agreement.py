@@ -18,8 +18,8 @@ import pytest
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
-    CentralMirror,
     HyperbolicMirror,
+    Mirror,
     ParabolicMirror,
 )
 from catoptra_protocol.optics.numerics import Floats
@@ -92,7 +92,7 @@ def assert_same(raster: Image, trace: Image, *, levels: int = 2, edges: float = 
     assert (difference > levels).mean() < edges
 
 
-MIRRORS: dict[str, tuple[CentralMirror, float]] = {
+MIRRORS: dict[str, tuple[Mirror, float]] = {
     "the paper's": (PAPER_MIRROR, 120.0),
     "sixth face": (PAPER_MIRROR, 140.0),
     "looks down only": (PAPER_MIRROR, 40.0),

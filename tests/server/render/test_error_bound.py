@@ -15,8 +15,8 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
-    CentralMirror,
     HyperbolicMirror,
+    Mirror,
     ParabolicMirror,
 )
 from catoptra_protocol.optics.numerics import Floats
@@ -24,8 +24,8 @@ from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
     pixel_from_direction,
-    pixel_sample_positions,
 )
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.error_bound import error_bound
@@ -58,7 +58,7 @@ NEARLY_PARABOLIC = HyperbolicMirror(1e4, 0.3)
 PARABOLIC = ParabolicMirror(0.03)
 LEVEL = CameraState(Pose.identity())
 
-Lens = tuple[CentralMirror, float, int]  # mirror, rim in degrees, image width
+Lens = tuple[Mirror, float, int]  # mirror, rim in degrees, image width
 
 
 def make_tessellation(sectors: int, rings: int, way: str) -> Tessellation:
@@ -326,7 +326,7 @@ def centroid_errors_px(camera: OmniCamera, plan: RenderPlan) -> Floats:
     world = marker_world(
         directions[level],
         world_from_mirror=CAMERA_STATE.world_from_mirror,
-        diameter_rad=1.15 / camera.horizon_radius_px,
+        diameter_rad=1.15 / camera.scale_px,
     )
     renderer = TraceRenderer(build_scene(world), world, threads=1)
     image = render_frame(renderer, camera, plan, CAMERA_STATE)

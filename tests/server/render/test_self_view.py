@@ -11,8 +11,8 @@ from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
     pixel_from_direction,
-    pixel_sample_positions,
 )
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.self_view_bounds import bound_self_view
 from catoptra_server.capture.camera_state import CameraState
@@ -69,7 +69,7 @@ def test_camera_is_a_disc_in_the_image_centre(make_renderer: RendererFactory) ->
     edge = int(np.flatnonzero(row == deck)[0])
     angle = math.atan(CAMERA_RADIUS_M / (0.2321 + 0.003))
     expected = camera.horizon_radius_px * float(
-        camera.mirror.radius_ratio_from_t(np.array(math.tan(0.5 * angle)))
+        camera.projection.radius_ratio_from_t(np.array(math.tan(0.5 * angle)))
     )
     assert edge == pytest.approx(expected, abs=1.5)
 

@@ -25,7 +25,7 @@ def model_radii_px(subject: StudySubject, rings: int) -> tuple[Floats, Floats]:
     """Radii of the rings by the camera model, and by Eq. 2."""
     camera = subject.resize_camera(PAPER_SIZE_PX)
     t = np.tan(np.radians(0.5 * 5.0 * np.arange(1, rings + 1)))
-    exact = camera.mirror.radius_ratio_from_t(t)
+    exact = camera.projection.radius_ratio_from_t(t)
     return camera.horizon_radius_px * exact, camera.horizon_radius_px * t
 
 

@@ -65,7 +65,7 @@ def test_noise_has_the_stated_size():
     bearings = np.array([wrap_angle(s.bearing_rad - bearing) for s in measured])
     assert bearings.std() == pytest.approx(math.radians(1.0), rel=0.05)
     t = np.array([s.range_m / (math.hypot(s.range_m, HEIGHT_M) + HEIGHT_M) for s in measured])
-    radii_px = CAMERA.horizon_radius_px * CAMERA.mirror.radius_ratio_from_t(t)
+    radii_px = CAMERA.scale_px * CAMERA.projection.radius_ratio_from_t(t)
     assert radii_px.std() == pytest.approx(1.0, rel=0.05)
 
 

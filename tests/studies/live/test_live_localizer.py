@@ -13,9 +13,9 @@ from catoptra_client.landmarks import COLOUR_CODES, label_frame
 from catoptra_client.localization import OdometryPose
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_studies.live.live_localizer import NUM_TRAINING_FRAMES, LiveLocalizer

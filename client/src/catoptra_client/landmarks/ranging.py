@@ -85,7 +85,7 @@ def incidence_angle_sigma(
     t, visible = _visible_half_angle(camera, range_m, drop_m)
     if not visible:
         return 0.0, False
-    slope_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_slope(np.array(t)))
+    slope_px = camera.scale_px * float(camera.projection.radius_ratio_slope(np.array(t)))
     return sigma_px / slope_px, True
 
 
@@ -117,7 +117,7 @@ def azimuth_sigma(
     mirror does not reflect.
     """
     t, visible = _visible_half_angle(camera, range_m, drop_m)
-    radius_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_from_t(np.array(t)))
+    radius_px = camera.scale_px * float(camera.projection.radius_ratio_from_t(np.array(t)))
     sigma_rad = sigma_px / radius_px if visible and radius_px > 0.0 else math.inf
     return (sigma_rad, True) if sigma_rad < math.inf else (0.0, False)
 
@@ -129,4 +129,4 @@ def is_clear_of_horizon(*, drop_m: float, range_m: float, sigma_rad: float) -> b
 
 def _visible_half_angle(camera: OmniCamera, range_m: float, drop_m: float) -> tuple[float, bool]:
     t, defined = half_angle_from_range(range_m, drop_m=drop_m)
-    return (t, True) if defined and t < camera.mirror.t_limit else (0.0, False)
+    return (t, True) if defined and t < camera.projection.t_limit else (0.0, False)

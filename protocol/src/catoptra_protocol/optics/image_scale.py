@@ -50,15 +50,16 @@ def compute_image_scale(camera: RadialCamera) -> ImageScale:
     """Scales on the rings that the image of a camera shows."""
     min_radius_px, max_radius_px = visible_radii_px(camera)
     radius_px = np.linspace(min_radius_px, max_radius_px, _NUM_RINGS)
+    t = camera.t_from_radius_px(radius_px)
     horizon_px = camera.horizon_radius_px
     if min_radius_px < horizon_px < max_radius_px:
         # The side faces' centres lie on the horizon: there the texels of the cube are largest.
-        radius_px = np.sort(np.append(radius_px, horizon_px))
-    t = camera.t_from_radius_px(radius_px)
-    radial = camera.radius_slope_px(t)
+        place = np.searchsorted(radius_px, horizon_px)
+        radius_px, t = np.insert(radius_px, place, horizon_px), np.insert(t, place, 1.0)
+    radial = camera.max_stretch * camera.radius_slope_px(t)
     on_axis = t < 1e-9  # r / sin(theta) is 0 / 0 there; both scales are equal
     sine = np.where(on_axis, 1.0, 2.0 * t / (1.0 + np.square(t)))
-    tangential = np.where(on_axis, radial, radius_px / sine)
+    tangential = np.where(on_axis, radial, camera.max_stretch * radius_px / sine)
     # Area of a ring is proportional to d(r^2); differences of r^2 need no ring boundaries.
     area = np.gradient(np.square(radius_px))
     return ImageScale(t, radius_px, radial, tangential, area / area.sum())

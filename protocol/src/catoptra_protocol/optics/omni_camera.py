@@ -1,65 +1,102 @@
 """Omnidirectional camera: from a direction at the effective viewpoint to a pixel, and back.
 
-The image is that of a real capture camera, which looks up into the mirror, and therefore mirrored:
-with forward up, a landmark on the robot's left appears on the right. Domain: incidence angles up to
-the rim, pixels on the mirror's disc; each function returns a mask beside its value.
+A projection gives the image radius of an angle from the optical axis, the image plane stretches and
+displaces it, scale and centre make pixels. A mirror's image is that of a real capture camera, which
+looks up into the mirror, and therefore mirrored: with forward up, a landmark on the robot's left
+appears on the right. A lens's image is not; `picture` says which. Domain: angles up to the rim,
+pixels on the disc within it; each function returns a mask beside its value.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Protocol, TypeVar
+from dataclasses import replace
+from typing import TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.mirrors.central_mirror import CentralMirror
+from catoptra_protocol.optics.half_angle import half_angle_tangent_from_rho_z, scale_components
+from catoptra_protocol.optics.image_plane import (
+    NO_CHANGE,
+    DistortedProjection,
+    ImagePlane,
+    undo_distortion,
+)
+from catoptra_protocol.optics.mirrors.mirror import Mirror
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_projection import RadialProjection, describe_limit
 from catoptra_protocol.slotted_dataclass import dataclass
 
 Element = TypeVar("Element", bound=np.generic)
 
-_MIN_NORMAL = float(np.finfo(np.float64).tiny)
-
 
 @dataclass(frozen=True, slots=True)
 class OmniCamera:
-    """Central mirror, and the position of the mirror's axis and 90-degree circle in the image."""
+    """Projection of a mirror or a lens, and the position of its axis and scale in the image."""
 
-    mirror: CentralMirror
-    """Projection of the mirror."""
+    projection: RadialProjection
+    """Image radius of an angle from the axis: a mirror or a lens."""
     width_px: int
     """Number of columns."""
     height_px: int
     """Number of rows."""
     centre_px: tuple[float, float]
     """Pixel (u, v) of the optical axis; pixel centres are at +0.5."""
-    horizon_radius_px: float
-    """Radius of the 90-degree circle: h of Eq. 2."""
+    scale_px: float
+    """Pixels per unit of the projection's image radius: h of Eq. 2 for mirrors, the focal length
+    for lenses."""
     rim_rad: float
-    """Incidence angle at the rim of the mirror; pixels beyond the rim are invalid."""
+    """Largest angle from the axis that is shown, the incidence at a mirror's rim; pixels beyond
+    are invalid."""
     image_up_azimuth_rad: float = 0.0
     """Azimuth in the mirror frame (x towards y) that points up in the image."""
+    picture: Picture = Picture.MIRRORED
+    """Hand of the image."""
+    plane: ImagePlane = NO_CHANGE
+    """Stretch and decentring of the image plane."""
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
             raise DomainError(f"an image of {self.width_px} x {self.height_px} px has no pixel")
-        if not (math.isfinite(self.horizon_radius_px) and self.horizon_radius_px > 0.0):
+        if not (math.isfinite(self.scale_px) and self.scale_px > 0.0):
             raise DomainError(
-                f"the 90-degree circle needs a radius > 0: {self.horizon_radius_px!r}"
+                "the unit of the image (a mirror's 90-degree circle, a lens's focal length) needs "
+                f"a radius > 0: {self.scale_px!r} px"
             )
         if not all(map(math.isfinite, (*self.centre_px, self.image_up_azimuth_rad))):
             raise DomainError(
                 "the image centre and the azimuth that points up must be finite: "
                 f"{self.centre_px!r}, {self.image_up_azimuth_rad!r}"
             )
-        if not 0.0 < self.rim_rad < math.pi or self.rim_t >= self.mirror.t_limit:
-            limit = math.degrees(2.0 * math.atan(self.mirror.t_limit))
+        if self.plane.is_decentred and not isinstance(self.projection, DistortedProjection):
             raise DomainError(
-                f"a rim at {math.degrees(self.rim_rad):g} deg lies beyond the reach of this "
-                f"mirror: it must be above 0 and below {limit:.3f} deg"
+                f"p1 and p2 belong to a projection with radial distortion, not to {self.projection}"
             )
+        _require_rim(self.projection, self.rim_rad)
+
+    @property
+    def mirror(self) -> Mirror:
+        """The mirror.
+
+        Raises:
+            DomainError: The camera has none.
+        """
+        if not self.has_mirror:
+            raise DomainError(f"a camera without a mirror has no mirror surface: {self.projection}")
+        return cast(Mirror, self.projection)
+
+    @property
+    def has_mirror(self) -> bool:
+        """Whether the projection is a mirror's."""
+        return hasattr(self.projection, "surface_point")
+
+    @property
+    def is_central(self) -> bool:
+        """Whether all rays meet in the effective viewpoint."""
+        return not self.has_mirror or self.mirror.is_central
 
     @property
     def rim_t(self) -> float:
@@ -69,17 +106,36 @@ class OmniCamera:
     @property
     def rim_radius_px(self) -> float:
         """Image radius of the rim."""
-        return self.horizon_radius_px * float(self.mirror.radius_ratio_from_t(np.array(self.rim_t)))
+        return self.scale_px * float(self.projection.radius_ratio_from_t(np.array(self.rim_t)))
+
+    @property
+    def horizon_radius_px(self) -> float:
+        """Image radius of 90 degrees, h of Eq. 2; inf where no image radius has this angle."""
+        if not self.projection.t_min <= 1.0 < self.projection.t_limit:
+            return math.inf
+        return self.scale_px * float(self.projection.radius_ratio_from_t(np.array(1.0)))
+
+    @property
+    def max_stretch(self) -> float:
+        """Bound of the factor by which the image plane enlarges a length."""
+        return self.plane.max_displacement_factor
 
     @property
     def optical_axis(self) -> tuple[float, float, float]:
-        """The mirror's axis: +z of the mirror frame."""
+        """+z of the mirror frame."""
         return 0.0, 0.0, 1.0
 
     @property
     def inverse_focal_length(self) -> float:
-        """1 / f of the capture camera, 1/px: tan(psi) per image radius; 0 if orthographic."""
-        # The inverse, since f itself is infinite for an orthographic camera.
+        """1 / f of the capture camera, 1/px: tan(psi) per image radius; 0 if telecentric.
+
+        That of the projection's centre without a mirror.
+        """
+        if not self.has_mirror:
+            # A fish-eye lens bends rays before its aperture: the exit angle is no function of the
+            # entrance angle; its shading is taken as that of a lens of the same focal length.
+            return 1.0 / self.scale_px
+        # The inverse, since f itself is infinite for a telecentric camera.
         pinhole_m = self.mirror.pinhole_distance_m
         if math.isinf(pinhole_m):
             return 0.0
@@ -89,82 +145,79 @@ class OmniCamera:
 
     def t_from_radius_px(self, radius_px: Floats) -> Floats:
         """tan(theta / 2) of image radii."""
-        return self.mirror.t_from_radius_ratio(radius_px / self.horizon_radius_px)
+        return self.projection.t_from_radius_ratio(radius_px / self.scale_px)
+
+    def radius_px_from_t(self, t: Floats) -> Floats:
+        """Image radii of t = tan(theta / 2), before the stretch of the image plane."""
+        return self.scale_px * self.projection.radius_ratio_from_t(t)
 
     def radius_slope_px(self, t: Floats) -> Floats:
         """Pixels per radian along the image radius at t = tan(theta / 2)."""
-        return self.horizon_radius_px * self.mirror.radius_ratio_slope(t)
+        return self.scale_px * self.projection.radius_ratio_slope(t)
 
     def direction_from_pixel(self, pixel: Floats) -> tuple[Floats, Bools]:
         """Unit directions of pixels in the mirror frame: see `direction_from_pixel` below."""
         return direction_from_pixel(self, pixel)
 
+    def pixel_from_direction(self, direction: Floats) -> tuple[Floats, Bools]:
+        """Pixels of directions in the mirror frame: see `pixel_from_direction` below."""
+        return pixel_from_direction(self, direction)
+
+    def with_picture(self, picture: Picture) -> OmniCamera:
+        """The camera of the same picture, turned round left to right where the hands differ."""
+        if picture is self.picture:
+            return self
+        u, v = self.centre_px
+        return replace(self, centre_px=(self.width_px - u, v), picture=picture)
+
+
+def _require_rim(projection: RadialProjection, rim_rad: float) -> None:
+    """Raise DomainError for a rim that the projection does not reach."""
+    # A mirror does not reflect its antipode, even where the formula's limit is there.
+    reaches_antipode = math.isinf(projection.t_limit) and not hasattr(projection, "surface_point")
+    in_half_turn = 0.0 < rim_rad < math.pi or (rim_rad == math.pi and reaches_antipode)
+    lowest = math.degrees(2.0 * math.atan(projection.t_min))
+    if not in_half_turn or not projection.t_min < math.tan(0.5 * rim_rad) < projection.t_limit:
+        raise DomainError(
+            f"a rim at {math.degrees(rim_rad):g} deg lies beyond the reach of this "
+            f"{'mirror' if hasattr(projection, 'surface_point') else 'lens'}: it must be above "
+            f"{lowest:g} and below {describe_limit(projection)}"
+        )
+
 
 def camera_with_inscribed_rim(
-    mirror: CentralMirror,
+    projection: RadialProjection,
     *,
     width_px: int,
     height_px: int,
     rim_rad: float,
     image_up_azimuth_rad: float = 0.0,
+    picture: Picture = Picture.MIRRORED,
 ) -> OmniCamera:
-    """Camera with a centred rim circle that touches the nearer pair of image borders."""
-    t = math.tan(0.5 * rim_rad)
-    # An impossible rim gets ratio 1 here and is rejected by OmniCamera, with the limit in degrees.
-    rim_ratio = float(mirror.radius_ratio_from_t(np.array(t))) if 0.0 < t < mirror.t_limit else 1.0
+    """Camera with a centred rim circle that touches the nearer pair of image borders.
+
+    Raises:
+        DomainError: A rim that the projection does not reach.
+    """
+    _require_rim(projection, rim_rad)
+    rim_ratio = float(projection.radius_ratio_from_t(np.array(math.tan(0.5 * rim_rad))))
     return OmniCamera(
-        mirror=mirror,
+        projection=projection,
         width_px=width_px,
         height_px=height_px,
         centre_px=(0.5 * width_px, 0.5 * height_px),
-        horizon_radius_px=0.5 * min(width_px, height_px) / rim_ratio,
+        scale_px=0.5 * min(width_px, height_px) / rim_ratio,
         rim_rad=rim_rad,
         image_up_azimuth_rad=image_up_azimuth_rad,
+        picture=picture,
     )
-
-
-@np.errstate(under="ignore")  # terms far below the largest component may vanish
-def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
-    """t = tan(theta / 2) of (..., 3) directions in the mirror frame, and where t is finite.
-
-    Invalid, with the value 0: the zero vector, the antipode, directions that are not finite, and
-    directions nearer to the antipode than 1e-308 rad.
-    """
-    x, y, z = _scale_components(direction)
-    return _half_angle_tangent_from_rho_z(np.hypot(x, y), z)
-
-
-def _half_angle_tangent_from_rho_z(rho: Floats, z: Floats) -> tuple[Floats, Bools]:
-    """t of directions at distance rho from the axis and height z, and a validity mask."""
-    norm = np.hypot(rho, z)
-    # tan(theta / 2) = rho / (norm + z) = (norm - z) / rho: one form for each hemisphere, chosen so
-    # that the sum or difference adds terms of one sign.
-    lower = z >= 0.0
-    numerator = np.where(lower, rho, norm - z)
-    denominator = np.where(lower, norm + z, rho)
-    # The numerator is at most 2: over a normal number the quotient is finite.
-    valid = denominator >= _MIN_NORMAL
-    return np.where(valid, numerator, 0.0) / np.where(valid, denominator, 1.0), valid
-
-
-def _scale_components(direction: Floats) -> tuple[Floats, Floats, Floats]:
-    """x, y, z of (..., 3) directions, divided by the largest component so that squares stay finite.
-
-    Zero where a direction is not finite.
-    """
-    direction = np.asarray(direction, dtype=np.float64)
-    finite = np.isfinite(direction).all(axis=-1, keepdims=True)
-    direction = np.where(finite, direction, 0.0)
-    largest = np.abs(direction).max(axis=-1, keepdims=True)
-    x, y, z = np.moveaxis(direction / np.where(largest > 0.0, largest, 1.0), -1, 0)
-    return x, y, z
 
 
 @np.errstate(under="ignore")
 def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats, Bools]:
-    """Pixel of a direction in the mirror frame, and whether the mirror reflects the direction.
+    """Pixel of a direction in the mirror frame, and whether the camera shows the direction.
 
-    Source: Schmits & Visser 2009, Eq. 2, with the exact image radius of the mirror.
+    Source: Schmits & Visser 2009, Eq. 2, with the exact image radius of the projection.
 
     Args:
         camera: the camera model.
@@ -174,28 +227,35 @@ def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats,
         (..., 2) pixels and a (...) mask. A direction on the axis has exactly the image centre;
             invalid pixels are the image centre as well, never NaN.
     """
-    x, y, z = _scale_components(direction)
+    x, y, z = scale_components(direction)
     rho = np.hypot(x, y)
-    t, defined = _half_angle_tangent_from_rho_z(rho, z)
-    valid = defined & (t <= camera.rim_t)
-    radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(
-        np.where(valid, t, 0.0)
-    )
-    # x / rho first, at most 1: radius_px / rho overflows for directions close to the axis.
+    t, defined = half_angle_tangent_from_rho_z(rho, z)
+    valid = defined & (t <= camera.rim_t) & (t >= camera.projection.t_min)
+    t = np.where(valid, t, camera.projection.t_min)
+    radius = camera.scale_px * camera.projection.radius_ratio_from_t(t)
+    # x / rho first, at most 1: radius / rho overflows for directions close to the axis.
     rho = np.where(rho > 0.0, rho, 1.0)
-    x = radius_px * (x / rho)
-    y = radius_px * (y / rho)
+    x, y = x / rho, y / rho
     ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
-    # Both terms of v are negative: the rotation by the up azimuth includes the reflection that
-    # makes the image mirrored.
-    u = camera.centre_px[0] + sa * x - ca * y
-    v = camera.centre_px[1] - ca * x - sa * y
-    return np.stack((u, v), axis=-1), valid
+    # Unit vectors to the right and down in the right-handed picture.
+    right, down = ca * y - sa * x, -ca * x - sa * y
+    du, dv = radius * right, radius * down
+    plane = camera.plane
+    if not plane.is_radial:
+        if plane.is_decentred:
+            projection = cast(DistortedProjection, camera.projection)
+            undistorted = projection.undistorted_ratio_from_t(t)
+            off_u, off_v = plane.decentre(undistorted * right, undistorted * down)
+            du, dv = du + camera.scale_px * off_u, dv + camera.scale_px * off_v
+        du, dv = plane.apply_stretch(du, dv)
+    if camera.picture is Picture.MIRRORED:
+        du = -du
+    return np.stack((camera.centre_px[0] + du, camera.centre_px[1] + dv), axis=-1), valid
 
 
 @np.errstate(under="ignore")
 def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Bools]:
-    """Unit direction in the mirror frame of a pixel, and whether the pixel lies on the mirror.
+    """Unit direction in the mirror frame of a pixel, and whether the pixel lies within the rim.
 
     Args:
         camera: the camera model.
@@ -209,19 +269,25 @@ def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Boo
     dv, near_v = _offset_from_centre(camera, pixel[..., 1], camera.centre_px[1])
     near = near_u & near_v
     # Pixels far outside get the direction of the axis.
-    ratio = np.where(near, np.hypot(du, dv), 0.0)
-    sine, cosine, on_mirror = _incidence_from_radius_ratio(camera, ratio)
+    du, dv, t, defined = _plane_point(camera, np.where(near, du, 0.0), np.where(near, dv, 0.0))
+    ratio = np.hypot(du, dv)
+    sine, cosine, on_mirror = _sine_cosine(camera, t)
     direction = np.zeros((*ratio.shape, 3))
     _write_directions(camera, (du, dv), ratio, sine, cosine, out=direction)
-    return direction, near & on_mirror
+    valid = near & on_mirror & defined
+    if camera.projection.t_min > 0.0:
+        # A cone's apex shows a circle of directions: none.
+        valid &= ratio > 0.0
+        direction[~valid] = (0.0, 0.0, 1.0)
+    return direction, valid
 
 
 @np.errstate(under="ignore")
 def direction_from_pixel_grid(camera: OmniCamera, u: Floats, v: Floats) -> tuple[Floats, Bools]:
     """Unit directions of all pixels of a grid, as of `direction_from_pixel` to the last bit.
 
-    The incidence angle is computed once for all columns and rows at the same distances from the
-    centre: in an image with a centred mirror for a quarter of the grid.
+    The angle from the axis is computed once for all columns and rows at the same distances from the
+    centre: in an image with a centred rim for a quarter of the grid.
 
     Args:
         camera: the camera model.
@@ -232,12 +298,14 @@ def direction_from_pixel_grid(camera: OmniCamera, u: Floats, v: Floats) -> tuple
         (h, w, 3) directions, stored component by component, and a (h, w) mask; invalid pixels have
             the direction +z, never NaN.
     """
+    if not camera.plane.is_radial or camera.projection.t_min > 0.0:
+        return direction_from_pixel(camera, np.stack(np.meshgrid(u, v), axis=-1))
     du, near_u = _offset_from_centre(camera, u, camera.centre_px[0])
     dv, near_v = _offset_from_centre(camera, v, camera.centre_px[1])
     distances_u, columns = np.unique(np.abs(du), return_inverse=True)
     distances_v, rows = np.unique(np.abs(dv), return_inverse=True)
     ratio = np.hypot(distances_u, distances_v[:, None])
-    sine, cosine, on_mirror = _incidence_from_radius_ratio(camera, ratio)
+    sine, cosine, on_mirror = _sine_cosine(camera, camera.projection.t_from_radius_ratio(ratio))
 
     def spread(quarter: npt.NDArray[Element]) -> npt.NDArray[Element]:
         # Columns first: rows are then copied as a whole.
@@ -251,12 +319,31 @@ def direction_from_pixel_grid(camera: OmniCamera, u: Floats, v: Floats) -> tuple
     return direction, spread(on_mirror) & near_u & near_v[:, None]
 
 
-def _incidence_from_radius_ratio(camera: OmniCamera, ratio: Floats) -> tuple[Floats, Floats, Bools]:
-    """Sine and cosine of the incidence angle at image radii, and whether these are on the mirror.
+def _plane_point(
+    camera: OmniCamera, du: Floats, dv: Floats
+) -> tuple[Floats, Floats, Floats, Bools]:
+    """Points of the plane towards the scene point, t, and validity, of offsets over the scale."""
+    plane = camera.plane
+    if plane.is_radial:
+        t = camera.projection.t_from_radius_ratio(np.hypot(du, dv))
+        return du, dv, t, np.ones(t.shape, dtype=np.bool_)
+    # The plane's axes are those of the right-handed picture.
+    sign = -1.0 if camera.picture is Picture.MIRRORED else 1.0
+    x, y = plane.undo_stretch(sign * du, dv)
+    if not plane.is_decentred:
+        t = camera.projection.t_from_radius_ratio(np.hypot(x, y))
+        return sign * x, y, t, np.ones(t.shape, dtype=np.bool_)
+    projection = cast(DistortedProjection, camera.projection)
+    x, y, converged = undo_distortion(projection, plane, x, y)
+    t = projection.t_from_undistorted_ratio(np.where(converged, np.hypot(x, y), 0.0))
+    return sign * x, y, t, converged
 
-    The axis beside the mirror.
+
+def _sine_cosine(camera: OmniCamera, t: Floats) -> tuple[Floats, Floats, Bools]:
+    """Sine and cosine of the angle from the axis, and whether it is within the rim.
+
+    The axis beyond the rim.
     """
-    t = camera.mirror.t_from_radius_ratio(ratio)
     on_mirror = t <= camera.rim_t
     t = np.where(on_mirror, t, 0.0)
     one_plus = 1.0 + np.square(t)
@@ -274,6 +361,8 @@ def _write_directions(
 ) -> None:
     """Write the (..., 3) directions of offsets (du, dv) from the centre, `ratio` their length."""
     du, dv = offset
+    if camera.picture is Picture.FLIPPED:
+        du = -du
     # On the axis du = dv = 0, so any finite divisor gives the direction +z.
     ratio = np.where(ratio > 0.0, ratio, 1.0)
     ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
@@ -285,46 +374,11 @@ def _write_directions(
 def _offset_from_centre(
     camera: OmniCamera, positions: Floats, centre: float
 ) -> tuple[Floats, Bools]:
-    """Offsets along an axis from the centre, in radii of the 90-degree circle, and whether they are
-    within twice the rim's radius; 0 where not.
+    """Offsets along an axis from the centre, over the scale, and whether they are within twice the
+    rim's radius; 0 where not.
     """
     # Masked before anything else, because hypot may overflow far outside; NaN compares false.
     # Halved operands: the difference of two large floats overflows, that of their halves does not.
-    near = np.asarray(np.abs(0.5 * positions - 0.5 * centre) <= camera.rim_radius_px)
-    return (np.where(near, positions, centre) - centre) / camera.horizon_radius_px, near
-
-
-class ImageSize(Protocol):
-    """Any camera model with an image size."""
-
-    @property
-    def width_px(self) -> int:
-        """Number of columns."""
-
-    @property
-    def height_px(self) -> int:
-        """Number of rows."""
-
-
-def pixel_sample_positions(
-    camera: ImageSize, samples_per_side: int = 1, *, rows: range | None = None
-) -> Floats:
-    """Positions (height, width, samples^2, 2) of a regular sample grid in each pixel.
-
-    Args:
-        camera: size of the image.
-        samples_per_side: samples along a pixel's side.
-        rows: consecutive rows of the image; None for all.
-    """
-    rows = range(camera.height_px) if rows is None else rows
-    offsets = (np.arange(samples_per_side) + 0.5) / samples_per_side
-    u = np.arange(camera.width_px)[:, None] + offsets
-    v = np.arange(rows.start, rows.stop)[:, None] + offsets
-    grid_v, grid_u = np.broadcast_arrays(v[:, None, :, None], u[None, :, None, :])
-    grid = np.stack((grid_u, grid_v), axis=-1)
-    return grid.reshape(len(rows), camera.width_px, samples_per_side * samples_per_side, 2)
-
-
-def opencv_from_pixel(pixel: Floats) -> Floats:
-    """Pixels in OpenCV's convention, in which pixel centres are integers."""
-    return pixel - 0.5
+    largest = camera.rim_radius_px * camera.plane.max_displacement_factor
+    near = np.asarray(np.abs(0.5 * positions - 0.5 * centre) <= largest)
+    return (np.where(near, positions, centre) - centre) / camera.scale_px, near

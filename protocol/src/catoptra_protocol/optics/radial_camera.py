@@ -1,7 +1,7 @@
 """Interface of the cameras whose image is symmetric about an optical axis, with or without mirror.
 
-The image radius r of a direction depends on its angle theta from the axis alone, so a function of
-r or of theta = 2 atan(t) describes scale, rings and the lens's shading. A mirror's axis is +z of
+The image radius r of a direction depends on its angle theta from the axis alone, but for the
+slight stretch of a calibrated image plane, so a function of r or of theta = 2 atan(t) describes scale, rings and the lens's shading. A mirror's axis is +z of
 the mirror frame, a lens's axis +x of the camera frame. To add a camera model, implement this
 protocol: effects and their bounds need nothing else.
 """
@@ -42,6 +42,10 @@ class RadialCamera(Protocol):
     @property
     def horizon_radius_px(self) -> float:
         """Image radius of 90 degrees from the axis; inf where no image radius has this angle."""
+
+    @property
+    def max_stretch(self) -> float:
+        """Bound of the factor by which the image differs from a radial one: 1 if it is radial."""
 
     @property
     def inverse_focal_length(self) -> float:

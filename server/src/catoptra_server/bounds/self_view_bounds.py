@@ -66,8 +66,8 @@ def _bound_mesh(mesh: ObjectMesh, pose_values: FloatTuple, camera: OmniCamera) -
     if not is_visible.any():
         return NOT_VISIBLE
     distance = _min_distances(corners, pose.rotate_directions(mesh.normals))
-    radius = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1) / camera.horizon_radius_px
-    border = 2.0 * np.arctan(camera.mirror.t_from_radius_ratio(radius))
+    radius = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1) / camera.scale_px
+    border = 2.0 * np.arctan(camera.projection.t_from_radius_ratio(radius))
     of_rings = (
         distance[(min_angle <= outer) & (max_angle >= inner)]
         for inner, outer in pairwise(border.tolist())

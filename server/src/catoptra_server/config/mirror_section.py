@@ -6,7 +6,7 @@ A new mirror is a case of `read_mirror`.
 from __future__ import annotations
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import HyperbolicMirror, Mirror, ParabolicMirror
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.mirror_mesh import (
@@ -26,7 +26,7 @@ _MAX_POLYGONS = 1_000_000
 _MAX_SINGLE_RING = 10
 
 
-def read_mirror(item: SectionReader, settings: SectionReader) -> CentralMirror:
+def read_mirror(item: SectionReader, settings: SectionReader) -> Mirror:
     """Mirror of an item of `StaticMeshes`, with the parameters of its class's section.
 
     Raises:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.mirrors import CentralMirror
+from catoptra_protocol.optics.mirrors import Mirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.effect_settings import read_effect_settings
@@ -132,7 +132,7 @@ def _read_viewpoint_pose(viewpoint: SectionReader) -> Pose:
 
 
 def _read_camera_model(
-    mirror: CentralMirror, settings: SectionReader, capture: SectionReader, item: SectionReader
+    mirror: Mirror, settings: SectionReader, capture: SectionReader, item: SectionReader
 ) -> OmniCamera:
     _require_at_pinhole(mirror, item)
     rim = settings.get_float("RimAngle", 120.0, min_value=1.0, max_value=179.0)
@@ -148,7 +148,7 @@ def _read_camera_model(
         raise settings.make_error("RimAngle", expected=f"a possible value: {error}") from error
 
 
-def _require_at_pinhole(mirror: CentralMirror, item: SectionReader) -> None:
+def _require_at_pinhole(mirror: Mirror, item: SectionReader) -> None:
     """Raise ConfigError for a capture camera off the pinhole or the axis, which is not central."""
     direction = item.get_vector("Direction", _LOOKING_UP)
     forward = Pose.from_rpy((0, 0, 0), direction).rotation[:, 0]

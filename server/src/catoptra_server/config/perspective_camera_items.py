@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.config.effect_settings import read_lens_effect_settings
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mounting import read_mount

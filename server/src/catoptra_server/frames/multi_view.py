@@ -188,7 +188,7 @@ def fit_omni_camera(tile: Tile, camera: OmniCamera) -> OmniCamera:
             0.5 * tile.width_px + scale * (u - 0.5 * camera.width_px),
             0.5 * tile.height_px + scale * (v - 0.5 * camera.height_px),
         ),
-        horizon_radius_px=scale * camera.horizon_radius_px,
+        scale_px=scale * camera.scale_px,
     )
 
 

@@ -179,8 +179,11 @@ def _pixels_per_radian(camera: OmniCamera, incidence_rad: Floats) -> tuple[Float
     # On the axis both are equal; a millionth of a radian beside, their formulas have values.
     theta = np.clip(incidence_rad, 1e-6, camera.rim_rad)
     t = np.tan(0.5 * theta)
-    h, mirror = camera.horizon_radius_px, camera.mirror
-    return h * mirror.radius_ratio_slope(t), h * mirror.radius_ratio_from_t(t) / np.sin(theta)
+    scale_px, projection = camera.scale_px, camera.projection
+    return (
+        scale_px * projection.radius_ratio_slope(t),
+        scale_px * projection.radius_ratio_from_t(t) / np.sin(theta),
+    )
 
 
 def _directions_from_face_points(face: Face, points: Floats) -> Floats:

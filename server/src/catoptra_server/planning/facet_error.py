@@ -21,9 +21,10 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.half_angle import half_angle_tangent
 from catoptra_protocol.optics.image_scale import shows_whole_rim
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, half_angle_tangent
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.geometric_error import GeometricError
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
@@ -111,7 +112,7 @@ def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
     chord_px = radius_px * math.cos(math.pi / tessellation.sectors)
     # 1 - cos as 2 sin^2 of the half: no cancellation for many sectors.
     gap_px = 2.0 * radius_px * math.sin(0.5 * math.pi / tessellation.sectors) ** 2
-    t = camera.mirror.t_from_radius_ratio(np.array(chord_px / camera.horizon_radius_px))
+    t = camera.projection.t_from_radius_ratio(np.array(chord_px / camera.scale_px))
     gap_deg = math.degrees(camera.rim_rad - 2.0 * math.atan(float(t)))
     return GeometricError(gap_px, 0.0, gap_deg, 0.0)
 
@@ -217,10 +218,10 @@ def _is_in_image(camera: OmniCamera, point_px: Floats, margin_px: Floats) -> Boo
 
 def _displacement_px(camera: OmniCamera, point_px: Floats, lookup_direction: Floats) -> Floats:
     """(n, q) distances from pixels to the pixels of their (n, q, 3) looked-up directions."""
-    asymptote_rad = 2.0 * math.atan(camera.mirror.t_limit)
+    asymptote_rad = 2.0 * math.atan(camera.projection.t_limit)
     t, _ = half_angle_tangent(lookup_direction)
     t = np.minimum(t, math.tan(0.5 * min(_ASYMPTOTE_FRACTION * asymptote_rad, _MAX_INCIDENCE_RAD)))
-    radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(t)
+    radius_px = camera.scale_px * camera.projection.radius_ratio_from_t(t)
     rho = np.hypot(lookup_direction[..., 0], lookup_direction[..., 1])
     model_px = lookup_direction[..., :2] * (radius_px / np.where(rho > 0.0, rho, 1.0))[..., None]
     distance_px: Floats = np.linalg.norm(model_px - point_px, axis=-1)
@@ -229,10 +230,10 @@ def _displacement_px(camera: OmniCamera, point_px: Floats, lookup_direction: Flo
 
 def _displacement_rad(camera: OmniCamera, point_px: Floats, lookup_direction: Floats) -> Floats:
     """(n, q) angles between the looked-up directions and those of the camera model."""
-    ratio = np.hypot(point_px[..., 0], point_px[..., 1]) / camera.horizon_radius_px
-    t = camera.mirror.t_from_radius_ratio(ratio)
+    ratio = np.hypot(point_px[..., 0], point_px[..., 1]) / camera.scale_px
+    t = camera.projection.t_from_radius_ratio(ratio)
     level = point_px * (2.0 * t / np.where(ratio > 0.0, ratio, 1.0))[..., None]
-    level /= camera.horizon_radius_px
+    level /= camera.scale_px
     model_direction = np.concatenate((level, ((1.0 - t) * (1.0 + t))[..., None]), axis=-1)
     model_direction /= (1.0 + np.square(t))[..., None]
     unit = lookup_direction / np.linalg.norm(lookup_direction, axis=-1, keepdims=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.memory_budget import ViewSize
 from catoptra_server.planning.explicit_plan import DEFAULT_SAMPLES, plan_from_settings
 from catoptra_server.render.render_plan import RenderPlan

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect

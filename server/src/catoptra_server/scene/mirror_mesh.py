@@ -105,12 +105,8 @@ def mirror_polygons(camera: OmniCamera, tessellation: Tessellation) -> Floats:
 
 def _ring_vertices(camera: OmniCamera, tessellation: Tessellation) -> Floats:
     """(rings + 1, sectors, 3) vertices; ring 0 is the vertex of the mirror, S times."""
-    ratio = (
-        np.linspace(0.0, 1.0, tessellation.rings + 1)
-        * camera.rim_radius_px
-        / camera.horizon_radius_px
-    )
-    r, z = camera.mirror.surface_point(camera.mirror.t_from_radius_ratio(ratio))
+    ratio = np.linspace(0.0, 1.0, tessellation.rings + 1) * camera.rim_radius_px / camera.scale_px
+    r, z = camera.mirror.surface_point(camera.projection.t_from_radius_ratio(ratio))
     # A border at 45 degrees: with 8, 16, ... sectors no polygon then crosses an edge of the side
     # faces.
     azimuth = (

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 
 from catoptra_protocol.camera_conf import Pairs, pairs_from_perspective_camera
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.configurations import TextureRegion
 from catoptra_protocol.usarsim.reports import CameraConfiguration, GeometryItem

@@ -29,7 +29,7 @@ def eq2_deviation_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Flo
         (...) deviations with the same radius of the horizon, and with the same radius of the rim.
     """
     t = np.tan(0.5 * theta_rad)
-    exact = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(t)
+    exact = camera.scale_px * camera.projection.radius_ratio_from_t(t)
     eq2 = eq2_radius_ratio_from_t(t)
     # Eq. 2 has no rim of its own: it can be fitted to the mirror at the horizon or at the rim.
     rim_eq2 = float(eq2_radius_ratio_from_t(np.array(camera.rim_t)))

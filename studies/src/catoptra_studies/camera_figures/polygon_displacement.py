@@ -17,8 +17,8 @@ from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
     pixel_from_direction,
-    pixel_sample_positions,
 )
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 from catoptra_server.scene.mirror_mesh import Tessellation
 
@@ -78,7 +78,7 @@ def displacement_px(camera: OmniCamera, pixels: Floats, directions: Floats) -> t
         (...) distances, and the mask of directions that have a projection.
     """
     # At 89 degrees of theta/2 even a mirror without asymptote ends; tan grows without limit there.
-    t_limit = min(camera.mirror.t_limit, math.tan(math.radians(89.0)))
+    t_limit = min(camera.projection.t_limit, math.tan(math.radians(89.0)))
     wide = dataclasses.replace(camera, rim_rad=_ASYMPTOTE_FRACTION * 2.0 * math.atan(t_limit))
     projections, is_valid = pixel_from_direction(wide, directions)
     return np.linalg.norm(projections - pixels, axis=-1), is_valid

@@ -32,7 +32,7 @@ def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     measured = measure_ring_radii(image, rim_radius_px=camera.rim_radius_px)
     theta_deg = _SPACING_DEG * np.arange(1, measured.shape[1] + 1)
     t = np.tan(np.radians(0.5 * theta_deg))
-    exact = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(t)
+    exact = camera.scale_px * camera.projection.radius_ratio_from_t(t)
     eq2 = camera.horizon_radius_px * eq2_radius_ratio_from_t(t)
     axes = plot_style.show_image(page, image, 20, 40, _IMAGE_WIDTH_PX)
     _label_rings(axes, theta_deg, exact)

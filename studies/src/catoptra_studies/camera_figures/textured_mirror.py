@@ -9,12 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.cube_map import Face, face_coordinates, face_from_direction
+from catoptra_protocol.optics.half_angle import half_angle_tangent
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-    half_angle_tangent,
-    pixel_from_direction,
-)
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.axonometry import Axonometry
 from catoptra_studies.plot_style import Image

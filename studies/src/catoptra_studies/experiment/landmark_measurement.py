@@ -116,13 +116,13 @@ def _measure_manually(
     if range_m > MAX_RANGE_M:
         return None
     ratio = _floor_radius_ratio(camera, range_m, height_m)
-    ratio += float(radial) * setup.manual_sigma_px / camera.horizon_radius_px
+    ratio += float(radial) * setup.manual_sigma_px / camera.scale_px
     bearing_rad = wrap_angle(math.atan2(dy, dx) - truth.yaw_rad)
     bearing_rad = wrap_angle(bearing_rad + float(angular) * setup.manual_sigma_rad)
     # Noise may push a near foot across the image's centre, where no radius is.
     if ratio < 0.0:
         return None
-    t = float(camera.mirror.t_from_radius_ratio(np.array(ratio)))
+    t = float(camera.projection.t_from_radius_ratio(np.array(ratio)))
     measured_m, is_below_horizon = range_from_half_angle(t, drop_m=height_m)
     if not is_below_horizon:
         return None
@@ -133,4 +133,4 @@ def _floor_radius_ratio(camera: OmniCamera, range_m: float, height_m: float) -> 
     """r_i / h of a point on the floor, by the camera model where the paper has Eq. 2."""
     # tan(theta/2) = sin / (1 + cos), with sin = range / distance and cos = height / distance.
     t = np.array(range_m / (math.hypot(range_m, height_m) + height_m))
-    return float(camera.mirror.radius_ratio_from_t(t))
+    return float(camera.projection.radius_ratio_from_t(t))

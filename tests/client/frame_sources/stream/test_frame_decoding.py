@@ -20,11 +20,11 @@ from catoptra_protocol.usarsim.image_port import ImageType
 from helpers.stream_messages import HEADER, HEADER_WITH_DIFFERENCE
 
 CAMERA = OmniCamera(
-    mirror=MIRRORS["parabolic"](horizon_radius_m=0.03),
+    projection=MIRRORS["parabolic"](horizon_radius_m=0.03),
     width_px=6,
     height_px=4,
     centre_px=(3.0, 2.0),
-    horizon_radius_px=1.5,
+    scale_px=1.5,
     rim_rad=1.75,
     image_up_azimuth_rad=0.0,
 )

@@ -18,7 +18,7 @@ from catoptra_protocol.errors import (
     LocalProtocolError,
     RemoteProtocolError,
 )
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.stream.messages import bytes_from_message
 from catoptra_protocol.stream.replies import (
     CameraReply,

@@ -33,7 +33,7 @@ PITCH_M = 7.4e-6
 EIGHT_MM_LENS_CAMERA = make_omni_camera(width_px=360)
 EIGHT_MM_LENS_CAMERA = replace(
     EIGHT_MM_LENS_CAMERA,
-    horizon_radius_px=EIGHT_MM_LENS_CAMERA.horizon_radius_px
+    scale_px=EIGHT_MM_LENS_CAMERA.scale_px
     * EIGHT_MM_LENS_CAMERA.inverse_focal_length
     / (1.0 / 8e-3 - 1.0 / 0.26812)
     / PITCH_M,
@@ -74,7 +74,7 @@ def test_disc_of_infinity_when_focused_best_is_that_of_an_8_mm_lens(
 )
 def test_disc_of_what_is_near_differs_from_infinitys(distance_m: float, added_px: float) -> None:
     radius = sample_radii_px(EIGHT_MM_LENS_CAMERA)
-    t = EIGHT_MM_LENS_CAMERA.mirror.t_from_radius_ratio(
+    t = EIGHT_MM_LENS_CAMERA.projection.t_from_radius_ratio(
         radius / EIGHT_MM_LENS_CAMERA.horizon_radius_px
     )
     rho_m = np.hypot(*EIGHT_MM_LENS_CAMERA.mirror.surface_point(t))

@@ -7,11 +7,8 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-    direction_from_pixel,
-    pixel_sample_positions,
-)
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.mirror_pass import rim_polygon

@@ -8,14 +8,14 @@ import pytest
 from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
-    CentralMirror,
     HyperbolicMirror,
+    Mirror,
     ParabolicMirror,
 )
 from catoptra_server.render.raster.sample_spacing import fit_spacing
 from helpers.worlds import make_omni_camera
 
-MIRRORS: list[tuple[CentralMirror, float]] = [
+MIRRORS: list[tuple[Mirror, float]] = [
     (PAPER_MIRROR, 120.0),
     (PAPER_MIRROR, 40.0),
     (PAPER_MIRROR, 140.0),
@@ -27,7 +27,7 @@ MIRRORS: list[tuple[CentralMirror, float]] = [
 @pytest.mark.parametrize(("mirror", "rim_deg"), MIRRORS)
 @pytest.mark.parametrize("samples", [1, 4])
 def test_spacing_is_the_reciprocal_of_the_scale(
-    mirror: CentralMirror, rim_deg: float, samples: int
+    mirror: Mirror, rim_deg: float, samples: int
 ) -> None:
     camera = make_omni_camera(mirror=mirror, rim_deg=rim_deg)
     scale = compute_image_scale(camera)

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration

@@ -13,8 +13,8 @@ import pytest
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
-    CentralMirror,
     HyperbolicMirror,
+    Mirror,
     ParabolicMirror,
 )
 from catoptra_protocol.optics.numerics import Floats
@@ -22,8 +22,8 @@ from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
     pixel_from_direction,
-    pixel_sample_positions,
 )
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.render_plan import RenderPlan
@@ -86,7 +86,7 @@ def render_image(
     ids=["the paper's", "strongly curved", "parabolic"],
 )
 def test_marker_when_rendered_is_within_a_tenth_of_a_pixel(
-    make_renderer: MakeRenderer, mirror: CentralMirror
+    make_renderer: MakeRenderer, mirror: Mirror
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=360)
     incidence = (20.0, 33.0, 45.0, 60.0, 75.0, 90.0, 104.0, 118.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from catoptra_protocol.camera_conf import any_camera_from_pairs, omni_camera_from_pairs
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR, CentralMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, Mirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
@@ -32,7 +32,7 @@ def pixel_from_table(table: dict[str, Any], theta_rad: Floats, phi_rad: Floats) 
     return np.stack((u + radius * (a * x + b * y), v + radius * (c * x + d * y)), axis=-1)
 
 
-def make_camera(mirror: CentralMirror, *, up_rad: float, is_cropped: bool) -> OmniCamera:
+def make_camera(mirror: Mirror, *, up_rad: float, is_cropped: bool) -> OmniCamera:
     if not is_cropped:
         return camera_with_inscribed_rim(
             mirror,
@@ -50,7 +50,7 @@ def make_camera(mirror: CentralMirror, *, up_rad: float, is_cropped: bool) -> Om
 @pytest.mark.parametrize("up_rad", [0.0, 0.5 * math.pi, -2.0])
 @pytest.mark.parametrize("is_cropped", [False, True])
 def test_pixels_of_the_table_are_those_of_the_model(
-    mirror: CentralMirror, up_rad: float, is_cropped: bool
+    mirror: Mirror, up_rad: float, is_cropped: bool
 ) -> None:
     camera = make_camera(mirror, up_rad=up_rad, is_cropped=is_cropped)
     theta, phi = np.meshgrid(

@@ -7,8 +7,8 @@ import numpy as np
 from catoptra_client.frame import Frame, Pixels, rgb_from_image_bytes
 from catoptra_protocol.camera_conf import any_camera_from_pairs
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.requests import ImageEncoding

@@ -34,8 +34,8 @@ from catoptra_protocol.errors import (
 )
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.notes import text_from_note
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
 from catoptra_protocol.stream.replies import (

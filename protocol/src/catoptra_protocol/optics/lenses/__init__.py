@@ -1,15 +1,15 @@
 """Lens models by name, as robot files name them.
 
-To add a lens: write `<name>.py` beside the others (frozen parameters, `pixel_from_direction` and
-`direction_from_pixel` with masks, domain, source) and add its line to `LENSES`. The raster renderer
-needs a projection as well: see `catoptra_server.render.projection.lens_projection`.
+To add a lens: write `<name>.py` beside the others (frozen parameters, image radius and its inverse
+in the half-angle tangent, slope, limit, first fold, source), add its line to `LENSES`, and its
+parameters to `catoptra_protocol.camera_conf.LENS_PARAMETERS`. No renderer needs to know it.
 """
 
-from catoptra_protocol.optics.lenses.lens import Lens
-from catoptra_protocol.optics.lenses.perspective import PerspectiveCamera
+from catoptra_protocol.optics.lenses.equidistant import EquidistantLens
+from catoptra_protocol.optics.radial_projection import RadialProjection
 
-LENSES: dict[str, type[Lens]] = {
-    "perspective": PerspectiveCamera,
+LENSES: dict[str, type[RadialProjection]] = {
+    "equidistant": EquidistantLens,
 }
 
-__all__ = ["LENSES", "Lens", "PerspectiveCamera"]
+__all__ = ["LENSES", "EquidistantLens"]

@@ -68,7 +68,7 @@ def mirror_surface_table(camera: OmniCamera) -> MirrorSurfaceTable:
     """Surface table of a camera's mirror."""
     t = np.linspace(0.0, camera.rim_t, _NUM_RINGS)
     r, z = camera.mirror.surface_point(t)
-    radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(t)
+    radius_px = camera.scale_px * camera.projection.radius_ratio_from_t(t)
     arc = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(r), np.diff(z)))))
     # Exact lateral areas of the cone frusta between rings.
     rings = np.pi * (r[1:] + r[:-1]) * np.diff(arc)

@@ -14,11 +14,8 @@ import math
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-    pixel_from_direction,
-    pixel_sample_positions,
-)
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -119,8 +116,8 @@ def _camera_rays(
 def _initial_mirror_height_m(camera: OmniCamera, pixels: Floats) -> Floats:
     """Height of the mirror at the aligned camera's pixels: the start of Newton's method."""
     radius_px = np.hypot(*np.moveaxis(pixels - np.asarray(camera.centre_px), -1, 0))
-    within = np.minimum(radius_px, camera.rim_radius_px) / camera.horizon_radius_px
-    return camera.mirror.surface_point(camera.mirror.t_from_radius_ratio(within))[1]
+    within = np.minimum(radius_px, camera.rim_radius_px) / camera.scale_px
+    return camera.mirror.surface_point(camera.projection.t_from_radius_ratio(within))[1]
 
 
 def _height_above_mirror(camera: OmniCamera, points: Floats) -> tuple[Floats, Floats, Floats]:
@@ -134,7 +131,7 @@ def _height_above_mirror(camera: OmniCamera, points: Floats) -> tuple[Floats, Fl
     # Half-angle tangent of the direction; the floor keeps the antipode of the axis finite, which
     # no rim reaches.
     t = np.hypot(points[0], points[1]) / np.maximum(away + points[2], 1e-9 * away)
-    limit = min(2.0 * camera.rim_t, 0.5 * (camera.rim_t + camera.mirror.t_limit))
+    limit = min(2.0 * camera.rim_t, 0.5 * (camera.rim_t + camera.projection.t_limit))
     r, z = camera.mirror.surface_point(np.minimum(t, limit))
     radius = np.hypot(r, z)
     outward = points / away

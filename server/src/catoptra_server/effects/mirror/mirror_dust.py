@@ -23,11 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-    direction_from_pixel,
-    pixel_sample_positions,
-)
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.noise_seed import NoiseSeed
@@ -210,7 +207,7 @@ def _surface_blur(effect: MirrorDust, camera: OmniCamera) -> _SurfaceBlur:
     """Blur of the mirror's own surface by the lens."""
     offset = pixel_sample_positions(camera)[:, :, 0] - camera.centre_px
     radius_px = np.minimum(np.hypot(offset[..., 0], offset[..., 1]), camera.rim_radius_px)
-    t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
+    t = camera.projection.t_from_radius_ratio(radius_px / camera.scale_px)
     # A point on the mirror has the range of its own distance from the viewpoint.
     rho_m = np.hypot(*camera.mirror.surface_point(t))
     diameter_px = circle_of_confusion_map(effect.aperture, camera).diameter_px(rho_m)

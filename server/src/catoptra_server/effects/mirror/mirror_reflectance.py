@@ -126,7 +126,7 @@ def reflectance(incidence_rad: Floats, n: float, k: float) -> Floats:
 def mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
     """Angle of incidence on the mirror at fractions of the rim's image radius."""
     radius_px = radius_fraction * camera.rim_radius_px
-    t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
+    t = camera.projection.t_from_radius_ratio(radius_px / camera.scale_px)
     # Half of theta + psi; t is tan(theta / 2) already.
     psi = np.arctan(radius_px * camera.inverse_focal_length)
     angle: Floats = np.arctan(t) + 0.5 * psi

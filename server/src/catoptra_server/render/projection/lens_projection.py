@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 
 

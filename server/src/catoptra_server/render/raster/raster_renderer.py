@@ -9,9 +9,9 @@ from __future__ import annotations
 import threading
 from contextlib import ExitStack
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas

@@ -17,13 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.lenses import Lens
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import (
-    ImageSize,
-    OmniCamera,
-    direction_from_pixel_grid,
-)
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.pixel_grid import ImageSize
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera
@@ -97,7 +94,7 @@ def omni_ray_table(camera: OmniCamera, plan: RenderPlan) -> RayTable:
 
 
 def lens_ray_table(
-    camera: Lens, samples: int, mirror_from_camera: Floats | None = None
+    camera: PerspectiveCamera, samples: int, mirror_from_camera: Floats | None = None
 ) -> RayTable:
     """Rays of a perspective camera, rotated by a (3, 3) rotation if there is one."""
 

@@ -5,8 +5,8 @@ The native kernel where it can run, else its float64 reference in NumPy: `engine
 
 from __future__ import annotations
 
-from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.processor_count import count_processors
 from catoptra_server.render.render_plan import RenderPlan

@@ -17,7 +17,7 @@ NUM_ENTRIES = 4096
 def camera_table(camera: OmniCamera) -> dict[str, object]:
     """Table of a camera as a JSON object; pixels and radians."""
     theta_rad = np.linspace(0.0, camera.rim_rad, NUM_ENTRIES)
-    ratio = camera.mirror.radius_ratio_from_t(np.tan(0.5 * theta_rad))
+    ratio = camera.projection.radius_ratio_from_t(np.tan(0.5 * theta_rad))
     # The image of the x axis and of the y axis, read from the model itself.
     pixels, _ = pixel_from_direction(camera, np.array([[1.0, 0.0, 1e3], [0.0, 1.0, 1e3]]))
     axes = pixels - camera.centre_px
@@ -29,5 +29,5 @@ def camera_table(camera: OmniCamera) -> dict[str, object]:
         "centre_px": camera.centre_px,
         "max_theta_rad": camera.rim_rad,
         "azimuth_matrix": [float(a), float(b), float(c), float(d)],
-        "radius_px": (camera.horizon_radius_px * ratio).tolist(),
+        "radius_px": (camera.scale_px * ratio).tolist(),
     }

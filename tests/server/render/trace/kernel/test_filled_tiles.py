@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.cube_map import Face
-from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.ray_table import face_ray_table, lens_ray_table

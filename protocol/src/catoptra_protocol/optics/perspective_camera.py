@@ -64,6 +64,11 @@ class PerspectiveCamera:
         return math.inf
 
     @property
+    def max_stretch(self) -> float:
+        """1: square pixels."""
+        return 1.0
+
+    @property
     def inverse_focal_length(self) -> float:
         """1 / f, 1/px: the tangent of a direction's angle from the axis per image radius."""
         return 1.0 / self.focal_length_px

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.lenses import LENSES, PerspectiveCamera
-from catoptra_protocol.optics.omni_camera import pixel_sample_positions
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 
 CAMERA = PerspectiveCamera(320, 240, math.radians(80.0))
 
@@ -106,7 +106,3 @@ def test_field_of_view_that_no_flat_image_has_is_rejected(fov_rad: float) -> Non
 def test_image_without_pixels_is_rejected() -> None:
     with pytest.raises(DomainError, match="no pixel"):
         PerspectiveCamera(0, 10, 1.0)
-
-
-def test_table_holds_the_camera() -> None:
-    assert LENSES["perspective"] is PerspectiveCamera

@@ -1,0 +1,54 @@
+"""Equidistant lens: the image radius is proportional to the angle from the axis, r = f theta.
+
+Source: Miyamoto 1964; the law on most data sheets of fish-eye lenses ("f-theta"). Domain: 0 to 180
+degrees.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from catoptra_protocol.optics.domain_checks import require_domain
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.radial_projection import NO_FOLD
+from catoptra_protocol.slotted_dataclass import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class EquidistantLens:
+    """Lens with r = f theta; it has no parameter but its focal length, which is the scale."""
+
+    @property
+    def t_min(self) -> float:
+        """0: the image's centre shows the axis."""
+        return 0.0
+
+    @property
+    def t_limit(self) -> float:
+        """Infinity: the image may contain the antipode, as a circle."""
+        return math.inf
+
+    @property
+    def fold_rad(self) -> float:
+        """Infinity: the image radius grows up to the antipode."""
+        return NO_FOLD
+
+    def radius_ratio_from_t(self, t: Floats) -> Floats:
+        """Ratio r / f = theta = 2 atan(t). Domain: t >= 0."""
+        require_domain(t >= 0.0, t, "an image radius needs t = tan(theta / 2) >= 0")
+        radius: Floats = 2.0 * np.arctan(t)
+        return radius
+
+    def t_from_radius_ratio(self, ratio: Floats) -> Floats:
+        """Half-angle tangent tan(r / 2f), inf from the antipode on. Domain: ratio >= 0."""
+        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        # tan is finite next to pi / 2 and negative beyond.
+        half = 0.5 * np.minimum(ratio, math.pi)
+        return np.where(ratio > math.pi, math.inf, np.tan(half))
+
+    def radius_ratio_slope(self, t: Floats) -> Floats:
+        """Derivative d(r / f) / d(theta) = 1. Domain: t >= 0."""
+        require_domain(t >= 0.0, t, "a slope needs t = tan(theta / 2) >= 0")
+        return np.ones_like(t)
