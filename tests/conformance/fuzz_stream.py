@@ -34,7 +34,7 @@ from conformance.fuzz_target import DATA, FeedInput, FuzzTarget, check, mutate
 _HYPERBOLIC_CONF = (
     b"CONF {Type Camera} {Name OmniCam} {Width 360} {Height 360} {Mirror hyperbolic} "
     b"{MirrorK 11.546} {MirrorC 2.321} {CentreU 180.0} {CentreV 180.0} {HorizonRadius 93.1} "
-    b"{RimAngle 125.0} {UpAzimuth 0.0} {ViewpointHeight 0.55}"
+    b"{RimAngle 125.0} {UpAzimuth 0.0} {Picture mirrored} {ViewpointHeight 0.55}"
 )
 _PARABOLIC_CONF = _HYPERBOLIC_CONF.replace(b"hyperbolic", b"parabolic").replace(
     b"{MirrorK 11.546} {MirrorC 2.321}", b"{MirrorHorizonRadius 0.03}"

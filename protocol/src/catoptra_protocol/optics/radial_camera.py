@@ -1,9 +1,10 @@
 """Interface of the cameras whose image is symmetric about an optical axis, with or without mirror.
 
-The image radius r of a direction depends on its angle theta from the axis alone, but for the
-slight stretch of a calibrated image plane, so a function of r or of theta = 2 atan(t) describes scale, rings and the lens's shading. A mirror's axis is +z of
-the mirror frame, a lens's axis +x of the camera frame. To add a camera model, implement this
-protocol: effects and their bounds need nothing else.
+The image radius r of a direction depends on its angle theta from the axis alone, but for the slight
+stretch of a calibrated image plane. So a function of r or of theta = 2 atan(t) describes scale,
+rings and the lens's shading. The axis is +z of an omnidirectional camera's mirror frame, +x of an
+ordinary camera's frame. To add a camera model, implement this protocol: effects and their bounds
+need nothing else.
 """
 
 from __future__ import annotations
