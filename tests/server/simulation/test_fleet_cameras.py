@@ -18,9 +18,10 @@ from catoptra_server.planning.camera_variant import CameraVariant, ReferenceKind
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription, RobotDescription
-from catoptra_server.simulation.fleet_cameras import FleetCameras
+from catoptra_server.simulation.fleet_cameras import FleetCameras, set_accuracy_target
 from catoptra_server.simulation.robot import Robot
-from helpers.robots import make_p2at
+from catoptra_server.simulation.simulation_events import AccuracyTargetChanged
+from helpers.robots import FakeClient, make_p2at
 
 AHEAD = PerspectiveCameraDescription("Ahead", Mount(), 12, 10, 1.0, 0.3, 2.0)
 
@@ -137,3 +138,17 @@ def test_variant_of_a_perspective_camera_is_refused() -> None:
     cameras.spawn("A")
     with pytest.raises(DomainError, match="only omnidirectional cameras have variants"):
         cameras.compose(CameraChannel("A", "", CameraVariant()))
+
+
+@pytest.mark.parametrize(("camera", "is_found"), [("", True), ("OMNICAM", True), ("Other", False)])
+def test_accuracy_target_when_the_camera_is_named_in_any_case_is_set(
+    camera: str, is_found: bool
+) -> None:
+    cameras = Cameras()
+    cameras.spawn("R")
+    event = AccuracyTargetChanged(FakeClient(), camera, 2.5, None, lambda reply: None)
+    spec, _ = set_accuracy_target(cameras.robots["R"], event)
+    assert (spec is not None) is is_found
+    if spec is not None:
+        assert spec.render_settings.accuracy_target.max_error_px == 2.5
+    assert set_accuracy_target(None, event) == (None, camera)

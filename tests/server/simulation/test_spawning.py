@@ -10,6 +10,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.simulation.spawning import (
     MAX_COORDINATE_M,
     SEARCH_RADIUS_M,
@@ -17,6 +18,7 @@ from catoptra_server.simulation.spawning import (
     SpawnError,
     find_class,
     find_free_pose,
+    place_robot,
     spawn_pose,
     unique_name,
 )
@@ -116,3 +118,18 @@ def test_places_have_clearance_that_the_requested_one_need_not_have() -> None:
 def test_name_in_use_gets_the_first_free_number() -> None:
     assert unique_name("R", {"R", "R2", "R4"}) == "R3"
     assert unique_name("R", set()) == "R"
+
+
+def test_robot_when_its_place_is_taken_stands_beside_it() -> None:
+    tested: list[tuple[str, float]] = []
+
+    def make_place_test(description: RobotDescription, yaw_rad: float) -> PlaceTest:
+        tested.append((description.class_name, yaw_rad))
+        return lambda places, clearance_m: np.abs(places[:, 0] - 1.0) > 0.25
+
+    init = Init("P2DX", start="aside")
+    description, requested, pose = place_robot(init, CLASSES, STARTS, make_place_test)
+    assert description is CLASSES[1]
+    assert tested == [("USARBot.P2DX", 1.5)]
+    assert requested == PlanarPose(1.0, -2.0, 1.5)
+    assert 0.25 < abs(pose.x_m - 1.0) < 0.5

@@ -16,8 +16,6 @@ from catoptra_protocol.landmarks import BAND_COLOURS, Landmark, read_landmarks
 from catoptra_protocol.usarsim.reports import (
     Greeting,
     Report,
-    StartPose,
-    StartPoses,
     line_from_report,
 )
 from catoptra_server.config.ini_file import IniFile
@@ -26,6 +24,7 @@ from catoptra_server.config.unknown_names import report_unknown_names, suggest_n
 from catoptra_server.config.world_items import read_items
 from catoptra_server.config.world_lights import read_light
 from catoptra_server.config.world_values import read_colour, read_position
+from catoptra_server.scene.start_poses import report_start_poses
 from catoptra_server.scene.world_description import (
     GpsOrigin,
     RfidTag,
@@ -61,7 +60,7 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     name = section.get_str("Name", path.stem)
     starts = tuple(_read_starts(section.get_structs("PlayerStarts")))
     _require_sendable(section, "Name", Greeting("", name))
-    _require_sendable(section, "PlayerStarts", _make_start_poses(starts))
+    _require_sendable(section, "PlayerStarts", report_start_poses(starts))
     tags, victims = section.get_structs("RfidTags"), section.get_structs("Victims")
     world = World(
         name=name,
@@ -144,7 +143,3 @@ def _read_gps_origin(section: SectionReader) -> GpsOrigin | None:
         struct.get_float("Latitude", min_value=-89.0, max_value=89.0),
         struct.get_float("Longitude", min_value=-180.0, max_value=180.0),
     )
-
-
-def _make_start_poses(starts: tuple[StartPlace, ...]) -> StartPoses:
-    return StartPoses(tuple(StartPose(s.name, s.location_m, s.rotation_rad) for s in starts))

@@ -24,7 +24,7 @@ from catoptra_protocol.usarsim.commands import (
     Step,
     Trace,
 )
-from catoptra_protocol.usarsim.reports import Report, StartPose, StartPoses
+from catoptra_protocol.usarsim.reports import Report
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.frame_request import (
     CameraChannel,
@@ -36,40 +36,31 @@ from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.start_poses import report_start_poses
 from catoptra_server.scene.world_description import World
 from catoptra_server.sensors.sensor_environment import EmptyScene, RayCaster, SensorEnvironment
+from catoptra_server.simulation.camera_queries import CameraQueries
 from catoptra_server.simulation.collision_index import CollisionIndex
-from catoptra_server.simulation.fleet_cameras import FleetCameras
+from catoptra_server.simulation.control_commands import execute_control
+from catoptra_server.simulation.fleet_cameras import FleetCameras, set_accuracy_target
+from catoptra_server.simulation.fleet_environment import FleetEnvironment
 from catoptra_server.simulation.get_commands import (
     ErrorBoundLookup,
     execute_get_conf,
     execute_get_geo,
 )
-from catoptra_server.simulation.landmark_visibility import (
-    LandmarkVisibility,
-    compute_landmark_visibility,
-)
-from catoptra_server.simulation.pixel_view import NamedScene, PixelView, look_through_pixel
+from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
+from catoptra_server.simulation.pixel_view import PixelView
 from catoptra_server.simulation.remote_control import RemoteControl
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_state import FleetState, collect_fleet_state
-from catoptra_server.simulation.set_commands import execute_set
 from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
-from catoptra_server.simulation.spawning import (
-    SpawnError,
-    find_class,
-    find_free_pose,
-    spawn_pose,
-    unique_name,
-)
+from catoptra_server.simulation.spawning import PlaceTest, SpawnError, place_robot, unique_name
 
 log = logging.getLogger(__name__)
 
 # More than any program has spawned; each costs its share of every tick.
 MAX_ROBOTS = 64
-
-# Commands that need a robot with power; the others are executed without, as in USARSim.
-_ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | Set | SetViewports | Trace
 
 
 class Fleet:
@@ -99,16 +90,20 @@ class Fleet:
         """
         self._classes = tuple(descriptions)
         self._world = world
-        self._scene = scene
         self._seed = seed
         self._error_bound_of = error_bound_of
-        self._ray_caster = ray_caster or EmptyScene()
         # In the order of spawning, which decides the displayed robot and which robot moves first.
         self._robots: dict[Client, Robot] = {}
         # Clients whose robots raised in the present tick.
         self._faulty: list[Client] = []
         self._collision_index = CollisionIndex(scene, self._classes)
         self._cameras = FleetCameras(self._robots.values(), self._classes, multi_view)
+        self._environment = FleetEnvironment(
+            self._robots.values(), world, scene, ray_caster or EmptyScene(), self._collision_index
+        )
+        self._camera_queries = CameraQueries(
+            self._cameras, self._environment, world.landmarks, error_bound_of
+        )
         self._remote_control = RemoteControl(self._robots)
 
     def find_robot(self, client: Client) -> Robot | None:
@@ -140,7 +135,7 @@ class Fleet:
                 if robot is None:
                     self._spawn(client, command, time_s)
             case GetStartPoses():
-                client.deliver([self._start_poses()])
+                client.deliver([report_start_poses(self._world.starts)])
             # Without power, too: notes, configuration and geometry move nothing.
             case Note():
                 # The control port has no reply to a refused note.
@@ -157,35 +152,13 @@ class Fleet:
                 Drive() | DriveJoints() | MultiDrive() | MisPkg() | Set() | SetViewports() | Trace()
             ):
                 if robot is not None and robot.has_power(time_s):
-                    self._control(client, robot, command, time_s)
+                    if isinstance(command, Drive):
+                        self._remote_control.release(client)
+                    reports = execute_control(robot, command, time_s, partial(self.sense, robot))
+                    if reports:
+                        client.deliver(reports)
             case Step():
                 raise AssertionError("STEP advances the clock: the simulation loop executes it")
-            case _:
-                assert_never(command)
-
-    def _control(
-        self, client: Client, robot: Robot, command: _ControlCommand, time_s: float
-    ) -> None:
-        """Execute a command of a robot that has power."""
-        match command:
-            case Drive():
-                self._remote_control.release(client)
-                robot.drive_wheels(command, time_s)
-            case DriveJoints(joints):
-                for joint in joints:
-                    robot.drive_joint(joint.name, joint.value, joint.order)
-            case MultiDrive(joints):
-                for name, value in joints:
-                    robot.drive_joint(name, value, 0)
-            case MisPkg():
-                robot.drive_mission_package(command)
-            case SetViewports():
-                client.deliver([robot.viewports.execute(command, time_s)])
-            case Set():
-                context = robot.sensor_context(time_s, self.sense(robot))
-                client.deliver(execute_set(robot, command, context))
-            case Trace():
-                pass  # accepted: the colour trail of the original editor has no counterpart
             case _:
                 assert_never(command)
 
@@ -224,19 +197,12 @@ class Fleet:
         """
         if len(self._robots) >= MAX_ROBOTS:
             raise SpawnError(f"the limit of {MAX_ROBOTS} robots is reached")
-        description = find_class(self._classes, init.class_name)
-        requested = spawn_pose(init, self._world.starts)
-        are_free = partial(
-            self._collision_index.are_free,
-            description,
-            yaw_rad=requested.yaw_rad,
-            robots=self._robots.values(),
-        )
-        return description, requested, find_free_pose(requested, are_free)
+        return place_robot(init, self._classes, self._world.starts, self._place_test)
 
-    def _start_poses(self) -> StartPoses:
-        poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in self._world.starts]
-        return StartPoses(tuple(poses))
+    def _place_test(self, description: RobotDescription, yaw_rad: float) -> PlaceTest:
+        """Test of places for a base at a heading among the present robots."""
+        are_free = self._collision_index.are_free
+        return partial(are_free, description, yaw_rad=yaw_rad, robots=self._robots.values())
 
     def set_accuracy_target(
         self, event: AccuracyTargetChanged
@@ -247,13 +213,7 @@ class Fleet:
             The camera with the settings of the next frames, None without such a camera; and the
             name of the camera.
         """
-        robot = self._robots.get(event.client)
-        omni = robot.omni_camera if robot else None
-        if omni is None or event.camera.lower() not in ("", omni.name.lower()):
-            return None, event.camera
-        omni.set_accuracy_target(max_error_px=event.max_error_px, budget_ms=event.budget_ms)
-        # As tiled: the plan depends on the size that the image port renders.
-        return omni.camera_spec(omni.tile), omni.name
+        return set_accuracy_target(self._robots.get(event.client), event)
 
     def publish(self, client: Client, note: Note, time_s: float) -> str:
         """Store a note about a client's robot; the reason if it is refused, else an empty text."""
@@ -274,15 +234,7 @@ class Fleet:
 
     def sense(self, robot: Robot) -> SensorEnvironment:
         """Environment of a robot, with the other robots as boxes at their present poses."""
-        world = self._world
-        others = (other for other in self._robots.values() if other is not robot)
-        return SensorEnvironment(
-            scene=self._ray_caster,
-            robot_boxes=tuple(map(self._collision_index.bounding_box, others)),
-            rfid_tags=world.rfid_tags,
-            victims=world.victims,
-            gps_origin=world.gps_origin,
-        )
+        return self._environment.sense(robot)
 
     def read_sensors(self, client: Client, time_s: float) -> list[Report]:
         """Reports of a whole cycle of a client's robot; empty without one."""
@@ -338,37 +290,10 @@ class Fleet:
         self, channel: CameraChannel
     ) -> tuple[LandmarkVisibility, ...] | None:
         """Landmarks in view of a camera; None without such a robot or camera."""
-        found = self._cameras.find(channel)
-        if found is None:
-            return None
-        robot, camera = found
-        return compute_landmark_visibility(
-            camera.camera_spec(),
-            robot.world_from_robot @ camera.robot_from_camera(robot.joint_angles_rad),
-            self._world.landmarks,
-            self.sense(robot),
-        )
+        return self._camera_queries.compute_landmark_visibility(channel)
 
     def look_through_pixel(
         self, channel: CameraChannel, point_px: tuple[float, float]
     ) -> PixelView | None:
         """What a camera sees at a point of its image; None without such a robot or camera."""
-        found = self._cameras.find(channel)
-        if found is None:
-            return None
-        robot, camera = found
-        others = [other for other in self._robots.values() if other is not robot]
-        things = NamedScene(
-            self._scene,
-            self._ray_caster,
-            [other.name for other in others],
-            [self._collision_index.bounding_box(other) for other in others],
-        )
-        spec = camera.camera_spec()
-        return look_through_pixel(
-            spec,
-            robot.world_from_robot @ camera.robot_from_camera(robot.joint_angles_rad),
-            point_px,
-            things,
-            self._error_bound_of(spec) if isinstance(spec, OmniCameraSpec) else None,
-        )
+        return self._camera_queries.look_through_pixel(channel, point_px)

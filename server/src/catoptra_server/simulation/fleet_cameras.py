@@ -19,9 +19,11 @@ from catoptra_server.frames.image_port_layout import (
 )
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.robot_camera import CameraRobot, VisibleObjects
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.simulation.robot import CameraSensor, Robot
 from catoptra_server.simulation.robot_meshes import RobotMeshes
+from catoptra_server.simulation.simulation_events import AccuracyTargetChanged
 
 # Width and height of the black image of a server whose robots have no omnidirectional camera.
 _DEFAULT_BLANK_SIZE_PX = (320, 240)
@@ -93,3 +95,20 @@ def _blank_size_px(classes: Sequence[RobotDescription]) -> tuple[int, int]:
     # The size that the first robot will have: clients need not resize at the first INIT.
     cameras = [d.omni_camera.camera for d in classes if d.omni_camera]
     return (cameras[0].width_px, cameras[0].height_px) if cameras else _DEFAULT_BLANK_SIZE_PX
+
+
+def set_accuracy_target(
+    robot: Robot | None, event: AccuracyTargetChanged
+) -> tuple[OmniCameraSpec | None, str]:
+    """Change the accuracy target of a robot's camera.
+
+    Returns:
+        The camera with the settings of the next frames, None without such a camera; and the name of
+        the camera.
+    """
+    omni = robot.omni_camera if robot else None
+    if omni is None or event.camera.lower() not in ("", omni.name.lower()):
+        return None, event.camera
+    omni.set_accuracy_target(max_error_px=event.max_error_px, budget_ms=event.budget_ms)
+    # As tiled: the plan depends on the size that the image port renders.
+    return omni.camera_spec(omni.tile), omni.name

@@ -41,6 +41,29 @@ class SpawnError(CatoptraError):
     """INIT spawns no robot; the message is the reason, in words for the client."""
 
 
+def place_robot(
+    init: Init,
+    classes: Sequence[RobotDescription],
+    starts: Sequence[StartPlace],
+    make_place_test: Callable[[RobotDescription, float], PlaceTest],
+) -> tuple[RobotDescription, PlanarPose, PlanarPose]:
+    """Class of a new robot, requested pose, and the nearest pose that is free.
+
+    Args:
+        init: The request.
+        classes: Classes that it may name.
+        starts: Start places that it may name.
+        make_place_test: Test of places for a class at a heading in radians.
+
+    Raises:
+        SpawnError: No class, start or free place answers to INIT.
+    """
+    description = find_class(classes, init.class_name)
+    requested = spawn_pose(init, starts)
+    are_free = make_place_test(description, requested.yaw_rad)
+    return description, requested, find_free_pose(requested, are_free)
+
+
 def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescription:
     """First class of a name in any case, with or without the package.
 
