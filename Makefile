@@ -9,6 +9,8 @@ SOURCES := protocol/src server/src client/src studies/src
 BUILD_SCRIPTS := server/build_kernel.py server/setup.py
 # Idle BLAS threads spin and nearly double a traced frame on two cores; nothing here multiplies large matrices.
 export OPENBLAS_NUM_THREADS := 1
+# Compiled once: the tests import 1 400 files in each worker, and start hundreds of programs.
+export PYTHONDONTWRITEBYTECODE :=
 # The compiler of the kernel compiles unchanged sources once.
 export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
@@ -60,8 +62,9 @@ experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 mi
 live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080]
 	$(BIN)/catoptra-studies live --output out/live $(if $(PORT),--view $(PORT))
 
+# Files in the order of the tree, not by their numbers of tests: else those of one long test come last.
 test: $(READY) ## Run all tests, 7 minutes on two cores with set-up
-	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile tests
+	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile --no-loadscope-reorder tests
 
 # The tests end with the way to install Chromium where it is missing.
 browser-test: $(READY) ## Drive the live page in headless Chromium; writes out/browser: [BROWSER=chromium] [LONG=yes] [SECONDS=60]
