@@ -41,7 +41,9 @@ class RenderedImage:
     """Milliseconds by stage."""
     changes: Mapping[str, float] = field(default_factory=dict)
     """Largest change of any pixel by effect, encoded grey levels, as this very frame has it: of
-    the effects with a threshold that the renderer measures."""
+    the effects with a threshold that the renderer measures. Of an exposure that motion blurs, that
+    of its sharp frame in the middle; where shadows change that by at most their threshold, their
+    change at any instant that the blur draws."""
 
 
 @dataclass(frozen=True, slots=True)

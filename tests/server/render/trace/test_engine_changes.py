@@ -9,10 +9,12 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.twist import Twist
 from catoptra_server.scene.world_description import HemisphereLight, Light, PointLight, World
 from helpers.dynamic_objects import place_cube
 from helpers.shadows import (
@@ -87,6 +89,24 @@ def test_change_by_shadows_when_threads_differ_is_the_same(engine: EngineName) -
             found += [rays.render(STATE, REQUEST).changes["Shadows"] for _ in range(3)]
     assert found[0] > 10.0
     assert len(set(found)) == 1
+
+
+def test_change_by_shadows_that_only_other_instants_show_is_found(engine: EngineName) -> None:
+    # From a lamp itself no shadow is seen; from beside it those beside a near pillar are.
+    pillar = box_item(0.4, 0.0, -0.6, (0.06, 0.06, 1.2))
+    lamp = PointLight((0.0, 0.0, -1.1), (0.8, 0.7, 0.6))
+    world = make_world(floor_item(), pillar, lights=(DIM_HEMISPHERE_LIGHT, lamp))
+    still = CameraState(Pose.from_rpy((0.0, 0.0, -1.1)), has_shadows=True)
+    drives = replace(still, twist=Twist((0.0, 3.0, 0.0)), shutter=Shutter(1.0 / 30.0, 0.0, 64.0))
+    thresholds = {"Shadows": 0.5, "MotionBlur": 0.5}
+    with open_engine(engine, world) as opened:
+        rays = opened.prepare(TABLES["4 samples"])
+        changes = [
+            rays.render(state, TraceRequest(is_linear=True, thresholds=thresholds)).changes
+            for state in (still, drives)
+        ]
+    assert changes[0]["Shadows"] <= 0.5
+    assert changes[1]["Shadows"] > 5.0
 
 
 @pytest.mark.parametrize(("height_m", "change"), [(0.6, 255.0), (-3.0, 0.0)])

@@ -186,6 +186,7 @@ class KernelEngine:
         frame = exposure_arrays(exposure, self._centre, self._objects)
         frame.struct.output = output
         frame.struct.measures_shadows = "Shadows" in thresholds
+        frame.struct.shadow_threshold = thresholds.get("Shadows", 0.0)
         frame.struct.measures_fog = "Fog" in thresholds
         if "SelfView" in thresholds:
             frame.struct.watched_object = find_ego_body(exposure)

@@ -161,6 +161,7 @@ class FrameStruct(ctypes.Structure):
         ("box_object", c_void_p),
         ("has_shadows", c_int32),
         ("measures_shadows", c_int32),
+        ("shadow_threshold", c_float),
         ("watched_object", c_int32),
         ("output", c_int32),
         ("image", c_void_p),

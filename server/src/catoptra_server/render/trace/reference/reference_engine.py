@@ -183,9 +183,7 @@ class ReferenceRays:
         sharp = exposure if isinstance(exposure, MovingExposure) else advance(exposure, 0.0)
         changes = {}
         if "Shadows" in request.thresholds and first_state(exposure).has_shadows:
-            changes["Shadows"] = self._measure(
-                sharp, is_linear=request.is_linear, has_shadows=False
-            )
+            changes["Shadows"] = self._measure_shadows(exposure, sharp, request)
         if "Fog" in request.thresholds and first_state(exposure).fog is not None:
             changes["Fog"] = self._measure(sharp, is_linear=request.is_linear, fog=None)
         if "SelfView" in request.thresholds and (number := find_ego_body(exposure)):
@@ -193,6 +191,22 @@ class ReferenceRays:
             changes["SelfView"] = ANY_CHANGE if is_seen else 0.0
         ranges = self._measure_ranges(sharp) if request.has_ranges else None
         return TracedFrame(image, changes, ranges)
+
+    def _measure_shadows(
+        self, exposure: TracedExposure, sharp: TracedExposure, request: TraceRequest
+    ) -> float:
+        """Largest change by shadows; of all instants where the sharp frame shows none."""
+        change = self._measure(sharp, is_linear=request.is_linear, has_shadows=False)
+        if isinstance(exposure, MovingExposure) or change > request.thresholds["Shadows"]:
+            return change
+        instants = sample_shutter(exposure, self._table.height_px)
+        return max(
+            change,
+            *(
+                self._measure(state, is_linear=request.is_linear, has_shadows=False)
+                for state, _ in instants
+            ),
+        )
 
     def _measure(self, exposure: TracedExposure, *, is_linear: bool, **without: Any) -> float:
         """Largest difference from frames without an effect, encoded grey levels."""

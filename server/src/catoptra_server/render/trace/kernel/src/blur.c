@@ -2,6 +2,7 @@
 
 #include "blur_plan.h"
 #include "encoding.h"
+#include "measures.h"
 #include "pixels.h"
 
 #include <math.h>
@@ -42,15 +43,52 @@ static void begin_unit(BlurTile *blur, int unit) {
                 sharp_mean(blur, unit, channel, pixel);
 }
 
+/* A unit's pixels at one instant, with and without shadows. */
+typedef struct {
+    float shown[3][TILE_PX * TILE_PX], unshadowed[3][TILE_PX * TILE_PX];
+    int differs;
+} Instant;
+
+/* Add what a block's samples show, before the sensor clips them, and what shadows take of it. */
+static void add_to_instant(const BlurTile *blur, uint32_t active,
+                           float radiance[3][BLOCK_RAYS], const LostLight *lost, Instant *sums) {
+    const FrameState *state = blur->state;
+    float factor = 1.0f / (float)(state->rays->samples * state->rays->samples);
+    uint32_t rays = active & lost->rays;
+    sums->differs |= rays != 0;
+    for (int channel = 0; channel < 3; channel++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+            int pixel = blur->order->lane_pixel[lane];
+            float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
+            float bright = value + (rays >> lane & 1 ? lost->radiance[channel][lane] : 0.0f);
+            sums->shown[channel][pixel] += factor * as_sensed(state, value);
+            sums->unshadowed[channel][pixel] += factor * as_sensed(state, bright);
+        }
+}
+
+static void note_instant(const BlurTile *blur, const Instant *sums) {
+    _Atomic float *largest = &blur->state->measures->shadow_change;
+    for (int pixel = 0; sums->differs && pixel < blur->order->pixels; pixel++)
+        note_change(blur->state, largest, get_lane(sums->shown, pixel),
+                    get_lane(sums->unshadowed, pixel));
+}
+
 /* Sums of a unit's samples at an instant, added to its means. */
 static void sample_unit(BlurTile *blur, const FrameState *moved, const TileContent *content,
                         int unit, float sums[3][TILE_PX * TILE_PX]) {
     const RayOrder *order = blur->order;
     float factor = 1.0f / (float)(moved->rays->samples * moved->rays->samples);
+    int is_measured = moved->measures->blurs_unseen_shadows;
+    Instant instant;
+    LostLight lost;
+    if (is_measured)
+        memset(&instant, 0, sizeof instant);
     for (int block = 0; block < order->blocks; block++) {
         _Alignas(64) float radiance[3][BLOCK_RAYS];
-        uint32_t active =
-            sample_block(moved, blur->tile, order, unit, block, content, radiance);
+        uint32_t active = sample_block(moved, blur->tile, order, unit, block, content, radiance,
+                                       is_measured ? &lost : NULL);
+        if (is_measured)
+            add_to_instant(blur, active, radiance, &lost, &instant);
         for (int channel = 0; channel < 3; channel++)
             for (int lane = 0; lane < BLOCK_RAYS; lane++) {
                 float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
@@ -60,6 +98,8 @@ static void sample_unit(BlurTile *blur, const FrameState *moved, const TileConte
             for (int channel = 0; channel < 3; channel++)
                 sums[channel][order->lane_pixel[lane]] += radiance[channel][lane];
     }
+    if (is_measured)
+        note_instant(blur, &instant);
     blur->result->num_rays += order->blocks * BLOCK_RAYS;
 }
 

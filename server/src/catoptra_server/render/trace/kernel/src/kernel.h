@@ -135,6 +135,7 @@ typedef struct {
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
     int32_t has_shadows;
     int32_t measures_shadows; /* shadow_change of the counts is wanted */
+    float shadow_threshold;   /* grey levels: other instants are measured up to it */
     int32_t watched_object;   /* number in hits of the object of shows_watched; 0 for none */
     int32_t output;
     void *image;       /* (h, w, 3) uint8 or float32, zero; unused for OUTPUT_HITS */
@@ -155,7 +156,9 @@ typedef struct {
 typedef struct {
     int32_t num_filled_tiles; /* tiles that one surface was proven to fill */
     int32_t num_tiles;
-    float shadow_change;   /* largest change of a pixel by shadows, encoded grey levels */
+    /* Largest change of a pixel by shadows, encoded grey levels: of the sharp frame, and at any
+     * instant that its blur traces where the sharp frame's is at most the threshold. */
+    float shadow_change;
     int32_t shows_watched; /* whether the watched object is seen */
     int32_t num_blurred_tiles; /* tiles whose exposure was sampled at several instants */
     int32_t num_instants;      /* largest number of instants of a pixel */

@@ -12,6 +12,7 @@
 
 struct Measures {
     _Atomic float shadow_change, fog_change;
+    int blurs_unseen_shadows; /* the sharp frame shows none, other instants may */
     atomic_int shows_watched; /* some ray meets the watched object first */
 };
 

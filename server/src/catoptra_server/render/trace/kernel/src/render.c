@@ -234,6 +234,10 @@ static int blur_frame(Device *device, Job *job, FrameCounts *counts) {
     struct timespec begin;
     clock_gettime(CLOCK_MONOTONIC, &begin);
     job->is_second_pass = 1;
+    struct Measures *measures = job->state->measures;
+    measures->blurs_unseen_shadows =
+        job->state->frame->has_shadows && job->state->frame->measures_shadows &&
+        atomic_load(&measures->shadow_change) <= job->state->frame->shadow_threshold;
     int is_done = choose_instants(job->state) &&
                   (!plan->num_tiles || run_pass(device, job, job->state->frame->exposure));
     uint32_t bits = atomic_load(&job->change);
@@ -259,7 +263,7 @@ static int render_all(Device *device, const FrameState *state, const View *view,
 int32_t catoptra_render(Device *device, const Scene *scene, const View *view, const Frame *frame,
                         FrameCounts *counts, char *error) {
     FrameState state;
-    struct Measures measures = {0.0f, 0.0f, 0};
+    struct Measures measures = {0.0f, 0.0f, 0, 0};
     int is_ready = begin_frame(&state, device, scene, view, frame, error);
     state.measures = &measures;
     int is_rendered = is_ready && render_all(device, &state, view, counts);

@@ -323,13 +323,16 @@ static void load_unit(const FrameState *state, int tile, const RayOrder *order, 
 }
 
 uint32_t sample_block(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
-                      const TileContent *content, float radiance[3][BLOCK_RAYS]) {
+                      const TileContent *content, float radiance[3][BLOCK_RAYS],
+                      LostLight *lost) {
     RayBlock rays;
     HitBlock hits;
+    if (lost)
+        lost->rays = 0;
     load_unit(state, tile, order, unit, block, &rays);
     if (rays.active) {
         find_hits(state, &rays, &hits, content);
-        shade_in_fog(state, &rays, &hits, content, radiance, NULL, NULL);
+        shade_in_fog(state, &rays, &hits, content, radiance, lost, NULL);
     }
     return rays.active;
 }

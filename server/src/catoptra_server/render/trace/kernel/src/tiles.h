@@ -2,7 +2,7 @@
 #ifndef CATOPTRA_TILES_H
 #define CATOPTRA_TILES_H
 
-#include "light_map.h"
+#include "direct_light.h"
 #include "ray_order.h"
 #include "short_list.h"
 
@@ -29,9 +29,11 @@ int is_single_radiance(const FrameState *state, int tile, const TileContent *con
 /* What is known of a tile, from the camera of another instant; `moved` holds its triangles. */
 TileContent move_content(const FrameState *state, const TileContent *content, ShortList *moved);
 
-/* Radiance, (3, 16), of a block of a unit at the state's instant; bit mask of its rays. */
+/* Radiance, (3, 16), of a block of a unit at the state's instant, and what of it shadows take
+ * unless `lost` is NULL; bit mask of its rays. */
 uint32_t sample_block(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
-                      const TileContent *content, float radiance[3][BLOCK_RAYS]);
+                      const TileContent *content, float radiance[3][BLOCK_RAYS],
+                      LostLight *lost);
 
 /* Whether all rays of a tile see the mirror. */
 int is_wholly_valid(const FrameState *state, int tile);
