@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.capture.shutter import Shutter
@@ -15,7 +16,13 @@ from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
 from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.world_description import World
+from catoptra_server.scene.world_description import (
+    Box,
+    DirectionalLight,
+    Item,
+    Material,
+    World,
+)
 from helpers.effect_measurement import make_effect
 from helpers.motion_reference import (
     START_POSES,
@@ -27,6 +34,8 @@ from helpers.trace_engines import ENGINES, open_engine, open_renderer
 from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan, make_test_world
 
 CAMERA = make_omni_camera(width_px=160)
+GREY = Material((0.3, 0.4, 0.2))
+CAMERA_ABOVE = CameraState(Pose.from_rpy((0.0, 0.0, 0.8)))
 FOG = FogMedium(0.2, (0.5, 0.55, 0.6))
 START = START_POSES["four_legged_2006"]
 STATE = driving_camera_state(START, 0.5, 30.0, crossing_object(START))
@@ -107,3 +116,35 @@ def test_fog_of_a_view_is_measured_with_and_without_image_effects(engine: Engine
         view.close()
     assert alone > 1.0
     assert with_effect == pytest.approx(alone, abs=0.02)
+
+
+def make_plain_floor() -> World:
+    """A floor of one colour under directional light, and a wall: tiles of one facet each."""
+    floor = Item("floor", Box((40.0, 40.0, 0.2)), Pose.from_rpy((0.0, 0.0, -0.1)), GREY)
+    wall = Item("wall", Box((0.2, 9.0, 3.0)), Pose.from_rpy((4.0, 0.0, 1.5)), GREY)
+    sun = DirectionalLight((-0.3, 0.2, -1.0), (0.6, 0.6, 0.6))
+    return World("plain floor", (floor, wall), lights=(sun,), background=(0.1, 0.2, 0.3))
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+@pytest.mark.parametrize("airlight", [(0.5, 0.55, 0.6), (0.0, 2.0, 0.9)])
+@pytest.mark.parametrize("shutter", [None, Shutter(0.03, 0.0, 9.0), Shutter(0.0, 0.03, 9.0)])
+def test_fog_of_tiles_of_one_facet_is_the_mean_of_their_samples(
+    samples: int, airlight: tuple[float, float, float], shutter: Shutter | None
+) -> None:
+    state = replace(CAMERA_ABOVE, fog=FogMedium(0.2, airlight), shutter=shutter)
+    request = TraceRequest(thresholds={"Fog": 0.5})
+    linear_request = replace(request, is_linear=True)
+    encoded, linear, changes = [], [], []
+    for name in ENGINES:
+        with open_engine(name, make_plain_floor()) as engine:
+            rays = engine.prepare(omni_ray_table(CAMERA, make_plan(CAMERA, samples=samples)))
+            frame = rays.render(state, request)
+            encoded.append(frame.image.astype(int))
+            changes.append(frame.changes["Fog"])
+            linear.append(rays.render(state, linear_request).image)
+            rays.close()
+    # A sample at an outline may meet another facet in float32.
+    assert (np.abs(np.subtract(*linear)).max(axis=-1) > 1e-5).mean() < 1e-3
+    assert (np.abs(np.subtract(*encoded)) > 1).mean() < 1e-3
+    assert changes[0] == pytest.approx(changes[1], abs=0.02)

@@ -13,4 +13,8 @@ static inline int has_fog(const FrameState *state) { return state->frame->fog_de
 void fog_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits, int is_plane,
                float radiance[3][BLOCK_RAYS], LostLight *lost);
 
+/* Mean transmittances of the samples of a tile's pixels, where one plane fills the tile. */
+void find_plane_transmittances(const FrameState *state, int tile, int32_t triangle,
+                               float means[TILE_PX * TILE_PX]);
+
 #endif

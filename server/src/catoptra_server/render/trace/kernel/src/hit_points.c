@@ -95,3 +95,39 @@ void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlo
             points->position[axis][i] =
                 rays->origin[axis][i] + points->distance[i] * rays->direction[axis][i];
 }
+
+/* The same where all is of the static scene: normals and first corners are enough. */
+static void find_static_distances(const FrameState *state, const RayBlock *rays,
+                                  const HitBlock *hits, uint32_t mask,
+                                  float distance[BLOCK_RAYS]) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    _Alignas(64) float normal[3][BLOCK_RAYS] = {{0}}, first[3][BLOCK_RAYS] = {{0}};
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        if (!(mask >> lane & 1))
+            continue;
+        set_lane(normal, lane, vec3(mesh->normals + 3 * (size_t)hits->triangle[lane]));
+        set_lane(first, lane, vec3(mesh->corners + 9 * (size_t)hits->triangle[lane]));
+    }
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float height = 0.0f, cosine = 0.0f;
+        for (int axis = 0; axis < 3; axis++) {
+            height += normal[axis][i] * (first[axis][i] - rays->origin[axis][i]);
+            cosine += normal[axis][i] * rays->direction[axis][i];
+        }
+        distance[i] = cosine != 0.0f ? height / cosine : 0.0f;
+    }
+}
+
+void find_hit_distances(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                        uint32_t mask, float distance[BLOCK_RAYS]) {
+    int meets_object = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        meets_object |= (mask >> lane & 1) && hits->object[lane] != OBJECT_STATIC;
+    if (!meets_object) {
+        find_static_distances(state, rays, hits, mask, distance);
+        return;
+    }
+    HitPoints points;
+    find_hit_points(state, rays, hits, mask, &points);
+    memcpy(distance, points.distance, sizeof points.distance);
+}

@@ -20,4 +20,8 @@ typedef struct {
 void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                      uint32_t mask, HitPoints *points);
 
+/* Distances of these points alone: in metres, of unit rays. */
+void find_hit_distances(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                        uint32_t mask, float distance[BLOCK_RAYS]);
+
 #endif

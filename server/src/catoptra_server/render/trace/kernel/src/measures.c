@@ -1,39 +1,50 @@
 #include "measures.h"
 
+#include "encoding.h"
+#include "image_vectors.h"
+
 #include <math.h>
 
-/* sRGB (IEC 61966-2-1), 0 to 255. */
-static float encode_exactly(float linear) {
-    float value = clip(linear);
-    return 255.0f * (value <= 0.0031308f ? 12.92f * value
-                                         : 1.055f * powf(value, 1.0f / 2.4f) - 0.055f);
-}
+/* Twice the table's error: of the difference of two levels. */
+#define TABLE_ERROR 0.01f
 
-static void note_channel(const FrameState *state, _Atomic float *largest, float one, float other) {
+void note_level_change(_Atomic float *largest, float one, float other) {
     float known = atomic_load_explicit(largest, memory_order_relaxed);
-    /* Each of two rounded levels is half a level off, and a hundredth by the table's steps. */
-    int levels = (int)encode(state, one) - (int)encode(state, other);
-    if (one == other || fabsf((float)levels) + 1.1f < known)
-        return;
-    float change = fabsf(encode_exactly(one) - encode_exactly(other));
+    float change = one == other ? 0.0f : fabsf(encode_level(one) - encode_level(other));
     while (change > known && !atomic_compare_exchange_weak(largest, &known, change))
         ;
 }
 
-void note_change(const FrameState *state, _Atomic float *largest, Vec3 one, Vec3 other) {
-    note_channel(state, largest, one.x, other.x);
-    note_channel(state, largest, one.y, other.y);
-    note_channel(state, largest, one.z, other.z);
+void note_change(_Atomic float *largest, Vec3 one, Vec3 other) {
+    note_level_change(largest, one.x, other.x);
+    note_level_change(largest, one.y, other.y);
+    note_level_change(largest, one.z, other.z);
+}
+
+/* Upper bound of the change of 16 pixels, grey levels: the curve is concave, so that a difference
+ * shows most where it begins at the darkest value. */
+static float bound_change(float factor, const float *one, const float *other) {
+    Floats16 a = factor * load16(one), b = factor * load16(other);
+    float lowest = clip(smallest_of(least16(a, b)));
+    float difference = largest_of(most16(a, b) - least16(a, b));
+    return encode_level(lowest + difference) - encode_level(lowest) + TABLE_ERROR;
+}
+
+static void note_pixels(const TilePixels *pixels, _Atomic float *largest, float factor,
+                        const float *one, const float *other) {
+    if (bound_change(factor, one, other) <= atomic_load_explicit(largest, memory_order_relaxed))
+        return;
+    for (int row = 0; row < pixels->rows; row++)
+        for (int column = 0; column < pixels->columns; column++) {
+            int pixel = row * TILE_PX + column;
+            note_level_change(largest, factor * one[pixel], factor * other[pixel]);
+        }
 }
 
 void note_changes(const FrameState *state, int tile, _Atomic float *largest,
                   const PixelSums *one, const PixelSums *other) {
     float factor = 1.0f / (float)(state->rays->samples * state->rays->samples);
     TilePixels pixels = find_pixels(state, tile);
-    for (int row = 0; row < pixels.rows; row++)
-        for (int column = 0; column < pixels.columns; column++) {
-            int pixel = row * TILE_PX + column;
-            note_change(state, largest, scale(factor, get_lane(one->sum, pixel)),
-                        scale(factor, get_lane(other->sum, pixel)));
-        }
+    for (int channel = 0; channel < 3; channel++)
+        note_pixels(&pixels, largest, factor, one->sum[channel], other->sum[channel]);
 }

@@ -27,10 +27,40 @@ int pixel_of_lane(const FrameState *state, int block, int lane) {
     return pixel_of(row, reciprocal) * TILE_PX + pixel_of(column, reciprocal);
 }
 
+typedef float Lanes __attribute__((vector_size(4 * BLOCK_RAYS)));
+typedef float Halves __attribute__((vector_size(2 * BLOCK_RAYS)));
+
+/* Two samples a side: a block has a quarter of the tile's pixels, of two lanes in two rows each. In
+ * the order of the lanes, so that sums have the same last bit as one by one. */
+static void add_quarter(int block, const float values[BLOCK_RAYS], float sums[TILE_PX * TILE_PX]) {
+    Lanes lanes;
+    memcpy(&lanes, values, sizeof lanes);
+    Halves even = __builtin_shufflevector(lanes, lanes, 0, 2, 4, 6, 8, 10, 12, 14);
+    Halves odd = __builtin_shufflevector(lanes, lanes, 1, 3, 5, 7, 9, 11, 13, 15);
+    for (int pixel = 0; pixel < 4; pixel++) {
+        int row = pixel / 2, column = pixel % 2, lane = 4 * row + column;
+        float *sum = sums + (block / 2 * 2 + row) * TILE_PX + block % 2 * 2 + column;
+        *sum = *sum + even[lane] + odd[lane] + even[lane + 2] + odd[lane + 2];
+    }
+}
+
+void add_lanes(int samples, int block, const float values[BLOCK_RAYS],
+               float sums[TILE_PX * TILE_PX]) {
+    int reciprocal = 65536 / samples + 1;
+    int top = block / samples * TILE_PX, left = block % samples * TILE_PX;
+    if (samples == 2) {
+        add_quarter(block, values, sums);
+        return;
+    }
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        int row = pixel_of(top + lane / TILE_PX, reciprocal);
+        sums[row * TILE_PX + pixel_of(left + lane % TILE_PX, reciprocal)] += values[lane];
+    }
+}
+
 void add_samples(const FrameState *state, int block, uint32_t active,
                  float radiance[3][BLOCK_RAYS], PixelSums *sums) {
-    int samples = state->rays->samples, reciprocal = 65536 / samples + 1;
-    int top = block / samples * TILE_PX, left = block % samples * TILE_PX;
+    int samples = state->rays->samples;
     for (int channel = 0; channel < 3; channel++)
         for (int lane = 0; lane < BLOCK_RAYS; lane++) {
             float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
@@ -42,12 +72,8 @@ void add_samples(const FrameState *state, int block, uint32_t active,
     }
     if (block == 0)
         memset(sums->sum, 0, sizeof sums->sum);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        int row = pixel_of(top + lane / TILE_PX, reciprocal);
-        int pixel = row * TILE_PX + pixel_of(left + lane % TILE_PX, reciprocal);
-        for (int channel = 0; channel < 3; channel++)
-            sums->sum[channel][pixel] += radiance[channel][lane];
-    }
+    for (int channel = 0; channel < 3; channel++)
+        add_lanes(samples, block, radiance[channel], sums->sum[channel]);
 }
 
 void add_row(const FrameState *state, int row, uint32_t active,

@@ -23,6 +23,11 @@ int pixel_of_lane(const FrameState *state, int block, int lane);
 
 TilePixels find_pixels(const FrameState *state, int tile);
 
+/* Add a value of each of a block's rays, one channel, to the sums of its pixels; `samples`
+ * along a side of each. */
+void add_lanes(int samples, int block, const float values[BLOCK_RAYS],
+               float sums[TILE_PX * TILE_PX]);
+
 /* Add the (3, 16) radiance of a block's rays to the tile's pixels, from block 0 on. Samples beside
  * the mirror are black. */
 void add_samples(const FrameState *state, int block, uint32_t active,

@@ -27,14 +27,14 @@ static void invert_plane(const FrameState *state, int32_t triangle, const RayBlo
 
 void find_inverse_ranges(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                          float inverse[BLOCK_RAYS]) {
-    HitPoints points;
+    _Alignas(64) float distance[BLOCK_RAYS];
     uint32_t met = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         met |= (uint32_t)(hits->object[lane] != OBJECT_NONE) << lane;
     met &= rays->active;
-    find_hit_points(state, rays, hits, met, &points);
+    find_hit_distances(state, rays, hits, met, distance);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        inverse[lane] = met >> lane & 1 ? limit_inverse(1.0f / points.distance[lane]) : 0.0f;
+        inverse[lane] = met >> lane & 1 ? limit_inverse(1.0f / distance[lane]) : 0.0f;
 }
 
 void fill_ranges(const FrameState *state, int tile, int32_t triangle) {

@@ -4,6 +4,7 @@
 #include "camera_rays.h"
 #include "facet_plane.h"
 #include "fog.h"
+#include "fog_tile.h"
 #include "hit_points.h"
 #include "measures.h"
 #include "occlusion.h"
@@ -194,10 +195,10 @@ static void fill_tile(const FrameState *state, int tile, const TileContent *cont
         memcpy(pixel_at(&pixels, row, 0), row_of_pixels,
                (size_t)pixels.columns * pixels.pixel_bytes);
     if (state->frame->measures_shadows && !light->is_table)
-        note_change(state, &state->measures->shadow_change, light->radiance,
+        note_change(&state->measures->shadow_change, light->radiance,
                     add(light->radiance, light->lost));
     if (state->frame->measures_fog && has_fog(state))
-        note_change(state, &state->measures->fog_change, light->radiance,
+        note_change(&state->measures->fog_change, light->radiance,
                     vec3(scene->sharp_radiance + 3 * entry));
     if (state->frame->inverse_range)
         fill_ranges(state, tile, content->triangle);
@@ -208,7 +209,7 @@ static void fill_tile(const FrameState *state, int tile, const TileContent *cont
                 light->is_table ? vec3(scene->sharp_radiance + 3 * entry) : light->radiance);
 }
 
-/* Radiance of a tile if it is the same all over it; 0 otherwise. */
+/* Radiance of a tile if it is the same all over it in clear air; 0 otherwise. */
 static int find_single_radiance(const FrameState *state, const TileContent *content,
                                 PlaneLight *light, size_t *entry) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
@@ -218,9 +219,6 @@ static int find_single_radiance(const FrameState *state, const TileContent *cont
                               .radiance = vec3(state->frame->airlight)};
         return 1;
     }
-    /* Fog differs from ray to ray. */
-    if (has_fog(state))
-        return 0;
     *entry = (size_t)content->triangle;
     return !(mesh->flags[content->triangle] & FACET_TEXTURED) &&
            (content->is_open || !has_occlusion(state->scene, content->triangle)) &&
@@ -468,7 +466,8 @@ static int may_fill(const FrameState *state, int tile, const TileContent *conten
 int is_single_radiance(const FrameState *state, int tile, const TileContent *content) {
     PlaneLight light;
     size_t entry;
-    return may_fill(state, tile, content) &&
+    /* Fog differs from ray to ray. */
+    return !(has_fog(state) && content->triangle >= 0) && may_fill(state, tile, content) &&
            find_single_radiance(state, content, &light, &entry);
 }
 
@@ -479,8 +478,14 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
     }
     PlaneLight light;
     size_t entry;
-    if (may_fill(state, tile, content) && find_single_radiance(state, content, &light, &entry))
+    int is_single = may_fill(state, tile, content) &&
+                    find_single_radiance(state, content, &light, &entry);
+    int is_fogged = is_single && has_fog(state) && content->triangle >= 0;
+    if (is_single && !is_fogged)
         fill_tile(state, tile, content, entry, &light);
+    else if (is_fogged && is_fogged_as_one(state, tile, light.radiance) &&
+             !(state->frame->measures_shadows && max_abs(light.lost) > 0.0f))
+        fill_fogged_tile(state, tile, content->triangle, light.radiance);
     else if (state->is_rolling)
         render_rows(state, tile, content);
     else
