@@ -69,7 +69,7 @@ static void add_to_instant(const BlurTile *blur, uint32_t active,
 static void note_instant(const BlurTile *blur, const Instant *sums) {
     _Atomic float *largest = &blur->state->measures->shadow_change;
     for (int pixel = 0; sums->differs && pixel < blur->order->pixels; pixel++)
-        note_change(blur->state, largest, get_lane(sums->shown, pixel),
+        note_change(largest, get_lane(sums->shown, pixel),
                     get_lane(sums->unshadowed, pixel));
 }
 
