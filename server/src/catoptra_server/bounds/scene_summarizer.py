@@ -30,8 +30,9 @@ from catoptra_server.bounds.shadow_bounds import ShadowBounds
 from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.radiance_bounds import max_object_radiance, max_radiance
+from catoptra_server.scene.radiance_bounds import max_object_radiance
 from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.scene_radiance import max_radiance
 from catoptra_server.scene.world_description import World
 
 

@@ -1,8 +1,8 @@
-"""Upper bounds of radiance and irradiance in a scene.
+"""Upper bounds of irradiance in a scene, and of the radiance of dynamic objects.
 
-A facet counts with all its light, a texture with its brightest texel of each colour, a point light
-from the nearest point of a facet's box. A dynamic object counts with its own brightest colour,
-turned towards all lights, and with point lights from the nearest point of its bounding sphere.
+A point light counts from the nearest point of a facet's box. A dynamic object counts with its own
+brightest colour, turned towards all lights, and with point lights from the nearest point of its
+bounding sphere.
 """
 
 from __future__ import annotations
@@ -12,11 +12,8 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh
-from catoptra_server.scene.row_blocks import row_blocks
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import facet_irradiance, point_lights
+from catoptra_server.scene.shading import point_lights
 from catoptra_server.scene.world_description import (
     DirectionalLight,
     HemisphereLight,
@@ -24,20 +21,10 @@ from catoptra_server.scene.world_description import (
     World,
 )
 
-# Shading clamps the squared distance of a point light to this as well.
-_MIN_DISTANCE_SQUARED_M2 = 1e-6
+MIN_DISTANCE_SQUARED_M2 = 1e-6
+"""Shading clamps the squared distance of a point light to this as well."""
 # Time between the pose of an exposure and its begin or end.
 _MAX_OFFSET_S = 0.1
-
-
-def max_radiance(scene: SceneMesh, world: World) -> float:
-    """Largest radiance in any colour channel: 30 ms for a million triangles."""
-    texels = _brightest_texels(scene)
-    of_facets = (
-        float(_max_facet_radiance(scene, world, texels, block).max())
-        for block in row_blocks(len(scene))
-    )
-    return max(*world.background, *of_facets)
 
 
 def max_object_radiance(dynamic_object: DynamicObject, world: World) -> float:
@@ -50,7 +37,7 @@ def max_object_radiance(dynamic_object: DynamicObject, world: World) -> float:
         towards = np.asarray(light.position_m) - dynamic_object.centre
         reach_m = dynamic_object.mesh.radius_m + _MAX_OFFSET_S * dynamic_object.twist.speed_m_s
         nearest_m = max(0.0, float(np.linalg.norm(towards)) - reach_m)
-        squared_m2 = max(nearest_m**2, _MIN_DISTANCE_SQUARED_M2)
+        squared_m2 = max(nearest_m**2, MIN_DISTANCE_SQUARED_M2)
         irradiance = irradiance + np.asarray(light.intensity) / squared_m2
     unlit, lit = _max_albedos(dynamic_object.mesh)
     return float(np.maximum(unlit, lit * irradiance).max())
@@ -61,23 +48,6 @@ def _max_albedos(mesh: ObjectMesh) -> tuple[Floats, Floats]:
     """(3,) largest albedo of unlit and of lit facets; 0 without any."""
     unlit, lit = mesh.albedo[mesh.unlit], mesh.albedo[~mesh.unlit]
     return unlit.max(axis=0, initial=0.0), lit.max(axis=0, initial=0.0)
-
-
-def _max_facet_radiance(scene: SceneMesh, world: World, texels: Floats, block: slice) -> Floats:
-    """(m, 3) largest radiance of each of some triangles, with (t + 1, 3) brightest texels."""
-    irradiance = facet_irradiance(world.lights, scene.normals[block])
-    for light in point_lights(world.lights):
-        irradiance += max_facet_irradiance(scene.corners[block], scene.normals[block], light)
-    albedo = scene.max_albedo(block) * texels[scene.texture_index[block]]
-    radiance: Floats = albedo * np.where(scene.unlit[block, None], 1.0, irradiance)
-    return radiance
-
-
-def _brightest_texels(scene: SceneMesh) -> Floats:
-    """(t + 1, 3) brightest linear texel of each texture in each colour; 1 for no texture, last."""
-    # Index -1, of facets without a texture, is the last row.
-    brightest = [texture.max(axis=(0, 1)) / 255.0 for texture in scene.textures]
-    return linear_from_srgb(np.array([*brightest, np.ones(3)]))
 
 
 def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floats]:
@@ -95,7 +65,7 @@ def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Fl
     # The nearest point of a box needs no case distinction, and is never farther than the
     # triangle's.
     outside = np.maximum(np.maximum(low - position, position - high), 0.0)
-    squared = np.maximum(np.square(outside).sum(axis=-1), _MIN_DISTANCE_SQUARED_M2)
+    squared = np.maximum(np.square(outside).sum(axis=-1), MIN_DISTANCE_SQUARED_M2)
     irradiance: Floats = np.asarray(light.intensity) / squared[:, None]
     return irradiance, np.sqrt(squared)
 
@@ -107,7 +77,7 @@ def max_facet_irradiance(corners: Floats, normals: Floats, light: PointLight) ->
     # the same all over it, and no greater than any distance.
     to_light = np.asarray(light.position_m) - corners[:, 0]
     height_m = np.maximum(np.einsum("ni,ni->n", normals, to_light), 0.0)
-    distance_m = np.maximum(np.maximum(nearest_m, height_m), _MIN_DISTANCE_SQUARED_M2**0.5)
+    distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_DISTANCE_SQUARED_M2**0.5)
     irradiance: Floats = np.asarray(light.intensity) * (height_m / distance_m**3)[:, None]
     return irradiance
 

@@ -71,7 +71,7 @@ class SceneMesh:
         """Number of triangles."""
         return len(self.corners)
 
-    def max_albedo(self, triangles: slice) -> Floats:
+    def max_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
         """(m, 3) largest albedo of each of some triangles, in each colour channel."""
         if self.corner_albedo is None:
             return self.albedo[triangles]
