@@ -97,6 +97,15 @@ def test_value_when_impossible_is_rejected_by_its_key(
     assert line.partition("=")[0] in str(error.value)
 
 
+def test_diffraction_when_too_wide_to_be_drawn_is_rejected_by_its_reason(tmp_path: Path) -> None:
+    lens = ("FNumber=64", "Diffraction=auto")
+    with pytest.raises(ConfigError, match=r"PixelPitch.*at least 4e-06 m at F/64.*952 px wide"):
+        make_section(tmp_path, *lens, "PixelPitch=1e-7")
+    # The same pixels draw the discs of geometrical optics.
+    make_section(tmp_path, "FNumber=64", "Defocus=auto", "PixelPitch=1e-7")
+    assert make_section(tmp_path, *lens, "PixelPitch=4.01e-6").settings
+
+
 @pytest.mark.parametrize("kind", EFFECT_TYPES, ids=lambda kind: kind.name)
 def test_page_of_configurations_names_every_effect_and_its_keys(kind: EffectType) -> None:
     page = (OMNI_ROBOT.parents[1] / "README.md").read_text(encoding="utf-8")

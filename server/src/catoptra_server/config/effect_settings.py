@@ -75,4 +75,10 @@ def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSett
         for p in kind.parameters
     }
     mode = section.get_choice(kind.name, _MODES, "")
-    return EffectSetting(kind.factory(**values), EffectMode(mode)) if mode else None
+    if not mode:
+        return None
+    effect = kind.factory(**values)
+    fault = kind.find_fault(effect) if kind.find_fault else None
+    if fault:
+        raise section.make_error(fault.key, expected=fault.expected)
+    return EffectSetting(effect, EffectMode(mode))

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import field
 from enum import Enum, StrEnum
 from functools import lru_cache
-from typing import Protocol, TypeGuard, TypeVar
+from typing import Any, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -164,6 +164,16 @@ class EffectParameter:
 
 
 @dataclass(frozen=True, slots=True)
+class ParameterFault:
+    """Why an effect with parameters that are all within their ranges cannot be drawn."""
+
+    key: str
+    """Parameter to be changed."""
+    expected: str
+    """An acceptable value, as a phrase."""
+
+
+@dataclass(frozen=True, slots=True)
 class EffectType:
     """Effect as it is configured: a line of the table in `effects/__init__`."""
 
@@ -174,6 +184,8 @@ class EffectType:
     parameters: tuple[EffectParameter, ...] = ()
     needs_mirror: bool = False
     """Whether only a camera with a mirror can have the effect; others have all the rest."""
+    find_fault: Callable[[Any], ParameterFault | None] | None = None
+    """Finds what parameters ask for together that cannot be drawn; None: each alone is enough."""
 
 
 @dataclass(frozen=True, slots=True)

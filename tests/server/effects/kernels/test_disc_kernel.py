@@ -7,6 +7,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.kernels.disc_kernel import (
+    MAX_DIAMETER_PX,
     disc_area_fractions,
     disc_kernel_table,
     table_row,
@@ -82,3 +83,13 @@ def test_texture_when_computed_twice_is_the_same_array() -> None:
     table = disc_kernel_table(3.0)
     assert table.to_texture() is table.to_texture()
     np.testing.assert_array_equal(table.to_texture()[..., 0], table.weights.astype(np.float32))
+
+
+def test_table_of_a_disc_wider_than_any_drawn_takes_no_more_memory() -> None:
+    # F/0.7 on pixels of 0.1 um has discs of thousands of pixels: the table grows with d^4.
+    widest = disc_kernel_table(MAX_DIAMETER_PX)
+    assert disc_kernel_table(5000.0).weights.nbytes == widest.weights.nbytes < 2**23
+    row = table_row(np.array(5000.0))
+    np.testing.assert_array_equal(
+        disc_kernel_table(5000.0).interpolate(row, widest.half_width_px), widest.weights[-1]
+    )

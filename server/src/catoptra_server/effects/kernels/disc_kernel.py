@@ -27,6 +27,8 @@ from catoptra_server.effects.kernels.symmetric_kernels import (
     pair_multiplicities,
 )
 
+MAX_DIAMETER_PX = 32.0
+"""Widest disc that is drawn; a wider one is drawn as this: tables grow with the fourth power."""
 # Rows of the table per px^2 of variance; a kink of a weight between two rows is cut by 1e-4.
 ROWS_PER_PX2 = 64
 # Step of the laid disc's diameter; the table's variances are interpolated between these steps.
@@ -87,7 +89,8 @@ def table_row(diameter_px: Floats) -> Floats:
 
 @lru_cache(maxsize=8)
 def disc_kernel_table(max_diameter_px: float) -> DiscKernelTable:
-    """Kernels of all discs up to a diameter."""
+    """Kernels of all discs up to a diameter, at most MAX_DIAMETER_PX."""
+    max_diameter_px = min(max_diameter_px, MAX_DIAMETER_PX)
     rows = math.ceil(float(table_row(np.array(max_diameter_px)))) + 2
     variance = np.arange(rows) / ROWS_PER_PX2
     # A laid disc of 1 px has no variance; one of max_diameter_px + 1 always has more than the

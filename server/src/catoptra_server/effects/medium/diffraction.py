@@ -27,7 +27,13 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.effects.effect import EffectBound, EffectType, Real, Uniforms
+from catoptra_server.effects.effect import (
+    EffectBound,
+    EffectType,
+    ParameterFault,
+    Real,
+    Uniforms,
+)
 from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.symmetric_kernels import (
     convolve_symmetric,
@@ -41,6 +47,8 @@ from catoptra_server.effects.scene_summary import SceneSummary
 WAVELENGTHS_M = (610e-9, 540e-9, 465e-9)
 # The first zero of J1, over pi: the dark ring's radius over lambda N.
 _FIRST_DARK_RING = 3.8317059702075125 / math.pi
+MAX_AIRY_DIAMETER_PX = 24.0
+"""Widest Airy disc of red that robot files may ask for: F/64 on pixels of 4 um."""
 # Width of the kernel's square over the diameter of the disc.
 _KERNEL_WIDTH_IN_DISCS = 5.0
 # Narrower patterns have more rings in a pixel than quadrature should resolve: 300 nodes.
@@ -199,4 +207,23 @@ def _weights_texture(effect: Diffraction) -> npt.NDArray[np.float32]:
     return texture
 
 
-EFFECT_TYPE = EffectType("Diffraction", Diffraction, (F_NUMBER, PIXEL_PITCH))
+def _find_fault(effect: Diffraction) -> ParameterFault | None:
+    """Find a pattern too wide to be drawn.
+
+    F/64 on pixels of 0.1 um would take a border of 2400 px and three million weights.
+    """
+    diameter_px = effect.airy_diameter_px(WAVELENGTHS_M[0])
+    if diameter_px <= MAX_AIRY_DIAMETER_PX:
+        return None
+    pitch_m = effect.pixel_pitch_m * diameter_px / MAX_AIRY_DIAMETER_PX
+    return ParameterFault(
+        PIXEL_PITCH.key,
+        f"at least {pitch_m:.2g} m at F/{effect.f_number:g}, where the Airy disc of red would be "
+        f"{diameter_px:.0f} px wide: Diffraction draws discs of at most "
+        f"{MAX_AIRY_DIAMETER_PX:g} px",
+    )
+
+
+EFFECT_TYPE = EffectType(
+    "Diffraction", Diffraction, (F_NUMBER, PIXEL_PITCH), find_fault=_find_fault
+)
