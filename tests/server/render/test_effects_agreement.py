@@ -8,6 +8,7 @@ evenly lit world, the mean of each level against the variance of the difference 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.scene.fog import Fog
+from catoptra_server.render.image_effect_choice import SHADER_PASSES
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import View
@@ -29,6 +31,7 @@ from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.effect_measurement import CAMERA, make_effect
+from helpers.image_changers import open_changer_or_skip
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.worlds import (
     CAMERA_STATE,
@@ -58,11 +61,14 @@ FLAT = make_omni_camera(width_px=160)
 CENTRE = (slice(40, 120), slice(40, 120))
 
 
-def test_renderers_with_a_simulated_sensor_agree(device: GlDevice) -> None:
+@pytest.mark.parametrize("is_native", [False, True])
+def test_renderers_with_a_simulated_sensor_agree(device: GlDevice, is_native: bool) -> None:
     world, plan = make_test_world(), make_plan(CAMERA, samples=2)
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
-    raster = RasterRenderer(scene, world, device=device)
+    stack = ExitStack()
+    image_effects = open_changer_or_skip(stack) if is_native else SHADER_PASSES
+    raster = RasterRenderer(scene, world, device=device, image_effects=image_effects)
     calm = trace.prepare(CAMERA, plan).render(CAMERA_STATE).rgb
     view = raster.prepare(CAMERA, plan)
     trace_image = trace.prepare(CAMERA, plan).render(CAMERA_STATE, SENSOR).rgb
@@ -73,6 +79,7 @@ def test_renderers_with_a_simulated_sensor_agree(device: GlDevice) -> None:
     assert (difference[smooth] > 1).mean() < 2e-3
     assert (difference > 2).mean() < 0.05
     view.close()
+    stack.close()
     trace.close()
 
 

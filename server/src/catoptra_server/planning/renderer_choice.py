@@ -21,6 +21,7 @@ from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.light_culling import cull_lights
 from catoptra_server.planning.effect_rates import RenderEngine
+from catoptra_server.planning.image_effect_drawing import choose_image_effects
 from catoptra_server.planning.renderer_rule import ImageLoad, RendererRule, SceneLoad
 from catoptra_server.render.embreex_package import (
     PACKAGE,
@@ -139,9 +140,20 @@ def _create_trace(inputs: _Scene) -> TraceRenderer:
 
 
 def _create_raster(inputs: _Scene, device: GlDevice | None = None) -> Renderer:
-    from catoptra_server.render.raster import RasterRenderer
+    from catoptra_server.render.raster import RasterRenderer, open_device
 
-    return RasterRenderer(inputs.mesh, inputs.world, device=device, scene_lights=inputs.lights)
+    device = device or open_device()
+    return RasterRenderer(
+        inputs.mesh,
+        inputs.world,
+        device=device,
+        scene_lights=inputs.lights,
+        image_effects=choose_image_effects(
+            is_software=device.is_software,
+            threads=inputs.threads,
+            instruction_set=inputs.instruction_set,
+        ),
+    )
 
 
 RENDERER_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {

@@ -1,20 +1,30 @@
 from __future__ import annotations
 
 import threading
+from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from catoptra_server.capture.shutter import Shutter
+from catoptra_server.render.image_changer import measure_change
+from catoptra_server.render.image_effect_choice import SHADER_PASSES, ImageEffectChoice
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.scene_mesh import build_scene
-from helpers.effect_measurement import CAMERA, make_effect
+from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_effect
+from helpers.image_changers import open_changer_or_skip
+from helpers.image_comparison import level_differences
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 
-def make_renderer(device: GlDevice) -> RasterRenderer:
+def make_renderer(
+    device: GlDevice, image_effects: ImageEffectChoice = SHADER_PASSES
+) -> RasterRenderer:
     world = make_test_world()
-    return RasterRenderer(build_scene(world), world, device=device)
+    return RasterRenderer(build_scene(world), world, device=device, image_effects=image_effects)
 
 
 def test_linear_image_when_read_is_the_encoded_one(device: GlDevice) -> None:
@@ -43,3 +53,59 @@ def test_view_when_rendered_by_another_thread_raises(device: GlDevice) -> None:
     thread.join()
     assert errors == ["a view belongs to its renderer's thread"]
     view.close()
+
+
+EFFECTS = tuple(
+    make_effect(name, changes)
+    for name, changes in (
+        ("DefocusByDepth", {"f_number": 2.0, "pixel_pitch_m": 1.1e-5}),
+        ("Vignetting", {}),
+        ("Exposure", {"exposure_s": 0.02}),
+        ("ShotNoise", {}),
+    )
+)
+
+
+def test_effects_by_the_kernel_are_those_of_the_shaders(device: GlDevice) -> None:
+    plan = make_plan(CAMERA, samples=2)
+    with ExitStack() as stack:
+        changer = open_changer_or_skip(stack)
+        shaders = make_renderer(device).prepare(CAMERA, plan)
+        native = make_renderer(device, changer).prepare(CAMERA, plan)
+        for view in (shaders, native):
+            stack.callback(view.close)
+        for state in (CAMERA_STATE, DRIVING_STATE):
+            images = [view.render_linear(state, EFFECTS) for view in (shaders, native)]
+            np.testing.assert_allclose(*images, atol=1e-4)
+            frames = [view.render(state, EFFECTS).rgb for view in (shaders, native)]
+            assert level_differences(*frames).max() <= 1
+
+
+def test_effects_by_the_kernel_are_measured_and_have_no_passes(device: GlDevice) -> None:
+    thresholds = {effect.name: 0.5 for effect in EFFECTS}
+    with ExitStack() as stack:
+        view = make_renderer(device, open_changer_or_skip(stack)).prepare(CAMERA, make_plan(CAMERA))
+        stack.callback(view.close)
+        image = view.render(CAMERA_STATE, EFFECTS, thresholds)
+        assert view.pass_names == ("faces", "mirror", "ranges")
+        view.render(CAMERA_STATE, EFFECTS[1:])
+        assert view.pass_names == ("faces", "mirror")
+        before = view.render_linear(CAMERA_STATE, EFFECTS[:2])
+        after = view.render_linear(CAMERA_STATE, EFFECTS[:3])
+    assert set(thresholds) <= set(image.changes)
+    assert image.changes["Exposure"] == pytest.approx(measure_change(before, after), abs=0.6)
+    assert image.changes["Exposure"] > 1.0
+    assert list(image.stage_ms)[:4] == ["faces", "mirror", "ranges", "readback"]
+    assert set(thresholds) < set(image.stage_ms)
+    assert not image.rgb.flags.writeable
+
+
+def test_frames_without_effects_are_not_read_back_for_the_kernel(device: GlDevice) -> None:
+    with ExitStack() as stack:
+        view = make_renderer(device, open_changer_or_skip(stack)).prepare(CAMERA, make_plan(CAMERA))
+        stack.callback(view.close)
+        view.render(CAMERA_STATE)
+        assert view.pass_names == ("faces", "mirror")
+        # Encoded on the device: a shutter alone needs no image changer.
+        view.render(replace(DRIVING_STATE, shutter=Shutter(0.02, 0.0, 2)))
+        assert view.pass_names == ("accumulate", "encode")

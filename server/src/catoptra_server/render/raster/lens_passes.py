@@ -16,9 +16,9 @@ from catoptra_server.render.projection.lens_projection import LensProjection
 from catoptra_server.render.raster.accumulation_pass import AccumulationPass
 from catoptra_server.render.raster.effect_chain import EffectChain, LinearImageTarget
 from catoptra_server.render.raster.face_pass import FacePass
+from catoptra_server.render.raster.pass_sequence import ExposureTarget, PassSequence
 from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, OutputImage, Pass
 from catoptra_server.render.raster.range_pass import RangePass
-from catoptra_server.render.raster.raster_views import PassSequence
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import Definitions, ShaderPrograms
 
@@ -46,14 +46,30 @@ class LensPasses:
 
     def make_linear(self, effects: tuple[ImageEffect, ...], has_shutter: bool) -> PassSequence:
         """Face and mean in linear light, at one time or accumulated, then effects, encoding."""
-        ranges = self._make_range_pass(effects)
+        needs_ranges = any(effect.needs_range for effect in effects)
+        ranges = self._make_range_pass() if needs_ranges else None
         chain = EffectChain(
             self.context, self.programs, effects, self._camera, self.output.target, ranges=ranges
         )
+        exposure = self._make_exposure_passes(chain.input_target, ranges, has_shutter)
+        return PassSequence((*exposure, *chain.passes), chain)
+
+    def make_exposure(self, *, has_ranges: bool, has_shutter: bool) -> PassSequence:
+        """Face and mean in linear light, to be read back, with ranges or without."""
+        ranges = self._make_range_pass() if has_ranges else None
+        image = LinearImageTarget(self.context, self._camera.width_px, self._camera.height_px)
+        passes = self._make_exposure_passes(image.target, ranges, has_shutter)
+        return PassSequence(passes, exposure=ExposureTarget(image, ranges))
+
+    def _make_exposure_passes(
+        self, target: moderngl.Framebuffer, ranges: RangePass | None, has_shutter: bool
+    ) -> tuple[Pass, ...]:
+        """Passes of an exposure before its image effects."""
         make_image_passes = self._make_long_exposure if has_shutter else self._make_sharp_passes
+        # Ranges belong to the pose in the middle of the exposure, as in trace: effects by depth use
+        # one range a pixel, not one for each time sample.
         range_passes = () if ranges is None else (ranges,)
-        passes = (*make_image_passes(chain.input_target), *range_passes, *chain.passes)
-        return PassSequence(passes, chain)
+        return (*make_image_passes(target), *range_passes)
 
     @property
     def _camera(self) -> PerspectiveCamera:
@@ -80,10 +96,8 @@ class LensPasses:
             encoding=encoding,
         )
 
-    def _make_range_pass(self, effects: tuple[ImageEffect, ...]) -> RangePass | None:
-        """Pass that measures the range of each pixel, None if no effect uses ranges."""
-        if not any(effect.needs_range for effect in effects):
-            return None
+    def _make_range_pass(self) -> RangePass:
+        """Pass that measures the range of each pixel."""
         # One sample a pixel, at the pixel's centre: effects use the range of the centre.
         projection = LensProjection(self._camera, 1, self.projection.mirror_from_camera)
         return RangePass(

@@ -14,6 +14,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.image_effect_choice import SHADER_PASSES, ImageEffectChoice
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.projection.lens_projection import make_lens_projection
 from catoptra_server.render.raster.face_pass import FacePass
@@ -41,6 +42,7 @@ class RasterRenderer:
         *,
         device: GlDevice | None = None,
         scene_lights: tuple[Light, ...] | None = None,
+        image_effects: ImageEffectChoice = SHADER_PASSES,
     ) -> None:
         """Upload a scene.
 
@@ -49,6 +51,7 @@ class RasterRenderer:
             world: Lights and background.
             device: Device that is already open; None opens a new one.
             scene_lights: Lights that change the static scene visibly; None for all of the world.
+            image_effects: Drawing of image effects, closed with the renderer.
 
         Raises:
             OpenGLMissingError: There is no OpenGL 3.3.
@@ -56,6 +59,7 @@ class RasterRenderer:
         self._device = device or open_device()
         self._thread = threading.get_ident()
         self._triangles = len(scene)
+        self._image_effects = image_effects
         with self._device.context as context:
             self._programs = ShaderPrograms(context)
             self._scene = SceneBuffers(
@@ -73,8 +77,8 @@ class RasterRenderer:
         return self._scene.dynamic_objects.buffer_bytes
 
     def describe(self) -> str:
-        """One-line description for logs: device and scene size."""
-        return f"raster: {self._device}, {self._triangles} triangles"
+        """One-line description for logs: device, scene size and drawing of image effects."""
+        return f"raster: {self._device}, {self._triangles} triangles, {self._image_effects}"
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
         """Prepare a view of an omnidirectional camera.
@@ -104,8 +108,9 @@ class RasterRenderer:
             faces,
             lookup_map,
             output,
-            make_plain=passes.make_plain,
-            make_linear=passes.make_linear,
+            camera=camera,
+            sequences=passes,
+            image_changer=self._image_effects.changer,
             thread=self._thread,
         )
 
@@ -149,8 +154,9 @@ class RasterRenderer:
             faces,
             None,
             output,
-            make_plain=passes.make_plain,
-            make_linear=passes.make_linear,
+            camera=camera,
+            sequences=passes,
+            image_changer=self._image_effects.changer,
             thread=self._thread,
         )
         view.prepare_plain()
@@ -179,4 +185,5 @@ class RasterRenderer:
         self._check_thread()
         with self._device.context:
             self._scene.close()
+        self._image_effects.close()
         self._device.close()

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import moderngl
 
-from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.render.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.projection.lens_projection import LensProjection
-from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.face_pass import DrawCounts, FacePass
 from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.pass_sequence import PassSequence, SequenceFactory
 from catoptra_server.render.raster.passes import OutputImage, Pass, image_bytes
 from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
 from catoptra_server.render.stage_clock import StageClock
@@ -24,35 +26,9 @@ from catoptra_server.render.stage_clock import StageClock
 # quarter of a second to build on two cores, and holds 20 MB at 640 px.
 _MAX_SEQUENCES = 4
 
-# Effects of a sequence, and whether the exposure has a shutter.
-SequenceKey = tuple[tuple[ImageEffect, ...], bool]
-# Builds the passes of a sequence; the resources are freed with the sequence.
-MakeLinearSequence = Callable[[tuple[ImageEffect, ...], bool], "PassSequence"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PassSequence:
-    """The passes from the faces to the finished image; the faces are freed with their view."""
-
-    passes: tuple[Pass, ...]
-    """Passes in order of rendering."""
-    effect_chain: EffectChain | None = None
-    """Effects and encoding, None where the pass before encodes by itself."""
-
-    @property
-    def memory_bytes(self) -> int:
-        """Size of the images of passes and effects, without the faces."""
-        passes = (one for one in self.passes if not isinstance(one, FacePass))
-        chain = self.effect_chain.memory_bytes if self.effect_chain else 0
-        return sum(one.memory_bytes for one in passes) + chain
-
-    def close(self) -> None:
-        """Free the passes, and the images between them."""
-        for render_pass in reversed(self.passes):
-            if not isinstance(render_pass, FacePass):
-                render_pass.close()
-        if self.effect_chain is not None:
-            self.effect_chain.close()
+# Effects that are passes, None for an exposure that is read back; whether there are ranges; whether
+# the exposure has a shutter.
+SequenceKey = tuple[tuple[ImageEffect, ...] | None, bool, bool]
 
 
 class RasterOmniView:
@@ -65,8 +41,9 @@ class RasterOmniView:
         lookup_map: moderngl.Texture | None,
         output: OutputImage,
         *,
-        make_plain: Callable[[], PassSequence],
-        make_linear: MakeLinearSequence,
+        camera: RadialCamera,
+        sequences: SequenceFactory,
+        image_changer: ImageChanger | None,
         thread: int,
     ) -> None:
         """Take over faces, lookup map and output, which are freed with the view.
@@ -76,17 +53,19 @@ class RasterOmniView:
             faces: Face pass of the camera.
             lookup_map: Atlas coordinates of the image's samples; None for a lens.
             output: Finished image.
-            make_plain: Builds the sequence without linear light; called at its first use.
-            make_linear: Builds the sequence of effects or of a long exposure; called at its first
-                use.
+            camera: Camera model, for the effects.
+            sequences: Builds each sequence of passes at its first use.
+            image_changer: Applies image effects to exposures that are read back; None for passes.
             thread: Identifier of the only thread that may use the view.
         """
         self._device = device
         self._faces = faces
         self._lookup_map = lookup_map
         self._output = output
-        self._make_plain = make_plain
-        self._make_linear = make_linear
+        self._camera = camera
+        self.sequences = sequences
+        """Builds the sequences of passes."""
+        self._image_changer = image_changer
         self._thread = thread
         self._plain_passes: PassSequence | None = None
         self._linear_passes: dict[SequenceKey, PassSequence] = {}  # most recently used last
@@ -132,16 +111,13 @@ class RasterOmniView:
         """Render one exposure of the camera, changed by effects."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
-            has_shutter = camera_state.shutter is not None
-            # Without effects and shutter the pass after the faces encodes by itself: no float image
-            # is written and read.
-            sequence = (
-                self._linear_sequence(effects, has_shutter)
-                if effects or has_shutter
-                else self._plain_sequence()
-            )
             clock = StageClock(context.finish)
-            self._run(sequence, camera_state, clock)
+            if effects and self._image_changer is not None:
+                exposed = self._expose(camera_state, effects, clock)
+                encoded = self._image_changer.encode(exposed, effects, thresholds)
+                stage_ms = clock.stage_ms | encoded.stage_ms
+                return RenderedImage(encoded.image, stage_ms, encoded.changes)
+            self._run(self._finishing_sequence(camera_state, effects), camera_state, clock)
             image = self._output.read()
             clock.end_stage("readback")
         return RenderedImage(image, clock.stage_ms)
@@ -152,10 +128,38 @@ class RasterOmniView:
         """Render one exposure in linear light, after all effects and before the encoding."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
-            sequence = self._linear_sequence(effects, camera_state.shutter is not None)
-            self._run(sequence, camera_state, StageClock(context.finish))
+            clock = StageClock(context.finish)
+            if effects and self._image_changer is not None:
+                exposed = self._expose(camera_state, effects, clock)
+                return self._image_changer.change(exposed, effects, NO_THRESHOLDS).image
+            sequence = self._linear_sequence((effects, False, camera_state.shutter is not None))
+            self._run(sequence, camera_state, clock)
             assert sequence.effect_chain is not None, "a linear sequence has an effect chain"
             return sequence.effect_chain.read()
+
+    def _expose(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...], clock: StageClock
+    ) -> ExposedImage:
+        """Read one exposure back, before its image effects."""
+        has_ranges = any(effect.needs_range for effect in effects)
+        sequence = self._linear_sequence((None, has_ranges, camera_state.shutter is not None))
+        self._run(sequence, camera_state, clock)
+        assert sequence.exposure is not None, "an exposed sequence has an image to read"
+        light, range_m = sequence.exposure.read()
+        clock.end_stage("readback")
+        context = CaptureContext(camera_state.noise_seed, range_m=range_m)
+        return ExposedImage(light, self._camera, context)
+
+    def _finishing_sequence(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...]
+    ) -> PassSequence:
+        """Sequence to the finished image, with effects as passes."""
+        # Without effects and shutter the pass after the faces encodes by itself: no float image is
+        # written and read.
+        has_shutter = camera_state.shutter is not None
+        if effects or has_shutter:
+            return self._linear_sequence((effects, False, has_shutter))
+        return self._plain_sequence()
 
     def _run(self, sequence: PassSequence, camera_state: CameraState, clock: StageClock) -> None:
         """Draw all passes of a sequence, timing each."""
@@ -172,19 +176,24 @@ class RasterOmniView:
     def _plain_sequence(self) -> PassSequence:
         """Sequence without linear light, built at the first call."""
         if self._plain_passes is None:
-            self._plain_passes = self._make_plain()
+            self._plain_passes = self.sequences.make_plain()
         return self._plain_passes
 
-    def _linear_sequence(self, effects: tuple[ImageEffect, ...], has_shutter: bool) -> PassSequence:
-        """Sequence of a list of effects: least recently used sequences are freed."""
-        key = (effects, has_shutter)
+    def _linear_sequence(self, key: SequenceKey) -> PassSequence:
+        """Sequence with linear light: least recently used sequences are freed."""
         # Dictionaries keep the order of insertion: taken out and put back, the sequence becomes
         # the last, and the first is the least recently used.
-        sequence = self._linear_passes.pop(key, None) or self._make_linear(effects, has_shutter)
+        sequence = self._linear_passes.pop(key, None) or self._make_sequence(key)
         while len(self._linear_passes) >= _MAX_SEQUENCES:
             self._linear_passes.pop(next(iter(self._linear_passes))).close()
         self._linear_passes[key] = sequence
         return sequence
+
+    def _make_sequence(self, key: SequenceKey) -> PassSequence:
+        effects, has_ranges, has_shutter = key
+        if effects is None:
+            return self.sequences.make_exposure(has_ranges=has_ranges, has_shutter=has_shutter)
+        return self.sequences.make_linear(effects, has_shutter)
 
     def close(self) -> None:
         """Free the view's resources on the device."""

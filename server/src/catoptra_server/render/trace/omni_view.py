@@ -14,8 +14,8 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.render.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
-from catoptra_server.render.trace.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.trace.trace_engine import TracedFrame, TracedRays, TraceRequest
 
 

@@ -17,9 +17,9 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.time_samples import trajectory
-from catoptra_server.render.trace.image_changer import ImageChanger
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.scene.scene_mesh import SceneMesh
 

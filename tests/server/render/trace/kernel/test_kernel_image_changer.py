@@ -11,16 +11,19 @@ import pytest
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.render.renderer import LinearImage
-from catoptra_server.render.trace.image_changer import (
+from catoptra_server.render.image_changer import (
     ExposedImage,
     NumpyImageChanger,
     measure_change,
 )
+from catoptra_server.render.renderer import LinearImage
 from catoptra_server.render.trace.kernel.image_stages import STAGE_MAKERS
 from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
-from catoptra_server.render.trace.kernel.kernel_image_changer import KernelImageChanger
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
+from catoptra_server.render.trace.kernel.kernel_image_changer import (
+    KernelImageChanger,
+    open_image_changer,
+)
+from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from helpers.effect_measurement import IMAGE_EFFECTS, NOISE_SEED, make_effect
 from helpers.worlds import make_omni_camera
 
@@ -183,3 +186,15 @@ def test_changes_and_images_do_not_depend_on_threads() -> None:
         results.append((changed.image.tobytes(), changed.changes))
         device.close()
     assert results[0] == results[1] == results[2]
+
+
+def test_changer_with_a_device_of_its_own_changes_images_until_it_is_closed() -> None:
+    camera = camera_of_size(33, 130)
+    exposed = ExposedImage(next(iter(make_images(camera))), camera, CaptureContext(NOISE_SEED))
+    effects = (make_effect("Vignetting"),)
+    changer = open_image_changer(2)
+    changed = changer.change(exposed, effects, {}).image
+    changer.close()
+    np.testing.assert_allclose(changed, NUMPY.change(exposed, effects, {}).image, atol=1e-5)
+    with pytest.raises(KernelError, match="closed"):
+        changer.change(exposed, effects, {})

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_server.render.renderer import NO_THRESHOLDS, Image, LinearImage
+from catoptra_server.render.srgb_encoding import srgb_table
 from catoptra_server.render.trace.kernel.exposure_arrays import (
     ObjectTable,
     exposure_arrays,
@@ -41,7 +42,6 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     texture_array,
 )
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, Float32s, RayTable
-from catoptra_server.render.trace.srgb_encoding import srgb_table
 from catoptra_server.render.trace.trace_engine import (
     ANY_CHANGE,
     RayHits,

@@ -14,16 +14,17 @@ from catoptra_server.effects.kernels.luminance import count_valid_pixels
 from catoptra_server.effects.kernels.noise import normal_quantile_table
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
-from catoptra_server.render.renderer import Image, LinearImage
-from catoptra_server.render.trace.image_changer import (
+from catoptra_server.render.image_changer import (
     ChangedImage,
     ExposedImage,
     NumpyImageChanger,
 )
+from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.srgb_encoding import srgb_table
 from catoptra_server.render.trace.kernel.image_stages import MadeStage, make_stage
+from catoptra_server.render.trace.kernel.instruction_sets import AUTO, choose_instruction_set
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
 from catoptra_server.render.trace.kernel.kernel_structs import ImageJob, ImageStage
-from catoptra_server.render.trace.srgb_encoding import srgb_table
 
 _ALIGNMENT = 64
 _NOISE_EFFECTS = frozenset({"ShotNoise", "ReadNoise"})
@@ -39,6 +40,19 @@ class _Run:
     changes: dict[str, float] = field(default_factory=dict)
     layout_ms: float = 0.0
     """Milliseconds of the encoding, and of the change of the arrays' layout."""
+
+
+def open_image_changer(threads: int, instruction_set: str = AUTO) -> KernelImageChanger:
+    """Image changer on a device of its own, for images that others expose.
+
+    Args:
+        threads: Threads, the calling one included.
+        instruction_set: As Embree names it; "auto" for the processor's best.
+
+    Raises:
+        KernelUnavailableError: The kernel's or Embree's library is missing.
+    """
+    return KernelImageChanger(KernelDevice(choose_instruction_set(instruction_set), threads))
 
 
 class KernelImageChanger:
@@ -138,3 +152,7 @@ class KernelImageChanger:
         if len(self._scratch) < size + _ALIGNMENT:
             self._scratch = np.empty(size + _ALIGNMENT, dtype=np.uint8)
         return -(-self._scratch.ctypes.data // _ALIGNMENT) * _ALIGNMENT
+
+    def close(self) -> None:
+        """Close the device, which then belongs to this changer alone."""
+        self._device.close()

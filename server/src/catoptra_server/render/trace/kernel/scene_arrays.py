@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.render.srgb_encoding import encode_srgb
 from catoptra_server.render.trace.kernel.flat_surfaces import find_flat_surfaces, has_corner_colours
 from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
@@ -29,7 +30,6 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.render.trace.kernel.padded_texels import pad_texels
-from catoptra_server.render.trace.srgb_encoding import encode_srgb
 from catoptra_server.scene import shading
 from catoptra_server.scene.dynamic_object import ObjectMesh
 from catoptra_server.scene.occlusion_map import BLOCK, OPEN, OcclusionMap

@@ -15,9 +15,10 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.fog_medium import FogMedium
+from catoptra_server.render.image_changer import NumpyImageChanger
 from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.srgb_encoding import encode_srgb
 from catoptra_server.render.time_samples import advance, sample_shutter
-from catoptra_server.render.trace.image_changer import NumpyImageChanger
 from catoptra_server.render.trace.ray_table import (
     BLOCK_RAYS,
     TILE_PX,
@@ -43,7 +44,6 @@ from catoptra_server.render.trace.reference.ray_batches import (
     read_batch,
     split_tiles,
 )
-from catoptra_server.render.trace.srgb_encoding import encode_srgb
 from catoptra_server.render.trace.trace_engine import (
     ANY_CHANGE,
     NOTHING,

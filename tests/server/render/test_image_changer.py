@@ -7,12 +7,12 @@ import pytest
 
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.sensor.exposure import Exposure
-from catoptra_server.render.trace.image_changer import (
+from catoptra_server.render.image_changer import (
     ExposedImage,
     NumpyImageChanger,
     measure_change,
 )
-from catoptra_server.render.trace.srgb_encoding import encode_srgb
+from catoptra_server.render.srgb_encoding import encode_srgb
 from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, make_test_pattern
 
 PATTERN = make_test_pattern().astype(np.float32)

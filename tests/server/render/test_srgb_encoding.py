@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.render.trace.srgb_encoding import MAX_LEVEL, encode_srgb, srgb_table
+from catoptra_server.render.srgb_encoding import MAX_LEVEL, encode_srgb, srgb_table
 from catoptra_server.scene.colour import srgb_from_linear
 
 

@@ -1,4 +1,7 @@
-"""Image effects on a traced image: the protocol, and the effects' own formulas in NumPy."""
+"""Image effects on an exposed image: the protocol, and the effects' own formulas in NumPy.
+
+Both renderers expose images; the native changer is `trace/kernel/kernel_image_changer`.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.renderer import Image, LinearImage
-from catoptra_server.render.trace.srgb_encoding import encode_srgb
+from catoptra_server.render.srgb_encoding import encode_srgb
 from catoptra_server.scene.colour import srgb_from_linear
 
 ImageT = TypeVar("ImageT")
