@@ -33,7 +33,7 @@ from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effect
 from catoptra_server.planning.effect_rates import RenderEngine
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.exposure_budget import limit_time_samples
-from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
@@ -76,7 +76,7 @@ def make_settings(left_out: str) -> tuple[EffectSetting, ...]:
 def make_renderer(engine: RenderEngine, startup: StartupConfig) -> Renderer:
     scene, world = startup.scene, startup.world
     if engine is RenderEngine.SOFTWARE_OPENGL:
-        return RasterRenderer(scene, world)
+        return create_renderer(RendererKind.RASTER, scene, world)
     return TraceRenderer(scene, world, engine=engine.value)  # type: ignore[arg-type]
 
 

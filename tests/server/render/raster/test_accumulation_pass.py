@@ -38,6 +38,23 @@ def test_long_exposure_is_the_mean_of_its_time_samples_by_row(device: GlDevice) 
     view.close()
 
 
+def test_rows_that_show_one_time_sample_each_are_those_of_sharp_images(device: GlDevice) -> None:
+    # No exposure, so every row has one sample; the effects behind still change the whole image.
+    rolling = replace(DRIVING_STATE, shutter=Shutter(0.0, 0.05, 7))
+    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    for _ in range(2):  # nothing of a frame limits the next one
+        np.testing.assert_array_equal(
+            view.render_linear(rolling), mean_of_time_samples(view, rolling).astype(np.float32)
+        )
+    darker = make_effect("Exposure", {"exposure_s": 0.01})
+    np.testing.assert_allclose(
+        view.render_linear(rolling, (darker,)),
+        darker.gain * view.render_linear(rolling),
+        rtol=1e-5,
+    )
+    view.close()
+
+
 def test_view_of_a_long_exposure_has_one_stage_for_it_and_none_otherwise(
     device: GlDevice,
 ) -> None:
