@@ -6,7 +6,10 @@ in a mirror everything beyond half a metre has nearly this disc, and without one
 the hyperfocal distance. Nearer objects are the domain of `DefocusByDepth`, which then does all of
 the blur and supersedes this effect. Kernels:
 `disc_kernel`. Domain: that of `lens_blur`; at a depth discontinuity the pixel's own disc counts,
-not its neighbour's. Criterion: the light that the largest disc of anything in view, near or far,
+not its neighbour's. An edge within a pixel is blurred as if the whole pixel had its mean: of the
+real camera's pixels at F/4 and F/2, 88 to 99 % are within 2 grey levels of 256 rays through the
+aperture, and 98.6 to 100 % within 8, by world (tests/server/render/test_defocus_of_real_camera.py).
+Criterion: the light that the largest disc of anything in view, near or far,
 takes from other pixels, times the contrast of black and the brightest.
 """
 
