@@ -94,7 +94,7 @@ def make_p2at(*, base: DriveBase = BASE, **changes: Any) -> RobotDescription:
         class_name="USARBot.OmniP2AT",
         drive=base,
         sensors=(ODOMETRY, GROUND_TRUTH),
-        omni_camera=CAMERA,
+        omni_cameras=(CAMERA,),
         status_interval_s=0.2,
         battery_s=1200.0,
     )

@@ -270,13 +270,12 @@ def _apply_accuracy_target(startup: StartupConfig, options: Options) -> StartupC
     """Start-up configuration with the command line's accuracy target for all cameras."""
     robots = []
     for robot in startup.robots:
-        omni = robot.omni_camera
-        if omni is not None:
+        omnis = []
+        for omni in robot.omni_cameras:
             target = omni.render_settings.accuracy_target.with_changes(
                 max_error_px=options.max_error_px, budget_ms=options.budget_ms
             )
-            omni = replace(
-                omni, render_settings=replace(omni.render_settings, accuracy_target=target)
-            )
-        robots.append(replace(robot, omni_camera=omni))
+            settings = replace(omni.render_settings, accuracy_target=target)
+            omnis.append(replace(omni, render_settings=settings))
+        robots.append(replace(robot, omni_cameras=tuple(omnis)))
     return replace(startup, robots=tuple(robots))

@@ -137,7 +137,7 @@ def build_camera_state(
     mesh = build_ego_mesh(robot)
     return mounted_camera_state(
         base,
-        omni.robot_from_mirror,
+        robot.robot_from_omni(omni, {}),
         twist=twist,
         ego_body=DynamicObject(mesh, base, twist) if mesh is not None else None,
     )
@@ -156,8 +156,7 @@ def _request_views(
 ) -> dict[str, ViewRequest]:
     """View of each camera by name, all joints at 0."""
     requests: dict[str, ViewRequest] = {}
-    omni = robot.omni_camera
-    if omni is not None:
+    for omni in robot.omni_cameras:
         spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
         state = build_camera_state(robot, omni, pose, velocity)
         requests[omni.name] = ViewRequest(spec, state)
@@ -176,8 +175,7 @@ def _explain_views(
     renderer: str,
 ) -> Iterator[CameraEffectReport]:
     # As a server chooses: by the omnidirectional camera, whose images are the larger ones.
-    omni = robot.omni_camera
-    image = largest_image([(omni.camera, omni.render_settings, omni.effects)] if omni else [])
+    image = largest_image((o.camera, o.render_settings, o.effects) for o in robot.omni_cameras)
     choice = choose_renderer(renderer, startup.scene, startup.world, image=image)
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)

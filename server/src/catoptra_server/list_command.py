@@ -119,9 +119,11 @@ def describe_equipment(robot: RobotDescription) -> str:
         f"camera {camera.name} {camera.width_px} x {camera.height_px} px"
         for camera in robot.perspective_cameras
     ]
-    if robot.omni_camera is not None:
-        size = robot.omni_camera.camera
-        cameras.insert(0, f"mirror camera {size.width_px} x {size.height_px} px")
+    cameras[:0] = [
+        f"{'mirror' if omni.camera.has_mirror else 'wide-angle'} camera {omni.name} "
+        f"{omni.camera.width_px} x {omni.camera.height_px} px"
+        for omni in robot.omni_cameras
+    ]
     kinds = Counter(type(sensor).__name__.removesuffix("Description") for sensor in robot.sensors)
     sensors = [kind if number == 1 else f"{number} {kind}" for kind, number in kinds.items()]
     return ", ".join((*(cameras or ["no camera"]), *(sensors or ["no sensor"])))

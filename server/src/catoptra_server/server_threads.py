@@ -53,7 +53,7 @@ class ServerThreads:
             startup.server_options, options.server_options
         )
         # Render plan of each class's omnidirectional camera, as text; filled by the render thread.
-        self.plans: dict[str, str] = {}
+        self.plans: dict[tuple[str, str], str] = {}
         self.error_bounds = ErrorBoundTable()
         is_realtime = options.clock is ClockMode.REALTIME
         # Prefetching renders the next frame before a viewer requests one. Not under lockstep, where
@@ -111,10 +111,14 @@ class ServerThreads:
         Runs in the render thread, which owns the OpenGL context. None without any camera.
         """
         startup, options = self.startup, self.options
-        if not any(robot.omni_camera or robot.perspective_cameras for robot in startup.robots):
+        if not any(robot.omni_cameras or robot.perspective_cameras for robot in startup.robots):
             log.info("no robot has a camera: no renderer is started")
             return None
-        omnis = {r.class_name: r.omni_camera for r in startup.robots if r.omni_camera is not None}
+        omnis = {
+            (robot.class_name, omni.name): omni
+            for robot in startup.robots
+            for omni in robot.omni_cameras
+        }
         is_realtime = options.clock is ClockMode.REALTIME
         choice = choose_renderer(
             options.renderer,
@@ -138,9 +142,9 @@ class ServerThreads:
             error_bounds=self.error_bounds,
         )
         # Prepared at start: calibration takes seconds, in which the first viewer would wait.
-        for name, omni in omnis.items():
+        for key, omni in omnis.items():
             spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
-            self.plans[name] = views.prepare(spec)
+            self.plans[key] = views.prepare(spec)
         return views
 
     def _create_fleet(self) -> Fleet:
@@ -161,7 +165,8 @@ def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
 
     The height is that of the first robot with an omnidirectional camera.
     """
-    height_m = next((r.viewpoint_height_m for r in startup.robots if r.omni_camera), 0.0)
+    heights_m = [r.viewpoint_height_m(omni) for r in startup.robots for omni in r.omni_cameras]
+    height_m = next(iter(heights_m), 0.0)
     starts = [
         (s.location_m, s.rotation_rad) for s in startup.world.starts[:_MAX_CALIBRATION_STATES]
     ]

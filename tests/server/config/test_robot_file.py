@@ -57,7 +57,7 @@ def test_p2at_when_read_has_the_reference_base() -> None:
     assert (drive.wheel_base_m, drive.dimensions_m) == (0.2884, (0.5238, 0.4968, 0.2913))
     assert (drive.mass_kg, drive.max_speed_rad_s, drive.max_torque) == (14.0, 5.385, 60.0)
     assert (robot.status_interval_s, robot.battery_s) == (0.2, 1200.0)
-    assert robot.viewpoint_height_m == pytest.approx(0.6, abs=1e-12)
+    assert robot.max_viewpoint_height_m == pytest.approx(0.6, abs=1e-12)
 
 
 def test_p2at_when_read_has_its_sensors_in_order() -> None:
@@ -70,7 +70,7 @@ def test_p2at_when_read_has_its_sensors_in_order() -> None:
 
 def test_robot_when_it_has_no_omni_camera_stands_on_its_own(tmp_path: Path) -> None:
     robot, _ = read_robot(write_file(tmp_path, BARE))
-    assert (robot.omni_camera, robot.sensors, robot.viewpoint_height_m) == (None, (), 0.0)
+    assert (robot.omni_camera, robot.sensors, robot.max_viewpoint_height_m) == (None, (), 0.0)
 
 
 def test_robot_when_several_sections_are_there_is_the_first_that_steers(tmp_path: Path) -> None:

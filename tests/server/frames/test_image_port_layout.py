@@ -42,7 +42,7 @@ def make_fleet(tiles: TileLayout | None = None, *, omni: bool = True) -> Fleet:
     robot = (
         make_p2at(perspective_cameras=(AHEAD, REAR))
         if omni
-        else make_p2at(perspective_cameras=(AHEAD, REAR), omni_camera=None)
+        else make_p2at(perspective_cameras=(AHEAD, REAR), omni_cameras=())
     )
     world = make_walled_world()
     return Fleet([robot], world, build_scene(world), seed=1, multi_view=tiles)
@@ -90,7 +90,7 @@ def test_view_when_requested_has_the_ego_body_that_moves_with_the_mirror() -> No
     assert plain.omni_camera is not None
     omni = dataclasses.replace(plain.omni_camera, effects=effect_settings)
     world = make_walled_world()
-    robot = dataclasses.replace(plain, omni_camera=omni)
+    robot = dataclasses.replace(plain, omni_cameras=(omni,))
     fleet, views = (
         Fleet([robot], world, build_scene(world), seed=1, multi_view=TILES),
         FakeViewProvider(),

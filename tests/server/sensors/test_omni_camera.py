@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_server.frames.multi_view import Tile
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
-from helpers.robots import CAMERA
+from helpers.robots import CAMERA, make_p2at
 
 
 def make_sensor() -> OmniCameraSensor:
-    return OmniCameraSensor(CAMERA, viewpoint_height_m=0.6)
+    return OmniCameraSensor(CAMERA, make_p2at())
 
 
 def test_spec_when_without_a_tile_is_of_the_description() -> None:
     sensor = make_sensor()
     assert sensor.camera_spec() == OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
-    assert sensor.robot_from_camera({}) is CAMERA.robot_from_mirror
+    pose = sensor.robot_from_camera({})
+    assert np.array_equal(pose.translation, CAMERA.robot_from_mirror.translation)
 
 
 def test_spec_when_fitted_to_a_tile_has_the_published_camera_model() -> None:

@@ -278,7 +278,7 @@ def test_frame_of_the_image_port_is_of_the_first_robot() -> None:
 
 
 def test_frame_of_a_robot_without_a_camera_is_black() -> None:
-    fleet = make_fleet(make_p2at(omni_camera=None))
+    fleet = make_fleet(make_p2at(omni_cameras=()))
     client = spawn(fleet)
     frame = render_channel(fleet)
     assert (frame.metadata.camera, frame.rgb.any()) == ("", False)

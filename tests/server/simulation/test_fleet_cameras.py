@@ -55,7 +55,7 @@ class Cameras:
 def test_image_port_without_a_robot_is_black_and_of_the_camera_s_size() -> None:
     composition = Cameras().compose()
     assert (composition.views, composition.layout.shape) == ((None,), (6, 8))
-    no_camera = Cameras(make_p2at(omni_camera=None))
+    no_camera = Cameras(make_p2at(omni_cameras=()))
     no_camera.spawn("R")
     composition = no_camera.compose()
     assert (composition.views, composition.layout.shape) == ((None,), (240, 320))
@@ -134,7 +134,7 @@ def test_variant_changes_the_view_of_its_channel_alone() -> None:
 
 
 def test_variant_of_a_perspective_camera_is_refused() -> None:
-    cameras = Cameras(make_p2at(omni_camera=None, perspective_cameras=(AHEAD,)))
+    cameras = Cameras(make_p2at(omni_cameras=(), perspective_cameras=(AHEAD,)))
     cameras.spawn("A")
     with pytest.raises(DomainError, match="only omnidirectional cameras have variants"):
         cameras.compose(CameraChannel("A", "", CameraVariant()))

@@ -599,7 +599,7 @@ def test_realtime_when_frames_have_an_interval_keeps_it() -> None:
     camera = dataclasses.replace(CAMERA, min_frame_interval_s=0.1)
     keeper = FrameCollector(4)
     keeper.simulation = make_simulation(
-        make_p2at(omni_camera=camera),
+        make_p2at(omni_cameras=(camera,)),
         clock=ClockMode.REALTIME,
         monotonic=TickingClock(0.03),
         put_frame=keeper.put,

@@ -42,7 +42,7 @@ def test_ego_body_when_configured_has_one_mesh_a_class(mode: EffectMode) -> None
     omni = make_p2at().omni_camera
     assert omni is not None
     effect_settings = EffectSettings((EffectSetting(SelfView(), mode),))
-    description = make_p2at(omni_camera=replace(omni, effects=effect_settings))
+    description = make_p2at(omni_cameras=(replace(omni, effects=effect_settings),))
     appearance = RobotMeshes([description])
     carrier = Robot(description, PlanarPose(1, 2, 3), name="R", seed=0, time_s=0.0)
     first, second = appearance.ego_body(carrier), appearance.ego_body(carrier)
@@ -56,6 +56,6 @@ def test_ego_body_when_not_configured_is_not_built() -> None:
     omni = make_p2at().omni_camera
     assert omni is not None
     other = replace(omni, effects=EffectSettings((EffectSetting(Vignetting(), EffectMode.AUTO),)))
-    for description in (make_p2at(), make_p2at(omni_camera=other), make_p2at(omni_camera=None)):
+    for description in (make_p2at(), make_p2at(omni_cameras=(other,)), make_p2at(omni_cameras=())):
         assert build_ego_mesh(description) is None
     assert RobotMeshes([make_p2at()]).ego_body(robot(0.0)) is None

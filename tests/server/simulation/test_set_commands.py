@@ -103,8 +103,7 @@ def test_command_when_impossible_has_the_result_failed(command: Set) -> None:
 
 
 def accuracy_target(robot: Robot) -> AccuracyTarget:
-    assert robot.omni_camera is not None
-    return robot.omni_camera.camera_spec().render_settings.accuracy_target
+    return robot.omni_cameras[0].camera_spec().render_settings.accuracy_target
 
 
 def test_omni_camera_when_set_to_a_target_is_rendered_by_the_target() -> None:

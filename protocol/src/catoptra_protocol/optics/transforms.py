@@ -5,6 +5,7 @@
 | world    | of the world file   | SAE: x, y level, z down; yaw clockwise from above |
 | robot    | the robot's chassis | x forward, y right, z down                      |
 | mirror   | effective viewpoint | +z towards the pinhole; x, y as the robot's     |
+| lens     | entrance pupil      | x along the optical axis, y right, z down       |
 | image    | top left corner     | u right, v down, pixel centres at +0.5          |
 
 Transforms are called target_from_source. Rotations are listed roll, pitch, yaw (about x, y, z;
@@ -123,3 +124,9 @@ class Pose:
     def to_rpy(self) -> tuple[float, float, float]:
         """Roll, pitch and yaw in radians."""
         return rpy_from_rotation(self.rotation)
+
+
+LENS_FROM_MIRROR = Pose(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]), np.zeros(3))
+"""Mirror frame of a camera without a mirror, in the frame of its lens: +z is the optical axis, +x
+the top of the image, +y its right. Of a camera that looks straight down with forward up it has the
+robot's axes."""

@@ -13,22 +13,26 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import Mirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_protocol.optics.picture import Picture
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.capture_section import (
+    MAX_SIDE_PX,
+    read_min_frame_interval_s,
+    read_picture,
+    read_render_settings,
+    reserve_view,
+)
 from catoptra_server.config.effect_settings import read_effect_settings
 from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.lens_camera_items import is_lens_camera
 from catoptra_server.config.mirror_section import PINHOLE_TOLERANCE_M, read_mirror, read_surface
 from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.texture_client_sections import read_texture_clients
 from catoptra_server.config.unknown_names import is_own_section
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
-from catoptra_server.planning.explicit_plan import requested_samples
-from catoptra_server.planning.view_size import omni_view_size
-from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
-from catoptra_server.robot.robot_description import OmniCameraDescription, TextureClient
+from catoptra_server.robot.robot_description import OmniCameraDescription
 
-# 8192^2 raw pixels are 201 MB for a frame; the largest texture of OpenGL devices is not far above.
-_MAX_SIDE_PX = 8192
 # Directions in real files have four digits: 1.5708 for a right angle.
 _AXIS_TOLERANCE_RAD = 1e-3
 # Up into the mirror, forward at the top of the image.
@@ -51,7 +55,7 @@ def read_omni_camera(
     """
     clients = section.get_structs("CamTexActors")
     if not clients:
-        _require_no_parts(section)
+        _require_no_parts(file, section)
         return None
     if not clients[0].get_str("ItemName"):  # as in USARSim: no name, no camera
         clients[0].ignore_all()
@@ -73,20 +77,25 @@ def read_omni_camera(
         camera=camera,
         robot_from_mirror=_read_viewpoint_pose(viewpoint),
         texture_clients=texture_clients,
-        render_settings=_read_render_settings(texture_clients, mirror_settings, capture),
-        min_frame_interval_s=capture.get_float("FrameInterval", 0.0, min_value=0.0, max_value=60.0),
+        render_settings=read_render_settings(
+            capture,
+            surface=read_surface(mirror_settings),
+            # Faces share an atlas and one size.
+            face_size_px=max(client.size_px for client in texture_clients),
+        ),
+        min_frame_interval_s=read_min_frame_interval_s(capture),
         capture_fov_rad=_capture_fov(camera),
         effects=read_effect_settings(capture),
     )
-    _reserve_view(description, capture, MemoryBudget(limit_bytes))
+    reserve_view(description, capture, MemoryBudget(limit_bytes))
     return description
 
 
-def _require_no_parts(section: SectionReader) -> None:
+def _require_no_parts(file: IniFile, section: SectionReader) -> None:
     """Raise ConfigError for a mirror or a capture camera without a viewpoint to be mounted on."""
     for key in ("StaticMeshes", "Cameras"):
         for item in section.get_structs(key):
-            if is_own_section(item.get_str("ItemClass", "")):
+            if is_own_section(item.get_str("ItemClass", "")) and not is_lens_camera(file, item):
                 viewpoint = item.get_str("Parent", "") or "OmniCam"
                 raise section.make_error(
                     "CamTexActors",
@@ -94,23 +103,6 @@ def _require_no_parts(section: SectionReader) -> None:
                     f'is mounted on, such as (ItemName="{viewpoint}",Position=(X=0,Y=0,Z=-0.45)); '
                     "it is missing",
                 )
-
-
-def _reserve_view(
-    omni: OmniCameraDescription, capture: SectionReader, memory: MemoryBudget
-) -> None:
-    """Raise ConfigError for a view that would take too much memory, before any is taken."""
-    camera, settings = omni.camera, omni.render_settings
-    size = omni_view_size(camera, settings, has_effects=bool(omni.effects.settings))
-    samples = requested_samples(settings)
-    faces = f", faces of {settings.face_size_px} px" if settings.face_size_px else ""
-    memory.reserve(
-        size.num_bytes,
-        where=capture.find_location("ResolutionX"),
-        key=f"{capture.name}.ResolutionX",
-        value=f"{camera.width_px} x {camera.height_px} px, Samples={samples}{faces}",
-        remedy="fewer pixels, Samples, or texels (TextureSize, FaceSamples)",
-    )
 
 
 def _find_child(section: SectionReader, key: str, viewpoint: SectionReader) -> SectionReader:
@@ -139,10 +131,11 @@ def _read_camera_model(
     try:
         return camera_with_inscribed_rim(
             mirror,
-            width_px=capture.get_int("ResolutionX", 360, min_value=1, max_value=_MAX_SIDE_PX),
-            height_px=capture.get_int("ResolutionY", 360, min_value=1, max_value=_MAX_SIDE_PX),
+            width_px=capture.get_int("ResolutionX", 360, min_value=1, max_value=MAX_SIDE_PX),
+            height_px=capture.get_int("ResolutionY", 360, min_value=1, max_value=MAX_SIDE_PX),
             rim_rad=math.radians(rim),
             image_up_azimuth_rad=_image_up_azimuth(item),
+            picture=read_picture(capture, Picture.MIRRORED),
         )
     except DomainError as error:
         raise settings.make_error("RimAngle", expected=f"a possible value: {error}") from error
@@ -191,20 +184,3 @@ def _capture_fov(camera: OmniCamera) -> float:
         return 0.0
     r, z = camera.mirror.surface_point(np.array(camera.rim_t))
     return 2.0 * math.atan2(float(r), camera.mirror.pinhole_distance_m - float(z))
-
-
-def _read_render_settings(
-    texture_clients: tuple[TextureClient, ...], mirror: SectionReader, capture: SectionReader
-) -> RenderSettings:
-    return RenderSettings(
-        surface=read_surface(mirror),
-        # Without a key the plan's default, which is no number of samples that a file could state.
-        samples=capture.get_int("Samples", 0, min_value=1, max_value=16),
-        # Faces share an atlas and one size; 0 lets the plan choose sizes by density.
-        face_size_px=max(client.size_px for client in texture_clients),
-        face_samples=capture.get_int("FaceSamples", 0, min_value=1, max_value=8),
-        accuracy_target=AccuracyTarget(
-            max_error_px=capture.get_float("MaxErrorPx", 0.0, min_value=0.0, max_value=1000.0),
-            budget_ms=capture.get_float("BudgetMs", 0.0, min_value=0.0, max_value=60_000.0),
-        ),
-    )

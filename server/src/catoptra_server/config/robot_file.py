@@ -16,6 +16,7 @@ from typing import TypedDict
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.joint_parts import read_joint_parts
+from catoptra_server.config.lens_camera_items import is_lens_camera, read_lens_camera
 from catoptra_server.config.mission_package_items import read_mission_packages
 from catoptra_server.config.omni_camera_section import read_omni_camera
 from catoptra_server.config.perspective_camera_items import (
@@ -122,15 +123,21 @@ def _read_robot_section(
     camera_items = [
         s for s in section.get_structs("Cameras") if not omni or _item_name(s) != omni.name.lower()
     ]
-    cameras = [struct for struct in (*camera_items, *items) if is_perspective_camera(struct)]
-    for struct in (*camera_items, *items):
+    all_items = (*camera_items, *items)
+    lenses = [struct for struct in all_items if is_lens_camera(file, struct)]
+    others = [struct for struct in all_items if struct not in lenses]
+    cameras = [struct for struct in others if is_perspective_camera(struct)]
+    for struct in others:
         if not is_sensor(struct) and not is_perspective_camera(struct):
             report_unknown_class(struct)
     return RobotDescription(
         class_name=section.name,
         drive=_read_drive_base(section),
         sensors=tuple(read_sensor(file, section, s) for s in items if is_sensor(s)),
-        omni_camera=omni,
+        omni_cameras=(
+            *([omni] if omni else []),
+            *(read_lens_camera(file, section, s, limit_bytes=limit_bytes) for s in lenses),
+        ),
         status_interval_s=section.get_float("msgTimer", 0.2, min_value=0.01, max_value=60.0),
         battery_s=section.get_float("batteryLife", 1200.0, min_value=0.0),
         perspective_cameras=tuple(

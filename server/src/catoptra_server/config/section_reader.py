@@ -162,6 +162,18 @@ class SectionReader:
             raise self._value_error(entry, expected)
         return value
 
+    def get_floats(self, key: str, *, max_count: int = 4096) -> tuple[float, ...]:
+        """Numbers with commas between, at least one; none beyond MAX_NUMBER."""
+        expected = f"numbers with commas between, at most {max_count}"
+        entry = self._last_entry(key, expected)
+        parts = unquote(entry.value).strip("()").split(",")
+        if len(parts) > max_count:
+            raise self._value_error(entry, expected)
+        values = tuple(parse_number(part.strip()) for part in parts)
+        if any(value is None or abs(value) > MAX_NUMBER for value in values):
+            raise self._value_error(entry, expected)
+        return tuple(value for value in values if value is not None)
+
     def get_int(
         self, key: str, default: int | None = None, *, min_value: int = 0, max_value: int = 2**31
     ) -> int:

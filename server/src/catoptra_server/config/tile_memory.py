@@ -54,8 +54,7 @@ def require_tiles_fit(
 def _viewport_tile(robot: RobotDescription) -> Tile:
     """Largest viewport of a robot's quad view."""
     sizes = [(camera.width_px, camera.height_px) for camera in robot.perspective_cameras]
-    if robot.omni_camera is not None:
-        sizes.append((robot.omni_camera.camera.width_px, robot.omni_camera.camera.height_px))
+    sizes.extend((omni.camera.width_px, omni.camera.height_px) for omni in robot.omni_cameras)
     # A camera of one pixel has no viewport; a tile has at least one pixel.
     width = max((width for width, _ in sizes), default=2)
     height = max((height for _, height in sizes), default=2)
@@ -65,8 +64,7 @@ def _viewport_tile(robot: RobotDescription) -> Tile:
 
 def _view_sizes(robot: RobotDescription, tile: Tile) -> Iterable[tuple[str, ViewSize]]:
     """Yield name and size in memory of each camera of a robot in a tile."""
-    omni = robot.omni_camera
-    if omni is not None:
+    for omni in robot.omni_cameras:
         camera = fit_omni_camera(tile, omni.camera)
         has_effects = bool(omni.effects.settings)
         yield omni.name, omni_view_size(camera, omni.render_settings, has_effects=has_effects)

@@ -13,6 +13,7 @@ from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.robot.joint_chain import MissionPackageDescription
 from catoptra_server.robot.mount import Mount
@@ -61,20 +62,23 @@ class TextureClient:
 # eq=False here and below: poses hold arrays, whose comparison is no truth value.
 @dataclass(frozen=True, slots=True, eq=False)
 class OmniCameraDescription:
-    """The paper's three groups: mirror and mesh, five texture clients, the capture camera."""
+    """An omnidirectional camera: the paper's three groups (mirror and mesh, five texture clients,
+    the capture camera), or a lens, which has no mirror and no texture clients."""
 
     name: str
     """Name of the capture camera."""
     camera: OmniCamera
     robot_from_mirror: Pose
-    """Pose of the mirror frame, whose origin is the effective viewpoint."""
+    """Pose of the mirror frame, whose origin is the effective viewpoint, on its parent."""
     texture_clients: tuple[TextureClient, ...]
     render_settings: RenderSettings
     min_frame_interval_s: float
     """Shortest simulation time between two exposures; 0 sets no limit."""
     capture_fov_rad: float
-    """Field of view of the capture camera over the mirror."""
+    """Field of view of the capture camera over the mirror; of a lens the whole one."""
     effects: EffectSettings = NO_EFFECT_SETTINGS
+    parent: str = CHASSIS_MOUNT
+    """Link that carries the camera, or CHASSIS_MOUNT."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +120,8 @@ class RobotDescription:
     class_name: str
     drive: DriveBase
     sensors: tuple[SensorDescription, ...]
-    omni_camera: OmniCameraDescription | None
+    omni_cameras: tuple[OmniCameraDescription, ...]
+    """Omnidirectional cameras, the one with a mirror first: of those a robot has at most one."""
     status_interval_s: float
     """Simulation time between two STA reports."""
     battery_s: float
@@ -149,9 +154,28 @@ class RobotDescription:
         return Pose.identity()
 
     @property
-    def viewpoint_height_m(self) -> float:
-        """Height of the effective viewpoint above the floor; 0 without an omni camera."""
-        if self.omni_camera is None:
-            return 0.0
+    def omni_camera(self) -> OmniCameraDescription | None:
+        """First omnidirectional camera, which programs for one camera mean."""
+        return next(iter(self.omni_cameras), None)
+
+    @property
+    def mirror_camera(self) -> OmniCameraDescription | None:
+        """The camera with a mirror, which shows the robot itself."""
+        return next((omni for omni in self.omni_cameras if omni.camera.has_mirror), None)
+
+    def robot_from_omni(
+        self, omni: OmniCameraDescription, joint_angles_rad: Mapping[str, float]
+    ) -> Pose:
+        """Pose of an omnidirectional camera's mirror frame on the chassis."""
+        return self.robot_from_part(omni.parent, joint_angles_rad) @ omni.robot_from_mirror
+
+    def viewpoint_height_m(self, omni: OmniCameraDescription) -> float:
+        """Height of a camera's effective viewpoint above the floor, joints at 0, robot upright."""
         # z points down: a mirror above the chassis origin has a negative z.
-        return self.drive.ride_height_m - float(self.omni_camera.robot_from_mirror.translation[2])
+        z = float(self.robot_from_omni(omni, {}).translation[2])
+        return self.drive.ride_height_m - z
+
+    @property
+    def max_viewpoint_height_m(self) -> float:
+        """Height of the highest effective viewpoint; 0 without an omnidirectional camera."""
+        return max(map(self.viewpoint_height_m, self.omni_cameras), default=0.0)

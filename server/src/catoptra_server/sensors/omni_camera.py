@@ -7,12 +7,12 @@ from collections.abc import Mapping
 
 from catoptra_protocol.camera_conf import Pairs, pairs_from_omni_camera
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR, Pose
 from catoptra_protocol.usarsim.configurations import TextureRegion
 from catoptra_protocol.usarsim.reports import CameraConfiguration, GeometryItem
 from catoptra_server.frames.multi_view import Tile, fit_omni_camera
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.robot.robot_description import OmniCameraDescription
+from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 
 
 class OmniCameraSensor:
@@ -20,17 +20,14 @@ class OmniCameraSensor:
 
     type = "Camera"
 
-    def __init__(self, description: OmniCameraDescription, *, viewpoint_height_m: float) -> None:
-        """Mount the camera.
-
-        Args:
-            viewpoint_height_m: Height of the effective viewpoint above the floor, which is part of
-                the published camera model.
-        """
+    def __init__(self, description: OmniCameraDescription, robot: RobotDescription) -> None:
+        """Mount the camera on a robot."""
         self.name = description.name
         self.tile: Tile | None = None
         self._description = description
-        self._viewpoint_height_m = viewpoint_height_m
+        self._robot = robot
+        # Part of the published camera model.
+        self._viewpoint_height_m = robot.viewpoint_height_m(description)
         self._render_settings = description.render_settings
 
     @property
@@ -44,8 +41,8 @@ class OmniCameraSensor:
         return self._description.min_frame_interval_s
 
     def robot_from_camera(self, joint_angles_rad: Mapping[str, float]) -> Pose:
-        """Pose of the effective viewpoint: fixed to the chassis, whatever the joint angles."""
-        return self._description.robot_from_mirror
+        """Pose of the effective viewpoint, given joint angles by lower-case link name."""
+        return self._robot.robot_from_omni(self._description, joint_angles_rad)
 
     def camera_spec(self, tile: Tile | None = None) -> OmniCameraSpec:
         """Camera and render settings, fitted to a tile."""
@@ -93,7 +90,9 @@ class OmniCameraSensor:
         return CameraConfiguration(self.name, default, minimum, maximum, present, region, model[4:])
 
     def geometry(self) -> GeometryItem:
-        """GEO: pose of the effective viewpoint on the chassis."""
+        """GEO: pose of the effective viewpoint on its mount, of a lens with x along its axis."""
         pose = self._description.robot_from_mirror
+        if not self._description.camera.has_mirror:
+            pose = pose @ LENS_FROM_MIRROR.inverse()
         x, y, z = (float(value) for value in pose.translation)
-        return GeometryItem(self.name, (x, y, z), pose.to_rpy())
+        return GeometryItem(self.name, (x, y, z), pose.to_rpy(), self._description.parent)

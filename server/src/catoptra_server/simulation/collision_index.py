@@ -144,5 +144,5 @@ def _build_grids(scene: SceneMesh, classes: Sequence[RobotDescription]) -> dict[
 
 
 def _collision_height_m(description: RobotDescription) -> float:
-    highest_m = max(description.viewpoint_height_m, description.drive.collision_size_m[2])
+    highest_m = max(description.max_viewpoint_height_m, description.drive.collision_size_m[2])
     return highest_m + _MIRROR_ABOVE_VIEWPOINT_M

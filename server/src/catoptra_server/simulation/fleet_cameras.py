@@ -93,7 +93,7 @@ class FleetCameras:
 def _blank_size_px(classes: Sequence[RobotDescription]) -> tuple[int, int]:
     """Width and height of the image port's image before the first robot."""
     # The size that the first robot will have: clients need not resize at the first INIT.
-    cameras = [d.omni_camera.camera for d in classes if d.omni_camera]
+    cameras = [omni.camera for robot in classes for omni in robot.omni_cameras]
     return (cameras[0].width_px, cameras[0].height_px) if cameras else _DEFAULT_BLANK_SIZE_PX
 
 
@@ -106,8 +106,10 @@ def set_accuracy_target(
         The camera with the settings of the next frames, None without such a camera; and the name of
         the camera.
     """
-    omni = robot.omni_camera if robot else None
-    if omni is None or event.camera.lower() not in ("", omni.name.lower()):
+    omnis = robot.omni_cameras if robot else []
+    named = (omni for omni in omnis if event.camera.lower() in ("", omni.name.lower()))
+    omni = next(named, None)
+    if omni is None:
         return None, event.camera
     omni.set_accuracy_target(max_error_px=event.max_error_px, budget_ms=event.budget_ms)
     # As tiled: the plan depends on the size that the image port renders.

@@ -71,7 +71,9 @@ class Robot:
         """
         self.name = name
         self.description = description
-        self.omni_camera = _build_omni_camera(description)
+        self.omni_cameras = [
+            OmniCameraSensor(omni, description) for omni in description.omni_cameras
+        ]
         self.perspective_cameras = [
             PerspectiveCameraSensor(camera, description)
             for camera in description.perspective_cameras
@@ -165,8 +167,8 @@ class Robot:
 
     @property
     def all_cameras(self) -> list[CameraSensor]:
-        """Cameras of the robot, the omnidirectional one first."""
-        return [*([self.omni_camera] if self.omni_camera else []), *self.perspective_cameras]
+        """Cameras of the robot, the omnidirectional ones first."""
+        return [*self.omni_cameras, *self.perspective_cameras]
 
     def find_camera(self, name: str) -> CameraSensor | None:
         """Camera of a name in any case; the first camera for an empty name."""
@@ -304,13 +306,6 @@ def _mean_twist(before: PlanarPose, after: PlanarPose, duration_s: float) -> Twi
     turn_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
     velocity = ((after.x_m - before.x_m) / duration_s, (after.y_m - before.y_m) / duration_s, 0.0)
     return Twist(velocity, (0.0, 0.0, turn_rad / duration_s))
-
-
-def _build_omni_camera(description: RobotDescription) -> OmniCameraSensor | None:
-    omni = description.omni_camera
-    if omni is None:
-        return None
-    return OmniCameraSensor(omni, viewpoint_height_m=description.viewpoint_height_m)
 
 
 def _stream_name(part: str) -> str:

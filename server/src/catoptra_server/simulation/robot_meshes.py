@@ -45,7 +45,7 @@ def _build_mesh(description: RobotDescription) -> ObjectMesh:
 
 def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
     """Mesh of a class as its own mirror shows the body; None unless the effect is configured."""
-    omni, tower = description.omni_camera, _tower(description)
+    omni, tower = description.mirror_camera, _tower(description)
     if omni is None or tower is None:
         return None
     is_configured = any(setting.effect.name == SelfView.name for setting in omni.effects.settings)
@@ -61,5 +61,5 @@ def _dimensions(description: RobotDescription) -> RobotDimensions:
 
 
 def _tower(description: RobotDescription) -> OmniCameraTower | None:
-    omni = description.omni_camera
+    omni = description.mirror_camera
     return OmniCameraTower(omni.camera, omni.robot_from_mirror) if omni else None

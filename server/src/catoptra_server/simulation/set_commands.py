@@ -48,11 +48,14 @@ def _zoom(robot: Robot, command: Set, time_s: float) -> Report:
         for c in robot.perspective_cameras
         if _matches_name(command, c.name)
     ]
-    # The mirror fixes the omnidirectional camera's model. The camera fails by name, or where the
+    # Mirror and lens fix an omnidirectional camera's model. The camera fails by name, or where the
     # robot has no other, but does not spoil a zoom of all perspective cameras.
-    omni = robot.omni_camera
-    if omni and _matches_name(command, omni.name) and (command.name or not cameras):
-        cameras.append(CameraFov(omni.name, omni.capture_fov_rad, STATUS_FAILED))
+    if command.name or not cameras:
+        cameras += [
+            CameraFov(omni.name, omni.capture_fov_rad, STATUS_FAILED)
+            for omni in robot.omni_cameras
+            if _matches_name(command, omni.name)
+        ]
     if not cameras:
         return CommandResult(time_s, command.type, command.name or "", STATUS_FAILED)
     return CameraResult(time_s, tuple(cameras))
@@ -103,12 +106,14 @@ def _set_budget(robot: Robot, command: Set, context: SensorContext) -> list[Repo
 
 
 def _set_accuracy_target(robot: Robot, command: Set, field: str) -> list[Report] | None:
-    """Set one value of the omnidirectional camera's accuracy target."""
-    omni, numbers = robot.omni_camera, command.numeric_params
-    if omni is None or not _matches_name(command, omni.name) or len(numbers) != 1:
+    """Set one value of an accuracy target, of all omnidirectional cameras without a name."""
+    omnis = [omni for omni in robot.omni_cameras if _matches_name(command, omni.name)]
+    numbers = command.numeric_params
+    if not omnis or len(numbers) != 1:
         return None
     try:
-        omni.set_accuracy_target(**{field: numbers[0]})
+        for omni in omnis:
+            omni.set_accuracy_target(**{field: numbers[0]})
     # A negative value, which SET reports by Failed instead of an error.
     except DomainError:
         return None

@@ -113,7 +113,7 @@ def _are_free(startup: StartupConfig, places: Floats, clearance_m: float) -> Boo
     """(n,) whether the base of the robot has free ground around it at (n, 2) places."""
     robot: RobotDescription = startup.robots[0]
     length_m, width_m, height_m = robot.drive.collision_size_m
-    height_m = max(robot.viewpoint_height_m, height_m)
+    height_m = max(robot.max_viewpoint_height_m, height_m)
     obstacles = build_obstacle_grid(startup.scene, low_m=GROUND_CLEARANCE_M, high_m=height_m)
     # A square about the circle that the base turns in: free at any heading.
     half_m = 0.5 * math.hypot(length_m, width_m) + clearance_m

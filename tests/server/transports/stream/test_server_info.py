@@ -20,7 +20,13 @@ from helpers.robots import FORWARD_MOUNT, make_p2at
 
 def test_server_info_of_the_bundled_robot_has_its_camera() -> None:
     robot, world = read_robot(OMNI_ROBOT)[0], read_world(FIELD)[0]
-    info = build_server_info((robot,), world, clock="realtime", plans={robot.class_name: "traced"})
+    assert robot.omni_camera is not None
+    info = build_server_info(
+        (robot,),
+        world,
+        clock="realtime",
+        plans={(robot.class_name, robot.omni_camera.name): "traced"},
+    )
     assert robot.omni_camera is not None
     camera = info.cameras[robot.class_name, robot.omni_camera.name]
     assert camera.plan == "traced"
@@ -34,7 +40,7 @@ def test_cameras_are_of_both_kinds_and_of_the_own_class_first() -> None:
     omni, real = read_robot(OMNI_ROBOT)[0], read_robot(ROBOTS / "p2at_omni_real.ini")[0]
     front = PerspectiveCameraDescription("Front", FORWARD_MOUNT, 64, 48, 0.8, 0.4, 1.6)
     only_front = make_p2at(
-        class_name="USARBot.Plain", omni_camera=None, perspective_cameras=(front,)
+        class_name="USARBot.Plain", omni_cameras=(), perspective_cameras=(front,)
     )
     robots = (omni, only_front, real)
     info = build_server_info(robots, read_world(FIELD)[0], clock="realtime", plans={})

@@ -76,7 +76,7 @@ class ServerInfo:
 
 
 def build_server_info(
-    robots: Sequence[RobotDescription], world: World, *, clock: str, plans: Mapping[str, str]
+    robots: Sequence[RobotDescription], world: World, *, clock: str, plans: Mapping[CameraKey, str]
 ) -> ServerInfo:
     """Collect the information about a server.
 
@@ -84,13 +84,13 @@ def build_server_info(
         robots: Robot classes.
         world: World.
         clock: `realtime` or `lockstep`.
-        plans: Description of the rendering plan by class name.
+        plans: Description of the rendering plan by camera.
     """
     cameras: dict[CameraKey, CameraInfo] = {}
     # Cameras of classes and not of robots, so that clients can read a model before any robot
     # exists.
     for robot in robots:
-        cameras |= _cameras_of_class(robot, plans.get(robot.class_name))
+        cameras |= _cameras_of_class(robot, plans)
     return ServerInfo(
         server=f"Catoptra {__version__}",
         world=world.name,
@@ -104,12 +104,16 @@ def build_server_info(
     )
 
 
-def _cameras_of_class(robot: RobotDescription, plan: str | None) -> dict[CameraKey, CameraInfo]:
+def _cameras_of_class(
+    robot: RobotDescription, plans: Mapping[CameraKey, str]
+) -> dict[CameraKey, CameraInfo]:
     cameras: dict[CameraKey, CameraInfo] = {}
-    omni = robot.omni_camera
-    if omni is not None:
-        pairs = pairs_from_omni_camera(omni.camera, robot.viewpoint_height_m)
-        cameras[robot.class_name, omni.name] = CameraInfo(pairs, omni.robot_from_mirror, plan)
+    for omni in robot.omni_cameras:
+        pairs = pairs_from_omni_camera(omni.camera, robot.viewpoint_height_m(omni))
+        mount = robot.robot_from_omni(omni, {})
+        cameras[robot.class_name, omni.name] = CameraInfo(
+            pairs, mount, plans.get((robot.class_name, omni.name))
+        )
     for description in robot.perspective_cameras:
         camera = PerspectiveCameraSensor(description, robot)
         info = CameraInfo(camera.camera_model(), camera.robot_from_camera({}))

@@ -49,8 +49,7 @@ def _describe_class(robot: RobotDescription) -> Json:
 
 def _describe_cameras(robot: RobotDescription) -> list[Json]:
     cameras: list[Json] = []
-    omni = robot.omni_camera
-    if omni is not None:
+    for omni in robot.omni_cameras:
         cameras.append(
             {
                 "name": omni.name,

@@ -41,9 +41,9 @@ class WebPages:
             ("/api/floor_plan.json",): lambda: floor_plan(scene),
         }
         for robot in server_info.robots:
-            if robot.omni_camera is not None:
-                key = (_CAMERA_TABLE, robot.class_name, robot.omni_camera.name)
-                self._makers[key] = _table_maker(robot.omni_camera.camera)
+            for omni in robot.omni_cameras:
+                key = (_CAMERA_TABLE, robot.class_name, omni.name)
+                self._makers[key] = _table_maker(omni.camera)
         self._documents: dict[_Key, asyncio.Task[Document]] = {}
 
     def close(self) -> None:

@@ -1,0 +1,170 @@
+"""Wide-angle cameras without a mirror: items of `Cameras=` whose class's section has a `Lens`.
+
+The camera looks along the item's x axis, as an ordinary camera does; its y axis is the right of the
+image. The lens's own keys are those of `LENS_PARAMETERS` without the prefix Lens.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from catoptra_protocol.camera_conf import LENS_PARAMETERS
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.image_plane import ImagePlane
+from catoptra_protocol.optics.lenses import LENSES
+from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR
+from catoptra_server.config.capture_section import (
+    MAX_SIDE_PX,
+    read_min_frame_interval_s,
+    read_picture,
+    read_render_settings,
+    reserve_view,
+)
+from catoptra_server.config.effect_settings import read_lens_effect_settings
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.mounting import read_mount
+from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
+from catoptra_server.robot.render_settings import PerPixel
+from catoptra_server.robot.robot_description import OmniCameraDescription
+
+# A rim just inside the first fold or the formula's limit, where the image radius stops growing.
+_WITHIN_LIMIT = 1.0 - 1e-9
+
+
+def is_lens_camera(file: IniFile, item: SectionReader) -> bool:
+    """Whether the section of an item's class has a lens."""
+    return file.get_section(item.get_str("ItemClass")).has_key("Lens")
+
+
+def read_lens_camera(
+    file: IniFile,
+    robot: SectionReader,
+    item: SectionReader,
+    *,
+    limit_bytes: int = DEFAULT_LIMIT_BYTES,
+) -> OmniCameraDescription:
+    """Camera of an item, with lens, resolution and effects of the section of its class.
+
+    Raises:
+        ConfigError: For an unknown lens, an impossible parameter, a field of view beyond the lens's
+            domain or first fold, or a view that takes more than `limit_bytes`.
+    """
+    section = file.get_section(item.get_str("ItemClass"))
+    camera = _read_camera(section)
+    mount = read_mount(robot, item)
+    description = OmniCameraDescription(
+        name=item.get_wire_name("ItemName"),
+        camera=camera,
+        robot_from_mirror=mount.parent_from_item() @ LENS_FROM_MIRROR,
+        texture_clients=(),
+        render_settings=read_render_settings(
+            section,
+            surface=PerPixel(),
+            face_size_px=section.get_int("TextureSize", 0, max_value=MAX_SIDE_PX),
+        ),
+        min_frame_interval_s=read_min_frame_interval_s(section),
+        capture_fov_rad=2.0 * camera.rim_rad,
+        effects=read_lens_effect_settings(section),
+        parent=mount.parent,
+    )
+    reserve_view(description, section, MemoryBudget(limit_bytes))
+    return description
+
+
+def _read_camera(section: SectionReader) -> OmniCamera:
+    projection = _read_lens(section)
+    width_px = section.get_int("ResolutionX", 640, min_value=1, max_value=MAX_SIDE_PX)
+    height_px = section.get_int("ResolutionY", 640, min_value=1, max_value=MAX_SIDE_PX)
+    picture = read_picture(section, Picture.FLIPPED)
+    field_deg = section.get_float("FieldOfView", 0.0, min_value=0.1, max_value=360.0)
+    rim_rad = math.radians(0.5 * field_deg)
+    focal_length_px = section.get_float("FocalLength", 0.0, min_value=1e-6)
+    key = "FieldOfView"
+    try:
+        if not focal_length_px:
+            key = "FieldOfView" if field_deg else "FocalLength"
+            if not field_deg:
+                raise DomainError(
+                    "a lens has a FocalLength in px, a FieldOfView in degrees or both"
+                )
+            return camera_with_inscribed_rim(
+                projection, width_px=width_px, height_px=height_px, rim_rad=rim_rad, picture=picture
+            )
+        centre_px = (
+            section.get_float("CentreU", 0.5 * width_px),
+            section.get_float("CentreV", 0.5 * height_px),
+        )
+        plane = _read_plane(section, focal_length_px)
+        if not field_deg:
+            corner_px = max(
+                math.hypot(u - centre_px[0], v - centre_px[1])
+                for u in (0.0, width_px)
+                for v in (0.0, height_px)
+            )
+            ratio = corner_px / focal_length_px / plane.stretch_limits[0]
+            rim_rad = _largest_angle_rad(projection, ratio)
+        return OmniCamera(
+            projection,
+            width_px,
+            height_px,
+            centre_px,
+            focal_length_px,
+            rim_rad,
+            0.0,
+            picture,
+            plane,
+        )
+    except DomainError as error:
+        raise section.make_error(key, expected=f"a possible value: {error}") from error
+
+
+def _read_lens(section: SectionReader) -> RadialProjection:
+    """Lens by its name, with its parameters; those with a default may be missing."""
+    name = section.get_choice("Lens", list(LENSES))
+    lens = LENSES[name]
+    fields = {field.name: field for field in dataclasses.fields(lens)}  # type: ignore[arg-type]
+    values: dict[str, float | tuple[float, ...]] = {}
+    last_key = "Lens"
+    for wire_name, attribute in LENS_PARAMETERS[name]:
+        key = wire_name.removeprefix("Lens")
+        is_optional = fields[attribute].default is not dataclasses.MISSING
+        if is_optional and not section.has_key(key):
+            continue
+        last_key = key
+        is_table = "tuple" in str(fields[attribute].type)
+        values[attribute] = section.get_floats(key) if is_table else section.get_float(key)
+    try:
+        return lens(**values)
+    except DomainError as error:
+        raise section.make_error(last_key, expected=f"a possible value: {error}") from error
+
+
+def _read_plane(section: SectionReader, focal_length_px: float) -> ImagePlane:
+    """Stretch by a second focal length and a skew, or by OCamCalib's matrix; and decentring."""
+    p1, p2 = section.get_float("P1", 0.0), section.get_float("P2", 0.0)
+    if section.has_key("Stretch"):
+        values = section.get_floats("Stretch")
+        if len(values) != 4:
+            raise section.make_error("Stretch", expected="a 2 x 2 matrix: four numbers")
+        a, b, c, d = values
+        return ImagePlane((a, b, c, d), p1, p2)
+    skew = section.get_float("Skew", 0.0) / focal_length_px
+    aspect = section.get_float("FocalLengthY", focal_length_px, min_value=1e-6) / focal_length_px
+    return ImagePlane((1.0, skew, 0.0, aspect), p1, p2)
+
+
+def _largest_angle_rad(projection: RadialProjection, ratio: float) -> float:
+    """Angle that a lens shows in an image's farthest corner, within the lens's limit."""
+    limit_rad = 2.0 * math.atan(projection.t_limit)
+    t = float(projection.t_from_radius_ratio(np.array(ratio)))
+    corner_rad = 2.0 * math.atan(t)
+    if math.isinf(projection.t_limit):
+        return min(corner_rad, math.pi)
+    return min(corner_rad, limit_rad * _WITHIN_LIMIT)
