@@ -17,6 +17,9 @@ from catoptra_protocol.slotted_dataclass import dataclass
 
 # Scales are smooth in the radius: 128 steps find their largest value to 1e-4.
 _NUM_RINGS = 129
+# A milliradian from the antipode, which a 360-degree lens shows as a circle: across the radius the
+# scale is infinite there.
+_MAX_T = math.tan(0.5 * (math.pi - 1e-3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +53,7 @@ def compute_image_scale(camera: RadialCamera) -> ImageScale:
     """Scales on the rings that the image of a camera shows."""
     min_radius_px, max_radius_px = visible_radii_px(camera)
     radius_px = np.linspace(min_radius_px, max_radius_px, _NUM_RINGS)
-    t = camera.t_from_radius_px(radius_px)
+    t = np.minimum(camera.t_from_radius_px(radius_px), _MAX_T)
     horizon_px = camera.horizon_radius_px
     if min_radius_px < horizon_px < max_radius_px:
         # The side faces' centres lie on the horizon: there the texels of the cube are largest.

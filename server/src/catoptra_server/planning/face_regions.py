@@ -32,6 +32,9 @@ MAX_TEXELS = 2**26
 MAX_SIDE_TEXELS = 2**13
 # The density varies so slowly that the largest on a grid of this side is within 0.1 %.
 _GRID_SIDE = 65
+# Of a mirror the tangential density is near the radial one; of an equidistant lens it is four times
+# the radial one at 142 degrees.
+_MAX_TANGENTIAL = 4.0
 
 
 def visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:
@@ -179,11 +182,11 @@ def _pixels_per_radian(camera: OmniCamera, incidence_rad: Floats) -> tuple[Float
     # On the axis both are equal; a millionth of a radian beside, their formulas have values.
     theta = np.clip(incidence_rad, 1e-6, camera.rim_rad)
     t = np.tan(0.5 * theta)
-    scale_px, projection = camera.scale_px, camera.projection
-    return (
-        scale_px * projection.radius_ratio_slope(t),
-        scale_px * projection.radius_ratio_from_t(t) / np.sin(theta),
-    )
+    radial = camera.max_stretch * camera.radius_slope_px(t)
+    tangential = camera.max_stretch * camera.radius_px_from_t(t) / np.sin(theta)
+    # A lens that shows nearly everything stretches its antipode to a circle, for which no density
+    # of texels suffices.
+    return radial, np.minimum(tangential, _MAX_TANGENTIAL * float(radial.max()))
 
 
 def _directions_from_face_points(face: Face, points: Floats) -> Floats:

@@ -1,0 +1,129 @@
+"""Wide-angle cameras without a mirror of robot files: lens, hand, mount, domain, memory."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.optics.lenses import EquidistantLens
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.picture import Picture
+from catoptra_server.config.robot_file import read_robot, read_robots
+from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
+from helpers.configs import ROBOTS, Edit, write_edited_copy
+
+FISHEYE = ROBOTS / "p2at_fisheye.ini"
+
+ITEM = "Cameras=(ItemClass=class'Catoptra.Eye',ItemName=\"Eye\",{mount})\n"
+
+
+def read_eye(
+    folder: Path, *lines: str, mount: str = "Position=(X=0,Y=0,Z=-0.5)"
+) -> OmniCameraDescription:
+    """Camera of a robot file with these lines in the section of its lens camera."""
+    write_edited_copy(ROBOTS / "p2at.ini", folder)
+    path = folder / "robot.ini"
+    item = ITEM.replace("{mount}", mount)
+    path.write_text(
+        "[Configuration]\nBasedOn=p2at.ini\n[USARBot.P2AT]\n"
+        + item
+        + "\n".join(("[Catoptra.Eye]", "Lens=equidistant", *lines, ""))
+    )
+    robot, file = read_robot(path)
+    assert file.unknown_names() == []
+    (omni,) = robot.omni_cameras
+    return omni
+
+
+def bundled() -> RobotDescription:
+    return read_robot(FISHEYE)[0]
+
+
+def test_lens_when_hanging_has_the_robot_s_axes() -> None:
+    hanging = bundled().omni_cameras[0]
+    assert hanging.robot_from_mirror.rotation == pytest.approx(np.eye(3), abs=1e-5)
+    assert bundled().viewpoint_height_m(hanging) == pytest.approx(0.6)
+
+
+def test_lens_when_ahead_shows_the_right_on_the_right_and_the_floor_below() -> None:
+    ahead = bundled().omni_cameras[1]
+    camera, mount = ahead.camera, ahead.robot_from_mirror
+    in_mirror = mount.inverse().rotate_directions(np.array([[1.0, 0, 0], [1, 1, 0], [1, 0, 1]]))
+    centre, right, below = camera.pixel_from_direction(in_mirror)[0]
+    assert centre == pytest.approx(camera.centre_px)
+    assert right == pytest.approx((camera.centre_px[0] + camera.scale_px * math.pi / 4, centre[1]))
+    assert below == pytest.approx((centre[0], camera.centre_px[1] + camera.scale_px * math.pi / 4))
+
+
+def test_lens_by_its_field_of_view_touches_the_nearer_borders(tmp_path: Path) -> None:
+    camera = read_eye(tmp_path, "FieldOfView=360", "ResolutionX=400", "ResolutionY=300").camera
+    assert (camera.rim_rad, camera.rim_radius_px) == (math.pi, 150.0)
+
+
+def test_lens_by_its_focal_length_has_the_calibrated_plane(tmp_path: Path) -> None:
+    lines = ("FocalLength=100", "FocalLengthY=101", "Skew=0.5", "CentreU=310", "CentreV=330")
+    camera = read_eye(tmp_path, *lines, "Picture=mirrored").camera
+    assert (camera.projection, camera.scale_px) == (EquidistantLens(), 100.0)
+    assert (camera.centre_px, camera.picture) == ((310.0, 330.0), Picture.MIRRORED)
+    assert camera.plane.stretch == (1.0, 0.005, 0.0, 1.01)
+    # The farthest corner is 330 px right and down: as far as the lens may be seen.
+    assert camera.rim_rad == pytest.approx(math.pi)
+
+
+def test_lens_when_its_corners_are_nearer_than_its_limit_ends_there(tmp_path: Path) -> None:
+    camera = read_eye(tmp_path, "FocalLength=400").camera
+    assert camera.rim_rad == pytest.approx(math.hypot(320, 320) / 400)
+
+
+def test_lens_on_a_link_moves_with_the_link(tmp_path: Path) -> None:
+    omni = read_eye(tmp_path, "FieldOfView=180", mount='Parent="CameraTilt"')
+    robot = read_robot(tmp_path / "robot.ini")[0]
+    at_rest = robot.robot_from_omni(omni, {})
+    turned = robot.robot_from_omni(omni, {"camerapan": 0.5})
+    assert not np.allclose(at_rest.rotation, turned.rotation)
+
+
+BAD = [
+    (("Lens=wide", "FieldOfView=90"), "Lens='wide': expected one of equidistant"),
+    ((), "FocalLength.*a FocalLength in px, a FieldOfView in degrees or both"),
+    (("FieldOfView=361",), "FieldOfView='361'"),
+    (("FocalLength=100", "Stretch=1,2,3"), "four numbers"),
+    (("FocalLength=100", "Stretch=1,0,0,-1"), "positive determinant"),
+    (("FocalLength=100", "P1=0.1"), "radial distortion"),
+    (("FieldOfView=90", "MirrorDust=auto"), "which has no mirror"),
+    (("FieldOfView=90", "Picture=sideways"), "mirrored, flipped"),
+]
+
+
+@pytest.mark.parametrize(("lines", "message"), BAD)
+def test_lens_when_impossible_is_rejected_at_its_key(
+    tmp_path: Path, lines: tuple[str, ...], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read_eye(tmp_path, *lines)
+
+
+def test_lens_when_larger_than_the_memory_limit_is_rejected(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="ResolutionX='8192 x 8192 px"):
+        read_eye(tmp_path, "FieldOfView=90", "ResolutionX=8192", "ResolutionY=8192", "Samples=4")
+
+
+def test_mirror_when_its_picture_is_flipped_has_its_axis_at_the_mirrored_column(
+    tmp_path: Path,
+) -> None:
+    path = write_edited_copy(
+        ROBOTS / "p2at_omni.ini", tmp_path, Edit("Samples=2", "Picture=flipped\nSamples=2")
+    )
+    (robot,), _ = read_robots(path)
+    assert robot.omni_camera is not None
+    camera = robot.omni_camera.camera
+    assert isinstance(camera, OmniCamera)
+    assert camera.picture is Picture.FLIPPED
+    # Right of the robot is on the right of the picture.
+    pixel, valid = camera.pixel_from_direction(np.array([0.0, 1.0, 0.5]))
+    assert valid
+    assert pixel[0] > camera.centre_px[0]
