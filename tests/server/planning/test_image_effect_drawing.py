@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import importlib.util
 from contextlib import ExitStack
 
 import pytest
@@ -27,3 +28,12 @@ def test_shaders_draw_image_effects_where_the_kernel_is_missing(
     assert choice.changer is None
     assert "CATOPTRA_KERNEL" in choice.reason
     choice.close()
+
+
+def test_shaders_draw_image_effects_where_embree_is_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda package: None)
+    choice = choose_image_effects(is_software=True)
+    assert choice.changer is None
+    assert "embreex" in choice.reason or "kernel" in choice.reason
