@@ -2,6 +2,7 @@
 
 #include "blur_plan.h"
 #include "encoding.h"
+#include "fog.h"
 #include "measures.h"
 #include "pixels.h"
 
@@ -147,10 +148,15 @@ static void refine(BlurTile *blur, int steps) {
         sample_instant(blur, (float)i / (float)steps - 0.5f, 0);
 }
 
+/* Changes by less are left out. */
+static float unseen_change(const Frame *frame) {
+    return frame->blur_threshold > 0.0f ? 0.25f * frame->blur_threshold : 0.0f;
+}
+
 /* Halve the steps between instants until all units are finished. */
 static void blur_units(BlurTile *blur, int min_steps) {
     const Frame *frame = blur->state->frame;
-    float unseen = frame->blur_threshold > 0.0f ? 0.25f * frame->blur_threshold : 0.0f;
+    float unseen = unseen_change(frame);
     sample_instant(blur, -0.5f, 1);
     sample_instant(blur, 0.5f, 1);
     for (int steps = 2, active = 1; active; steps *= 2) {
@@ -169,6 +175,72 @@ static void blur_units(BlurTile *blur, int min_steps) {
             one->is_active = !is_done && 2 * steps <= frame->max_instants;
             active |= one->is_active;
         }
+    }
+}
+
+/* Parts of the exposure in which edges may be taken to move evenly: 8 px long, whose arcs of a
+ * hundred pixels' radius are 0.08 px off their chords; 0 if there are too many. */
+static int count_parts(int steps) {
+    int parts = steps / 4 > 2 ? steps / 4 : 2;
+    return parts <= MAX_PARTS ? parts : 0;
+}
+
+/* Means of a unit over the exposure by its triangles' intervals; 0 if they do not tell. */
+static int integrate_unit(BlurTile *blur, const FrameState *still, const MovingScene *scene,
+                          int unit) {
+    const RayOrder *order = blur->order;
+    Unit *one = &blur->units[unit];
+    float factor = 1.0f / (float)(still->rays->samples * still->rays->samples);
+    float sums[3][TILE_PX * TILE_PX] = {{0}};
+    for (int block = 0; block < order->blocks; block++) {
+        _Alignas(64) float radiance[3][BLOCK_RAYS] = {{0}};
+        RayBlock rays;
+        load_unit(still, blur->tile, order, unit, block, &rays);
+        if (rays.active && !integrate_block(scene, &rays, radiance))
+            return 0;
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            for (int channel = 0; channel < 3; channel++)
+                sums[channel][order->lane_pixel[lane]] += factor * radiance[channel][lane];
+    }
+    memcpy(one->mean, sums, sizeof sums);
+    blur->result->num_rays += order->blocks * BLOCK_RAYS * scene->parts;
+    return 1;
+}
+
+/* Largest change of a unit's pixels from the sharp frame. */
+static float measure_change(const BlurTile *blur, int unit) {
+    float change = 0.0f;
+    for (int channel = 0; channel < 3; channel++)
+        for (int pixel = 0; pixel < blur->order->pixels; pixel++)
+            change = fmaxf(change,
+                           fabsf(encode_level(blur->units[unit].mean[channel][pixel]) -
+                                 encode_level(sharp_mean(blur, unit, channel, pixel))));
+    return change;
+}
+
+/* Finish the units that show nothing but triangles of one radiance each; the others are left. */
+static void integrate_units(BlurTile *blur, int steps) {
+    const FrameState *state = blur->state;
+    int parts = count_parts(steps);
+    if (!blur->content->triangles || !parts || has_fog(state))
+        return;
+    FrameState still = *state;
+    still.camera = (Pose){{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    MovingScene scene; /* not initialized: its triangles are large */
+    scene.count = 0;
+    for (int unit = 0; unit < blur->order->units; unit++) {
+        Unit *one = &blur->units[unit];
+        if (!one->is_active)
+            continue;
+        float centre =
+            state->is_rolling ? row_time(state, (float)(blur->top + unit) + 0.5f) : 0.5f;
+        if ((!scene.count || scene.centre != centre) &&
+            !move_triangles(state, blur->tile, blur->content->triangles, centre, parts, &scene))
+            return;
+        if (!integrate_unit(blur, &still, &scene, unit))
+            continue;
+        one->is_active = 0;
+        one->is_changed = measure_change(blur, unit) > unseen_change(state->frame);
     }
 }
 
@@ -224,6 +296,7 @@ void blur_tile(const FrameState *state, int tile, const TileContent *content, Bl
     }
     if (!is_any)
         return;
+    integrate_units(&blur, steps);
     blur_units(&blur, steps);
     write_units(&blur);
 }

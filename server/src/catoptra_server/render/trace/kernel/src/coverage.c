@@ -42,6 +42,7 @@ struct Search {
     CandidateList levels[BEAM_LEVELS]; /* what reaches into the current beam of each level */
     uint8_t *marks;
     ShortList short_list; /* of the part whose tiles are being rendered */
+    TriangleSet triangles; /* likewise */
     int finest_proven; /* level below which tracing costs less than a proof */
     int num_filled;
     BlurResult *blur; /* NULL while the sharp frame is drawn */
@@ -246,6 +247,10 @@ static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     if (is_hopeless && part->content.triangle == SURFACE_UNKNOWN &&
         make_short_list(search->state, kept, &search->short_list))
         part->content.short_list = &search->short_list;
+    if (search->blur && is_hopeless && part->content.triangle == SURFACE_UNKNOWN &&
+        part->content.object == OBJECT_NONE &&
+        collect_triangles(search->state, kept, &search->triangles))
+        part->content.triangles = &search->triangles;
 }
 
 static int is_unproven(const Part *part) {

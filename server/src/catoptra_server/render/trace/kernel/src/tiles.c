@@ -312,8 +312,8 @@ static void finish_tile(const FrameState *state, int tile, const PixelSums *sums
     note_means(state, tile, (const float(*)[TILE_PX * TILE_PX])means);
 }
 
-static void load_unit(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
-                      RayBlock *rays) {
+void load_unit(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
+               RayBlock *rays) {
     if (order->is_table)
         load_block(state, (size_t)tile * (size_t)order->units + (size_t)unit, rays);
     else

@@ -2,6 +2,7 @@
 #ifndef CATOPTRA_TILES_H
 #define CATOPTRA_TILES_H
 
+#include "blur_intervals.h"
 #include "direct_light.h"
 #include "ray_order.h"
 #include "short_list.h"
@@ -16,9 +17,10 @@ typedef struct {
     LightProof proof;  /* what is known of the lights on the triangle's plane */
     int is_open;       /* no part of the sky is hidden anywhere on it */
     const ShortList *short_list; /* all that may be seen of the static scene; NULL: not known */
+    const TriangleSet *triangles; /* likewise, during the exposure of a moving frame */
 } TileContent;
 
-#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, NULL})
+#define UNKNOWN_CONTENT ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, NULL, NULL})
 
 /* Render a tile; where the triangle is unknown, rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);
@@ -34,6 +36,10 @@ TileContent move_content(const FrameState *state, const TileContent *content, Sh
 uint32_t sample_block(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
                       const TileContent *content, float radiance[3][BLOCK_RAYS],
                       LostLight *lost);
+
+/* Rays of a block of a unit, from the camera of the state. */
+void load_unit(const FrameState *state, int tile, const RayOrder *order, int unit, int block,
+               RayBlock *rays);
 
 /* Whether all rays of a tile see the mirror. */
 int is_wholly_valid(const FrameState *state, int tile);

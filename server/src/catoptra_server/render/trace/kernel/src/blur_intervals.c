@@ -1,0 +1,304 @@
+#include "blur_intervals.h"
+
+#include "fog.h"
+#include "occlusion.h"
+#include "pixels.h"
+#include "plane_light.h"
+
+#include <math.h>
+
+/* Volume of corners below which a triangle covers less than a tenth of a pixel, relative to the
+ * product of their distances. */
+#define MIN_VOLUME 1e-6f
+/* Rays between the corners of a tile meet a plane beside the parallelogram of theirs by less. */
+#define MARGIN 0.05f
+
+typedef float Floats __attribute__((vector_size(4 * BLOCK_RAYS)));
+typedef int32_t Masks __attribute__((vector_size(4 * BLOCK_RAYS))); /* 0 or -1; or bits */
+
+int collect_triangles(const FrameState *state, const CandidateList *candidates, TriangleSet *set) {
+    set->count = 0;
+    set->viewpoint = vec3(state->camera.translation);
+    for (int i = 0; i < candidates->count; i++) {
+        int32_t id = candidates->id[i];
+        if (candidate_object(id) != OBJECT_STATIC)
+            continue;
+        if (id == CLUSTER || set->count == MAX_MOVING)
+            return 0;
+        for (int corner = 0; corner < 3; corner++)
+            set->corners[set->count][corner] = candidate_corner(candidates, i, corner);
+        set->triangle[set->count++] = state->scene->surfaces.triangles[id];
+    }
+    return 1;
+}
+
+/* Products of one instant; the volume that they are divided by, 0 of a triangle seen as a line. */
+static float set_dual(const Pose *pose, const TriangleSet *set, int at, Vec3 dual[3]) {
+    Vec3 offset = subtract(set->viewpoint, vec3(pose->translation)), corners[3];
+    float product = 1.0f;
+    for (int i = 0; i < 3; i++) {
+        corners[i] = add(set->corners[at][i], offset);
+        product *= sqrtf(dot(corners[i], corners[i]));
+    }
+    Vec3 normals[3] = {cross(corners[1], corners[2]), cross(corners[2], corners[0]),
+                       cross(corners[0], corners[1])};
+    float volume = dot(corners[0], normals[0]);
+    if (!(fabsf(volume) > MIN_VOLUME * product))
+        return 0.0f;
+    for (int i = 0; i < 3; i++)
+        dual[i] = rotate_back(pose->rotation, scale(1.0f / volume, normals[i]));
+    return volume;
+}
+
+/* A box along the world's axes. */
+typedef struct {
+    float low[3], high[3];
+} Box;
+
+static void enclose_point(Box *box, Vec3 point) {
+    float values[3] = {point.x, point.y, point.z};
+    for (int axis = 0; axis < 3; axis++) {
+        box->low[axis] = fminf(box->low[axis], values[axis]);
+        box->high[axis] = fmaxf(box->high[axis], values[axis]);
+    }
+}
+
+/* Where the corner rays of a tile meet a plane at an instant; 0 if one does not. */
+static int enclose_footprint(const FrameState *state, int tile, float time, Vec3 first, Vec3 normal,
+                             Box *box) {
+    int samples = state->rays->samples, last = TILE_PX - 1;
+    int blocks[4] = {0, samples - 1, samples * (samples - 1), samples * samples - 1};
+    int lanes[4] = {0, last, TILE_PX * last, BLOCK_RAYS - 1};
+    FrameState moved = at_instant(state, time);
+    Vec3 viewpoint = vec3(moved.camera.translation);
+    float height = dot(normal, subtract(first, viewpoint));
+    for (int i = 0; i < 4; i++) {
+        size_t block = (size_t)tile * (size_t)(samples * samples) + (size_t)blocks[i];
+        const float *from = state->rays->directions + block * 3 * BLOCK_RAYS + lanes[i];
+        Vec3 seen = rotate(moved.camera.rotation,
+                           (Vec3){from[0], from[BLOCK_RAYS], from[2 * BLOCK_RAYS]});
+        float distance = height / dot(normal, seen);
+        if (!(state->rays->valid[block] >> lanes[i] & 1) || !(distance > 0.0f))
+            return 0;
+        enclose_point(box, add(viewpoint, scale(distance, seen)));
+    }
+    return 1;
+}
+
+/* What the exposure shows of a triangle at most: what a tile sees of its plane, and itself. */
+static Box enclose_visible(const FrameState *state, int tile, int32_t triangle) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    Vec3 first = vec3(mesh->corners + 9 * (size_t)triangle);
+    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
+    Box whole = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    Box footprint = whole;
+    for (int corner = 0; corner < 3; corner++)
+        enclose_point(&whole, vec3(mesh->corners + 9 * (size_t)triangle + 3 * corner));
+    float half = 0.5f * state->frame->exposure + 0.5f * state->frame->readout;
+    for (int i = -1; i <= 1; i++)
+        if (!enclose_footprint(state, tile, 0.5f + (float)i * half, first, normal, &footprint))
+            return whole;
+    for (int axis = 0; axis < 3; axis++) {
+        float margin = MARGIN * (footprint.high[axis] - footprint.low[axis]);
+        whole.low[axis] = fmaxf(whole.low[axis], footprint.low[axis] - margin);
+        whole.high[axis] = fminf(whole.high[axis], footprint.high[axis] + margin);
+    }
+    return whole;
+}
+
+/* Corners of a plane's part within a box: those of the box along the plane's steepest axis. */
+static void find_corners(const Box *box, Vec3 first, Vec3 normal, Vec3 corners[4]) {
+    float n[3] = {normal.x, normal.y, normal.z}, f[3] = {first.x, first.y, first.z};
+    int up = 0;
+    for (int axis = 1; axis < 3; axis++)
+        up = fabsf(n[axis]) > fabsf(n[up]) ? axis : up;
+    int across = (up + 1) % 3, down = (up + 2) % 3;
+    for (int i = 0; i < 4; i++) {
+        float point[3];
+        point[across] = i % 2 ? box->high[across] : box->low[across];
+        point[down] = i / 2 ? box->high[down] : box->low[down];
+        point[up] = f[up] - (n[across] * (point[across] - f[across]) +
+                             n[down] * (point[down] - f[down])) / n[up];
+        corners[i] = vec3(point);
+    }
+}
+
+static void light_triangle(const FrameState *state, int tile, int32_t triangle,
+                           MovingTriangle *moving) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_CORNER_COLOURS));
+    int is_occluded = has_occlusion(state->scene, triangle);
+    LightProof proof = {0, 0};
+    if (moving->is_constant && (state->frame->has_shadows || is_occluded)) {
+        Vec3 corners[4];
+        Box box = enclose_visible(state, tile, triangle);
+        find_corners(&box, vec3(mesh->corners + 9 * (size_t)triangle),
+                     vec3(mesh->normals + 3 * (size_t)triangle), corners);
+        if (state->frame->has_shadows)
+            proof = prove_lights(state, triangle, corners);
+        if (is_occluded)
+            moving->is_constant = find_sky_view(state->scene, triangle, corners) == SKY_OPEN;
+    }
+    PlaneLight light = {.radiance = {0, 0, 0}};
+    moving->is_constant =
+        moving->is_constant && find_plane_light(state, triangle, proof, &light);
+    moving->radiance =
+        (Vec3){as_sensed(state, light.radiance.x), as_sensed(state, light.radiance.y),
+               as_sensed(state, light.radiance.z)};
+}
+
+static void light_background(const FrameState *state, MovingScene *scene) {
+    const Scene *lit = state->scene;
+    Vec3 light = vec3(lit->sharp_radiance + 3 * (size_t)lit->mesh->arrays.num_triangles);
+    scene->background = (Vec3){as_sensed(state, light.x), as_sensed(state, light.y),
+                               as_sensed(state, light.z)};
+}
+
+int move_triangles(const FrameState *state, int tile, const TriangleSet *set, float centre,
+                   int parts, MovingScene *scene) {
+    Pose poses[MAX_PARTS + 1];
+    for (int i = 0; i <= parts; i++)
+        rigid_pose_at(state->frame->camera, state->frame->num_poses, 1,
+                      centre + state->frame->exposure * ((float)i / (float)parts - 0.5f), &poses[i]);
+    int is_lit = scene->count > 0, count = 0;
+    scene->parts = parts;
+    scene->centre = centre;
+    scene->count = set->count;
+    for (int at = 0; at < set->count; at++) {
+        MovingTriangle *moving = &scene->triangles[at];
+        int front = 0, back = 0;
+        for (int i = 0; i <= parts; i++) {
+            float volume = set_dual(&poses[i], set, at, moving->dual[i]);
+            front += volume > 0.0f;
+            back += volume < 0.0f;
+        }
+        if (front != parts + 1 && back != parts + 1 && front + back != 0)
+            return 0;
+        if (!is_lit)
+            light_triangle(state, tile, set->triangle[at], moving);
+        if (front + back == 0)
+            for (int i = 0; i <= parts; i++)
+                moving->dual[i][0] = moving->dual[i][1] = moving->dual[i][2] = (Vec3){0, 0, 0};
+        count++;
+    }
+    if (!is_lit)
+        light_background(state, scene);
+    return count == set->count;
+}
+
+static inline Floats load(const float *values) {
+    Floats loaded;
+    __builtin_memcpy(&loaded, values, sizeof loaded);
+    return loaded;
+}
+
+static inline int any(Masks masks) {
+    int32_t found = 0;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        found |= masks[lane];
+    return found != 0;
+}
+
+/* Bits of the times at which values, linear between those at the ends of the parts, are below
+ * zero. */
+static Masks find_below(const Floats *values, int parts) {
+    int bins = TIME_BINS / parts;
+    Masks bits = {0};
+    for (int part = 0; part < parts; part++) {
+        Masks ends = (values[part] < 0.0f) | (values[part + 1] < 0.0f);
+        if (!any(ends))
+            continue;
+        Floats step = (values[part + 1] - values[part]) * (1.0f / (float)bins);
+        Floats value = values[part] + 0.5f * step;
+        for (int bin = 0; bin < bins; bin++, value += step)
+            bits |= (value < 0.0f) & (int32_t)(1u << (part * bins + bin));
+    }
+    return bits;
+}
+
+/* A triangle that the rays of a block meet at some time. */
+typedef struct {
+    Masks met, seen; /* bits of the times */
+    Floats inverse[MAX_PARTS + 1]; /* distances */
+    const MovingTriangle *triangle;
+} Visible;
+
+/* Whether any of the rays meets a triangle, and when. */
+static int meet_triangle(const MovingScene *scene, const MovingTriangle *triangle, Floats x,
+                         Floats y, Floats z, Masks active, Visible *found) {
+    found->met = active;
+    found->triangle = triangle;
+    for (int i = 0; i <= scene->parts; i++)
+        found->inverse[i] = (Floats){0};
+    for (int edge = 0; edge < 3; edge++) {
+        Floats sides[MAX_PARTS + 1];
+        Masks inside = {0}, outside = {0};
+        for (int i = 0; i <= scene->parts; i++) {
+            Vec3 dual = triangle->dual[i][edge];
+            sides[i] = dual.x * x + dual.y * y + dual.z * z;
+            inside |= sides[i] > 0.0f;
+            outside |= sides[i] < 0.0f;
+            found->inverse[i] += sides[i];
+        }
+        if (!any(inside & active))
+            return 0;
+        if (any(outside & active))
+            found->met &= ~find_below(sides, scene->parts);
+    }
+    found->seen = found->met;
+    return any(found->met);
+}
+
+/* Take from two triangles what one hides of the other. */
+static void hide_farther(Visible *one, Visible *other, int parts) {
+    Masks both = one->met & other->met;
+    if (!any(both))
+        return;
+    Floats nearer[MAX_PARTS + 1];
+    for (int i = 0; i <= parts; i++)
+        nearer[i] = one->inverse[i] - other->inverse[i];
+    Masks is_farther = find_below(nearer, parts);
+    one->seen &= ~(other->met & is_farther);
+    other->seen &= ~(one->met & ~is_farther);
+}
+
+static Floats count_bits(Masks bits) {
+    Floats counts;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        counts[lane] = (float)__builtin_popcount((unsigned)bits[lane]);
+    return counts;
+}
+
+/* Add a radiance for some of the times. */
+static void add_times(Vec3 light, Floats counts, float radiance[3][BLOCK_RAYS]) {
+    float parts[3] = {light.x, light.y, light.z};
+    for (int channel = 0; channel < 3; channel++) {
+        Floats sum = load(radiance[channel]) + (parts[channel] * (1.0f / TIME_BINS)) * counts;
+        __builtin_memcpy(radiance[channel], &sum, sizeof sum);
+    }
+}
+
+int integrate_block(const MovingScene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
+    Visible visible[MAX_MOVING]; /* not initialized: mostly two or three are used */
+    Floats x = load(rays->direction[0]), y = load(rays->direction[1]), z = load(rays->direction[2]);
+    Masks active, left;
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        active[lane] = rays->active >> lane & 1 ? -1 : 0;
+    int count = 0;
+    for (int i = 0; i < scene->count; i++)
+        count += meet_triangle(scene, &scene->triangles[i], x, y, z, active, &visible[count]);
+    for (int i = 1; i < count; i++)
+        for (int k = 0; k < i; k++)
+            hide_farther(&visible[k], &visible[i], scene->parts);
+    for (int i = 0; i < count; i++)
+        if (!visible[i].triangle->is_constant && any(visible[i].seen))
+            return 0;
+    left = active;
+    for (int i = 0; i < count; i++) {
+        add_times(visible[i].triangle->radiance, count_bits(visible[i].seen), radiance);
+        left &= ~visible[i].seen;
+    }
+    if (any(left))
+        add_times(scene->background, count_bits(left), radiance);
+    return 1;
+}

@@ -1,0 +1,53 @@
+/* The exposure of a few pixels in one step: for each ray, the times at which it meets each triangle.
+ *
+ * While the camera moves, a ray enters and leaves a triangle where it passes one of its edges. Each
+ * edge is a plane through the viewpoint, whose side is nearly linear in time over a part of the
+ * exposure: its sides at a few instants give the sides at 32 times, as the bits of a word, and so do
+ * the distances of two triangles. What a ray sees of a triangle of one radiance is a count of bits.
+ * Source: Gribel et al. 2010, "Analytical motion blur rasterization with compression"; they keep
+ * intervals, where we keep bits.
+ */
+#ifndef CATOPTRA_BLUR_INTERVALS_H
+#define CATOPTRA_BLUR_INTERVALS_H
+
+#include "candidates.h"
+#include "ray_order.h"
+
+enum { MAX_MOVING = 40, MAX_PARTS = 8, TIME_BINS = 32 };
+
+/* Triangles of the static scene that a part of the image may show during the exposure. */
+typedef struct TriangleSet {
+    int count;
+    int32_t triangle[MAX_MOVING];
+    Vec3 viewpoint;
+    Vec3 corners[MAX_MOVING][3]; /* relative to the viewpoint */
+} TriangleSet;
+
+/* A triangle in the mirror frame, as in short_list.h: three products with a direction, all above
+ * zero where it is met, and their sum, the inverse distance. */
+typedef struct {
+    Vec3 dual[MAX_PARTS + 1][3]; /* at the begin of the exposure, and at the end of each part */
+    Vec3 radiance;               /* as sensed */
+    int is_constant;             /* it is the same all over the part of the image */
+} MovingTriangle;
+
+typedef struct {
+    int count, parts; /* parts of the exposure, 2 or more, of equal length */
+    float centre;     /* time of its middle */
+    Vec3 background;
+    MovingTriangle triangles[MAX_MOVING];
+} MovingScene;
+
+/* Triangles among candidates; 0 if there are too many, or spheres around small ones. */
+int collect_triangles(const FrameState *state, const CandidateList *candidates, TriangleSet *set);
+
+/* The triangles of a tile during an exposure about a time; 0 if one passes through the viewpoint.
+ * Their radiance is found once for a tile, where `scene` has no triangles yet. */
+int move_triangles(const FrameState *state, int tile, const TriangleSet *set, float centre,
+                   int parts, MovingScene *scene);
+
+/* Add the mean radiance over the exposure, as sensed, of a block of directions in the mirror frame
+ * to (3, 16); 0, and nothing added, where a triangle is seen whose radiance varies. */
+int integrate_block(const MovingScene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]);
+
+#endif
