@@ -73,7 +73,7 @@ static Vec3 edge_direction(const Beam *beam, float a_value, float b_value) {
     return normalize(add(beam->axis, add(scale(s, beam->a), scale(t, beam->b))));
 }
 
-static int list_edges(const Beam *beam, Vec3 *edges) {
+int list_beam_edges(const Beam *beam, Vec3 *edges) {
     if (beam->kind != BEAM_NARROW)
         return 0;
     edges[0] = edge_direction(beam, beam->a_min, beam->b_min);
@@ -121,7 +121,7 @@ static void enclose_children(const BeamLevel *children, int row, int column, Bea
             continue;
         beam->across = add(beam->across, part->across);
         beam->down = add(beam->down, part->down);
-        count += list_edges(part, edges + count);
+        count += list_beam_edges(part, edges + count);
     }
     enclose(beam, edges, count);
     if (is_wide)

@@ -35,4 +35,7 @@ struct View {
     BeamLevel levels[BEAM_LEVELS]; /* no beams where rays have origins or times of their own */
 };
 
+/* Unit directions of a narrow beam's edges; their number, 0 or 4. */
+int list_beam_edges(const Beam *beam, Vec3 *edges);
+
 #endif

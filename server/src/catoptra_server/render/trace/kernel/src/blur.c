@@ -227,16 +227,17 @@ static void integrate_units(BlurTile *blur, int steps) {
     FrameState still = *state;
     still.camera = (Pose){{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     MovingScene scene; /* not initialized: its triangles are large */
-    scene.count = 0;
+    int is_placed = 0;
     for (int unit = 0; unit < blur->order->units; unit++) {
         Unit *one = &blur->units[unit];
         if (!one->is_active)
             continue;
         float centre =
             state->is_rolling ? row_time(state, (float)(blur->top + unit) + 0.5f) : 0.5f;
-        if ((!scene.count || scene.centre != centre) &&
+        if ((!is_placed || scene.centre != centre) &&
             !move_triangles(state, blur->tile, blur->content->triangles, centre, parts, &scene))
             return;
+        is_placed = 1;
         if (!integrate_unit(blur, &still, &scene, unit))
             continue;
         one->is_active = 0;

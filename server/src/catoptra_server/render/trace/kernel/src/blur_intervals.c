@@ -32,24 +32,6 @@ int collect_triangles(const FrameState *state, const CandidateList *candidates, 
     return 1;
 }
 
-/* Products of one instant; the volume that they are divided by, 0 of a triangle seen as a line. */
-static float set_dual(const Pose *pose, const TriangleSet *set, int at, Vec3 dual[3]) {
-    Vec3 offset = subtract(set->viewpoint, vec3(pose->translation)), corners[3];
-    float product = 1.0f;
-    for (int i = 0; i < 3; i++) {
-        corners[i] = add(set->corners[at][i], offset);
-        product *= sqrtf(dot(corners[i], corners[i]));
-    }
-    Vec3 normals[3] = {cross(corners[1], corners[2]), cross(corners[2], corners[0]),
-                       cross(corners[0], corners[1])};
-    float volume = dot(corners[0], normals[0]);
-    if (!(fabsf(volume) > MIN_VOLUME * product))
-        return 0.0f;
-    for (int i = 0; i < 3; i++)
-        dual[i] = rotate_back(pose->rotation, scale(1.0f / volume, normals[i]));
-    return volume;
-}
-
 /* A box along the world's axes. */
 typedef struct {
     float low[3], high[3];
@@ -123,8 +105,8 @@ static void find_corners(const Box *box, Vec3 first, Vec3 normal, Vec3 corners[4
     }
 }
 
-static void light_triangle(const FrameState *state, int tile, int32_t triangle,
-                           MovingTriangle *moving) {
+static void light_triangle(const FrameState *state, int tile, MovingTriangle *moving) {
+    int32_t triangle = moving->triangle;
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_CORNER_COLOURS));
     int is_occluded = has_occlusion(state->scene, triangle);
@@ -154,36 +136,145 @@ static void light_background(const FrameState *state, MovingScene *scene) {
                                as_sensed(state, light.z)};
 }
 
+/* The instants between the parts of the exposure, and the edges of a tile's beam in the world. */
+typedef struct {
+    int count;
+    Pose poses[MAX_PARTS + 1];
+    Vec3 edges[MAX_PARTS + 1][4];
+    Vec3 mirror_edges[4];
+} Instants;
+
+static int find_instants(const FrameState *state, int tile, float centre, int parts,
+                         Instants *instants) {
+    const Beam *beam = &state->view->levels[0].beams[state->rays->tiles[tile]];
+    if (!list_beam_edges(beam, instants->mirror_edges))
+        return 0;
+    instants->count = parts + 1;
+    for (int i = 0; i <= parts; i++) {
+        Pose *pose = &instants->poses[i];
+        float phase = (float)i / (float)parts - 0.5f;
+        rigid_pose_at(state->frame->camera, state->frame->num_poses, 1,
+                      centre + phase * state->frame->exposure, pose);
+        for (int ray = 0; ray < 4; ray++)
+            instants->edges[i][ray] = rotate(pose->rotation, instants->mirror_edges[ray]);
+    }
+    return 1;
+}
+
+/* A triangle from the viewpoints of some instants. */
+typedef struct {
+    Vec3 normals[MAX_PARTS + 1][3]; /* of the planes through its edges, as long as these planes */
+    float volumes[MAX_PARTS + 1];   /* of its corners, above zero if the normals point inwards */
+} Planes;
+
+/* Where the rays of a tile lie during the exposure: beside the triangle, or one that is seen as a
+ * line; across an edge; within it. Where its plane passes the viewpoint nothing is known. */
+typedef enum { BESIDE, ACROSS, WITHIN, UNKNOWN } Place;
+
+static void find_planes(const TriangleSet *set, int at, const Instants *instants, Planes *planes) {
+    for (int i = 0; i < instants->count; i++) {
+        Vec3 offset = subtract(set->viewpoint, vec3(instants->poses[i].translation)), corners[3];
+        for (int corner = 0; corner < 3; corner++)
+            corners[corner] = add(set->corners[at][corner], offset);
+        for (int side = 0; side < 3; side++)
+            planes->normals[i][side] =
+                cross(corners[(side + 1) % 3], corners[(side + 2) % 3]);
+        planes->volumes[i] = dot(corners[0], planes->normals[i][0]);
+    }
+}
+
+static Place find_place(const Planes *planes, const Instants *instants) {
+    int count = instants->count, front = 0;
+    for (int i = 0; i < count; i++)
+        front += planes->volumes[i] > 0.0f;
+    if (front && front < count)
+        return UNKNOWN;
+    Place place = WITHIN;
+    for (int side = 0; side < 3; side++) {
+        int inside = 0;
+        for (int i = 0; i < count; i++)
+            for (int ray = 0; ray < 4; ray++)
+                inside += (dot(planes->normals[i][side], instants->edges[i][ray]) > 0.0f) ==
+                          (front > 0);
+        if (!inside)
+            return BESIDE;
+        if (inside < 4 * count)
+            place = ACROSS;
+    }
+    return place;
+}
+
+/* Whether the triangle covers less than a tenth of a pixel at some instant. */
+static int is_line(const TriangleSet *set, int at, const Planes *planes, int count) {
+    float product = 1.0f, least = INFINITY;
+    for (int corner = 0; corner < 3; corner++)
+        product *= dot(set->corners[at][corner], set->corners[at][corner]);
+    for (int i = 0; i < count; i++)
+        least = fminf(least, fabsf(planes->volumes[i]));
+    return !(least > MIN_VOLUME * sqrtf(product));
+}
+
+/* Whether a triangle is farther than another along all rays of a tile. */
+static int is_farther(const MovingTriangle *moving, const MovingTriangle *other, int parts,
+                      const Vec3 edges[4]) {
+    for (int i = 0; i <= parts; i++) {
+        Vec3 here = add(add(moving->dual[i][0], moving->dual[i][1]), moving->dual[i][2]);
+        Vec3 there = add(add(other->dual[i][0], other->dual[i][1]), other->dual[i][2]);
+        Vec3 difference = subtract(there, here);
+        for (int ray = 0; ray < 4; ray++)
+            if (!(dot(difference, edges[ray]) > 0.0f))
+                return 0;
+    }
+    return 1;
+}
+
+/* Drop what a triangle that fills the tile hides. */
+static void drop_hidden(MovingScene *scene, const MovingTriangle *cover, const Vec3 edges[4]) {
+    MovingTriangle kept = *cover; /* it moves to another place of the list */
+    int count = scene->count;
+    scene->count = 0;
+    for (int i = 0; i < count; i++)
+        if (!is_farther(&scene->triangles[i], &kept, scene->parts, edges))
+            scene->triangles[scene->count++] = scene->triangles[i];
+}
+
+/* A triangle at the end of a list; 0 if it passes through the viewpoint. */
+static int move_triangle(const TriangleSet *set, int at, const Instants *instants,
+                         MovingScene *scene) {
+    Planes planes;
+    find_planes(set, at, instants, &planes);
+    Place place = find_place(&planes, instants);
+    if (place == UNKNOWN)
+        return 0;
+    if (place == BESIDE || is_line(set, at, &planes, instants->count))
+        return 1;
+    MovingTriangle *moving = &scene->triangles[scene->count++];
+    moving->triangle = set->triangle[at];
+    for (int i = 0; i < instants->count; i++)
+        for (int side = 0; side < 3; side++)
+            moving->dual[i][side] =
+                rotate_back(instants->poses[i].rotation,
+                            scale(1.0f / planes.volumes[i], planes.normals[i][side]));
+    if (place == WITHIN)
+        drop_hidden(scene, moving, instants->mirror_edges);
+    return 1;
+}
+
 int move_triangles(const FrameState *state, int tile, const TriangleSet *set, float centre,
                    int parts, MovingScene *scene) {
-    Pose poses[MAX_PARTS + 1];
-    for (int i = 0; i <= parts; i++)
-        rigid_pose_at(state->frame->camera, state->frame->num_poses, 1,
-                      centre + state->frame->exposure * ((float)i / (float)parts - 0.5f), &poses[i]);
-    int is_lit = scene->count > 0, count = 0;
+    Instants instants;
+    if (!find_instants(state, tile, centre, parts, &instants))
+        return 0;
     scene->parts = parts;
     scene->centre = centre;
-    scene->count = set->count;
-    for (int at = 0; at < set->count; at++) {
-        MovingTriangle *moving = &scene->triangles[at];
-        int front = 0, back = 0;
-        for (int i = 0; i <= parts; i++) {
-            float volume = set_dual(&poses[i], set, at, moving->dual[i]);
-            front += volume > 0.0f;
-            back += volume < 0.0f;
-        }
-        if (front != parts + 1 && back != parts + 1 && front + back != 0)
+    scene->count = 0;
+    for (int at = 0; at < set->count; at++)
+        if (!move_triangle(set, at, &instants, scene))
             return 0;
-        if (!is_lit)
-            light_triangle(state, tile, set->triangle[at], moving);
-        if (front + back == 0)
-            for (int i = 0; i <= parts; i++)
-                moving->dual[i][0] = moving->dual[i][1] = moving->dual[i][2] = (Vec3){0, 0, 0};
-        count++;
-    }
-    if (!is_lit)
-        light_background(state, scene);
-    return count == set->count;
+    for (int i = 0; i < scene->count; i++)
+        light_triangle(state, tile, &scene->triangles[i]);
+    light_background(state, scene);
+    return 1;
 }
 
 static inline Floats load(const float *values) {

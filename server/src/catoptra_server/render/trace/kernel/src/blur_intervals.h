@@ -29,6 +29,7 @@ typedef struct {
     Vec3 dual[MAX_PARTS + 1][3]; /* at the begin of the exposure, and at the end of each part */
     Vec3 radiance;               /* as sensed */
     int is_constant;             /* it is the same all over the part of the image */
+    int32_t triangle;
 } MovingTriangle;
 
 typedef struct {
@@ -41,8 +42,8 @@ typedef struct {
 /* Triangles among candidates; 0 if there are too many, or spheres around small ones. */
 int collect_triangles(const FrameState *state, const CandidateList *candidates, TriangleSet *set);
 
-/* The triangles of a tile during an exposure about a time; 0 if one passes through the viewpoint.
- * Their radiance is found once for a tile, where `scene` has no triangles yet. */
+/* The triangles that a tile shows during an exposure about a time; 0 if one passes through the
+ * viewpoint. */
 int move_triangles(const FrameState *state, int tile, const TriangleSet *set, float centre,
                    int parts, MovingScene *scene);
 
