@@ -12,6 +12,9 @@
 /* A unit is finished when twice as many instants change no pixel by more, in grey levels: what is
  * left is about half. Measured in tests/server/render/trace/test_engine_shutter.py. */
 #define TOLERANCE 3.5f
+/* The same for the first division, which is compared with the sharp frame: where texture and light
+ * differ by little at three instants they differ by little between these. */
+#define FIRST_TOLERANCE 1.5f
 
 /* The pixels of one unit, and the sums over the instants so far. */
 typedef struct {
@@ -168,21 +171,13 @@ static void blur_units(BlurTile *blur, int min_steps) {
             if (!one->is_active)
                 continue;
             float change = update_means(blur, one, steps);
-            /* The first division differs from the sharp frame only where its ends do. */
-            float tolerance = steps > 2 ? TOLERANCE : unseen;
+            float tolerance = steps > 2 ? TOLERANCE : fmaxf(unseen, FIRST_TOLERANCE);
             int is_done = steps >= min_steps && change <= tolerance;
-            one->is_changed |= steps > 2 || change > 0.0f;
+            one->is_changed |= steps > 2 || change > unseen;
             one->is_active = !is_done && 2 * steps <= frame->max_instants;
             active |= one->is_active;
         }
     }
-}
-
-/* Parts of the exposure in which edges may be taken to move evenly: 8 px long, whose arcs of a
- * hundred pixels' radius are 0.08 px off their chords; 0 if there are too many. */
-static int count_parts(int steps) {
-    int parts = steps / 4 > 2 ? steps / 4 : 2;
-    return parts <= MAX_PARTS ? parts : 0;
 }
 
 /* Means of a unit over the exposure by its triangles' intervals; 0 if they do not tell. */
@@ -221,8 +216,7 @@ static float measure_change(const BlurTile *blur, int unit) {
 /* Finish the units that show nothing but triangles of one radiance each; the others are left. */
 static void integrate_units(BlurTile *blur, int steps) {
     const FrameState *state = blur->state;
-    int parts = count_parts(steps);
-    if (!blur->content->triangles || !parts || has_fog(state))
+    if (!blur->content->triangles || has_fog(state))
         return;
     FrameState still = *state;
     still.camera = (Pose){{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
@@ -235,7 +229,7 @@ static void integrate_units(BlurTile *blur, int steps) {
         float centre =
             state->is_rolling ? row_time(state, (float)(blur->top + unit) + 0.5f) : 0.5f;
         if ((!is_placed || scene.centre != centre) &&
-            !move_triangles(state, blur->tile, blur->content->triangles, centre, parts, &scene))
+            !move_triangles(state, blur->tile, blur->content->triangles, centre, steps, &scene))
             return;
         is_placed = 1;
         if (!integrate_unit(blur, &still, &scene, unit))

@@ -260,12 +260,18 @@ static int move_triangle(const TriangleSet *set, int at, const Instants *instant
     return 1;
 }
 
+/* Parts in which edges may be taken to move evenly: at most 8 px long, whose arcs of a hundred
+ * pixels' radius are 0.08 px off their chords. */
+static int count_parts(int steps) { return steps / 4 > 2 ? steps / 4 : 2; }
+
 int move_triangles(const FrameState *state, int tile, const TriangleSet *set, float centre,
-                   int parts, MovingScene *scene) {
+                   int steps, MovingScene *scene) {
+    int parts = count_parts(steps);
     Instants instants;
-    if (!find_instants(state, tile, centre, parts, &instants))
+    if (parts > MAX_PARTS || !find_instants(state, tile, centre, parts, &instants))
         return 0;
     scene->parts = parts;
+    scene->bins = (steps > 2 ? 32 : 16) / parts;
     scene->centre = centre;
     scene->count = 0;
     for (int at = 0; at < set->count; at++)
@@ -290,19 +296,25 @@ static inline int any(Masks masks) {
     return found != 0;
 }
 
+/* Times of the rays within the bins: those of the four samples of a pixel differ, so that together
+ * they have 64. The order of a block is that of find_lanes in ray_order.c: either 4 x 4 samples of
+ * 2 x 2 pixels, or lanes of which neighbours are of different pixels. */
+static const Floats PHASES = {0.125f, 0.625f, 0.125f, 0.625f, 0.375f, 0.875f, 0.375f, 0.875f,
+                              0.125f, 0.625f, 0.125f, 0.625f, 0.375f, 0.875f, 0.375f, 0.875f};
+
 /* Bits of the times at which values, linear between those at the ends of the parts, are below
  * zero. */
-static Masks find_below(const Floats *values, int parts) {
-    int bins = TIME_BINS / parts;
+static inline Masks find_below(const Floats *values, int parts, int bins) {
     Masks bits = {0};
     for (int part = 0; part < parts; part++) {
         Masks ends = (values[part] < 0.0f) | (values[part + 1] < 0.0f);
         if (!any(ends))
             continue;
         Floats step = (values[part + 1] - values[part]) * (1.0f / (float)bins);
-        Floats value = values[part] + 0.5f * step;
-        for (int bin = 0; bin < bins; bin++, value += step)
-            bits |= (value < 0.0f) & (int32_t)(1u << (part * bins + bin));
+        Floats value = values[part] + PHASES * step;
+        Masks bit = (Masks){0} + (int32_t)(1u << (part * bins));
+        for (int bin = 0; bin < bins; bin++, value += step, bit += bit)
+            bits |= (value < 0.0f) & bit;
     }
     return bits;
 }
@@ -316,8 +328,8 @@ typedef struct {
 
 /* Whether any of the rays meets a triangle, and when. */
 static int meet_triangle(const MovingScene *scene, const MovingTriangle *triangle, Floats x,
-                         Floats y, Floats z, Masks active, Visible *found) {
-    found->met = active;
+                         Floats y, Floats z, Masks times, Visible *found) {
+    found->met = times;
     found->triangle = triangle;
     for (int i = 0; i <= scene->parts; i++)
         found->inverse[i] = (Floats){0};
@@ -331,40 +343,41 @@ static int meet_triangle(const MovingScene *scene, const MovingTriangle *triangl
             outside |= sides[i] < 0.0f;
             found->inverse[i] += sides[i];
         }
-        if (!any(inside & active))
+        if (!any(inside & times))
             return 0;
-        if (any(outside & active))
-            found->met &= ~find_below(sides, scene->parts);
+        if (any(outside & times))
+            found->met &= ~find_below(sides, scene->parts, scene->bins);
     }
     found->seen = found->met;
     return any(found->met);
 }
 
 /* Take from two triangles what one hides of the other. */
-static void hide_farther(Visible *one, Visible *other, int parts) {
+static void hide_farther(Visible *one, Visible *other, const MovingScene *scene) {
     Masks both = one->met & other->met;
     if (!any(both))
         return;
     Floats nearer[MAX_PARTS + 1];
-    for (int i = 0; i <= parts; i++)
+    for (int i = 0; i <= scene->parts; i++)
         nearer[i] = one->inverse[i] - other->inverse[i];
-    Masks is_farther = find_below(nearer, parts);
+    Masks is_farther = find_below(nearer, scene->parts, scene->bins);
     one->seen &= ~(other->met & is_farther);
     other->seen &= ~(one->met & ~is_farther);
 }
 
-static Floats count_bits(Masks bits) {
+/* Fractions of the exposure. */
+static Floats count_bits(Masks bits, float weight) {
     Floats counts;
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        counts[lane] = (float)__builtin_popcount((unsigned)bits[lane]);
+        counts[lane] = weight * (float)__builtin_popcount((unsigned)bits[lane]);
     return counts;
 }
 
 /* Add a radiance for some of the times. */
-static void add_times(Vec3 light, Floats counts, float radiance[3][BLOCK_RAYS]) {
+static void add_times(Vec3 light, Floats weights, float radiance[3][BLOCK_RAYS]) {
     float parts[3] = {light.x, light.y, light.z};
     for (int channel = 0; channel < 3; channel++) {
-        Floats sum = load(radiance[channel]) + (parts[channel] * (1.0f / TIME_BINS)) * counts;
+        Floats sum = load(radiance[channel]) + parts[channel] * weights;
         __builtin_memcpy(radiance[channel], &sum, sizeof sum);
     }
 }
@@ -372,24 +385,26 @@ static void add_times(Vec3 light, Floats counts, float radiance[3][BLOCK_RAYS]) 
 int integrate_block(const MovingScene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
     Visible visible[MAX_MOVING]; /* not initialized: mostly two or three are used */
     Floats x = load(rays->direction[0]), y = load(rays->direction[1]), z = load(rays->direction[2]);
-    Masks active, left;
+    int32_t all = (int32_t)(0xffffffffu >> (32 - scene->parts * scene->bins));
+    Masks times; /* all, of the rays that are there */
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        active[lane] = rays->active >> lane & 1 ? -1 : 0;
+        times[lane] = rays->active >> lane & 1 ? all : 0;
     int count = 0;
     for (int i = 0; i < scene->count; i++)
-        count += meet_triangle(scene, &scene->triangles[i], x, y, z, active, &visible[count]);
+        count += meet_triangle(scene, &scene->triangles[i], x, y, z, times, &visible[count]);
     for (int i = 1; i < count; i++)
         for (int k = 0; k < i; k++)
-            hide_farther(&visible[k], &visible[i], scene->parts);
+            hide_farther(&visible[k], &visible[i], scene);
     for (int i = 0; i < count; i++)
         if (!visible[i].triangle->is_constant && any(visible[i].seen))
             return 0;
-    left = active;
+    Masks left = times;
+    float weight = 1.0f / (float)(scene->parts * scene->bins);
     for (int i = 0; i < count; i++) {
-        add_times(visible[i].triangle->radiance, count_bits(visible[i].seen), radiance);
+        add_times(visible[i].triangle->radiance, count_bits(visible[i].seen, weight), radiance);
         left &= ~visible[i].seen;
     }
     if (any(left))
-        add_times(scene->background, count_bits(left), radiance);
+        add_times(scene->background, count_bits(left, weight), radiance);
     return 1;
 }

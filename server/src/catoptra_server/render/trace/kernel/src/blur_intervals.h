@@ -2,7 +2,7 @@
  *
  * While the camera moves, a ray enters and leaves a triangle where it passes one of its edges. Each
  * edge is a plane through the viewpoint, whose side is nearly linear in time over a part of the
- * exposure: its sides at a few instants give the sides at 32 times, as the bits of a word, and so do
+ * exposure: its sides at a few instants give the sides at 16 or 32 times, as the bits of a word, and so do
  * the distances of two triangles. What a ray sees of a triangle of one radiance is a count of bits.
  * Source: Gribel et al. 2010, "Analytical motion blur rasterization with compression"; they keep
  * intervals, where we keep bits.
@@ -13,7 +13,7 @@
 #include "candidates.h"
 #include "ray_order.h"
 
-enum { MAX_MOVING = 40, MAX_PARTS = 8, TIME_BINS = 32 };
+enum { MAX_MOVING = 40, MAX_PARTS = 8 };
 
 /* Triangles of the static scene that a part of the image may show during the exposure. */
 typedef struct TriangleSet {
@@ -34,6 +34,7 @@ typedef struct {
 
 typedef struct {
     int count, parts; /* parts of the exposure, 2 or more, of equal length */
+    int bins;         /* times of a part */
     float centre;     /* time of its middle */
     Vec3 background;
     MovingTriangle triangles[MAX_MOVING];
@@ -43,9 +44,9 @@ typedef struct {
 int collect_triangles(const FrameState *state, const CandidateList *candidates, TriangleSet *set);
 
 /* The triangles that a tile shows during an exposure about a time; 0 if one passes through the
- * viewpoint. */
+ * viewpoint, or if the exposure, of some steps of 2 px, is too long. */
 int move_triangles(const FrameState *state, int tile, const TriangleSet *set, float centre,
-                   int parts, MovingScene *scene);
+                   int steps, MovingScene *scene);
 
 /* Add the mean radiance over the exposure, as sensed, of a block of directions in the mirror frame
  * to (3, 16); 0, and nothing added, where a triangle is seen whose radiance varies. */
