@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.trace.kernel.kernel_engine import KernelRays
@@ -87,6 +88,27 @@ def assert_like(frame: Floats, expected: Floats) -> None:
 def test_blur_when_drawn_by_cell_is_the_mean_of_64_frames(rays: KernelRays, name: str) -> None:
     frame = expose(rays, STATES[name], BLUR)
     assert_like(frame.image, mean_frame(rays, STATES[name], 0.0, 64))
+
+
+@pytest.mark.parametrize("name", ["drives", "passes an object"])
+def test_blur_with_shadows_is_the_mean_of_64_frames(rays: KernelRays, name: str) -> None:
+    state = replace(STATES[name], has_shadows=True)
+    assert_like(expose(rays, state, BLUR).image, mean_frame(rays, state, 0.0, 64))
+
+
+def test_blur_when_edges_pass_the_image_in_one_exposure_is_the_mean_of_256_frames(
+    rays: KernelRays,
+) -> None:
+    # 80 px: more than edges are followed for, so that rays take over.
+    state = driving_camera_state(START, 6.0, 900.0)
+    assert_like(expose(rays, state, BLUR).image, mean_frame(rays, state, 0.0, 256))
+
+
+def test_blur_beside_a_beacon_is_the_mean_of_64_frames(rays: KernelRays) -> None:
+    # Half a metre beside a beacon, which hides and shows the field and the walls behind it.
+    start = Pose.from_rpy((1.0, 1.5, -0.3), (0.0, 0.0, 0.1))
+    state = driving_camera_state(start, 1.5, 0.0)
+    assert_like(expose(rays, state, BLUR).image, mean_frame(rays, state, 0.0, 64))
 
 
 @pytest.mark.parametrize("name", STATES)

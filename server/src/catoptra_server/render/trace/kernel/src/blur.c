@@ -2,7 +2,6 @@
 
 #include "blur_plan.h"
 #include "encoding.h"
-#include "fog.h"
 #include "measures.h"
 #include "pixels.h"
 
@@ -159,6 +158,11 @@ static float unseen_change(const Frame *frame) {
 /* Halve the steps between instants until all units are finished. */
 static void blur_units(BlurTile *blur, int min_steps) {
     const Frame *frame = blur->state->frame;
+    int is_any = 0;
+    for (int unit = 0; unit < blur->order->units; unit++)
+        is_any |= blur->units[unit].is_active;
+    if (!is_any)
+        return;
     float unseen = unseen_change(frame);
     sample_instant(blur, -0.5f, 1);
     sample_instant(blur, 0.5f, 1);
@@ -213,30 +217,70 @@ static float measure_change(const BlurTile *blur, int unit) {
     return change;
 }
 
-/* Finish the units that show nothing but triangles of one radiance each; the others are left. */
-static void integrate_units(BlurTile *blur, int steps) {
-    const FrameState *state = blur->state;
-    if (!blur->content->triangles || has_fog(state))
+/* What the units show during one exposure. */
+typedef struct {
+    MovingScene scene;
+    ShortList listed;
+    TileContent content; /* for rays */
+    int is_known;
+} Shown;
+
+/* What the tile shows during an exposure about a time: its triangles, and for rays their list. */
+static void find_shown(const BlurTile *blur, const TileContent *content, float centre, int steps,
+                       Shown *shown) {
+    const TriangleSet *set = content->triangles;
+    shown->is_known = move_triangles(blur->state, blur->tile, set, centre, steps, &shown->scene);
+    shown->content = *content;
+    if (shown->is_known && list_moving(set, &shown->scene, &shown->listed))
+        shown->content.short_list = &shown->listed;
+}
+
+/* Finish a unit if it shows nothing but triangles of one radiance each. */
+static void try_unit(BlurTile *blur, const FrameState *still, const Shown *shown, int unit) {
+    Unit *one = &blur->units[unit];
+    if (!shown->is_known || !integrate_unit(blur, still, &shown->scene, unit))
         return;
+    one->is_active = 0;
+    one->is_changed = measure_change(blur, unit) > unseen_change(blur->state->frame);
+}
+
+/* Units with one time of exposure by their triangles, and by rays where that does not do. */
+static void blur_listed(BlurTile *blur, int steps) {
+    const FrameState *state = blur->state;
     FrameState still = *state;
     still.camera = (Pose){{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
-    MovingScene scene; /* not initialized: its triangles are large */
-    int is_placed = 0;
+    Shown shown; /* not initialized: its triangles are large */
+    find_shown(blur, blur->content, 0.5f, steps, &shown);
+    for (int unit = 0; unit < blur->order->units; unit++)
+        if (blur->units[unit].is_active)
+            try_unit(blur, &still, &shown, unit);
+    blur->content = &shown.content;
+    blur_units(blur, steps);
+}
+
+/* The same of rows that have a time each: one after the other. */
+static void blur_listed_rows(BlurTile *blur, int steps) {
+    const TileContent *content = blur->content;
+    FrameState still = *blur->state;
+    still.camera = (Pose){{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    int is_wanted[MAX_UNITS];
     for (int unit = 0; unit < blur->order->units; unit++) {
-        Unit *one = &blur->units[unit];
-        if (!one->is_active)
-            continue;
-        float centre =
-            state->is_rolling ? row_time(state, (float)(blur->top + unit) + 0.5f) : 0.5f;
-        if ((!is_placed || scene.centre != centre) &&
-            !move_triangles(state, blur->tile, blur->content->triangles, centre, steps, &scene))
-            return;
-        is_placed = 1;
-        if (!integrate_unit(blur, &still, &scene, unit))
-            continue;
-        one->is_active = 0;
-        one->is_changed = measure_change(blur, unit) > unseen_change(state->frame);
+        is_wanted[unit] = blur->units[unit].is_active;
+        blur->units[unit].is_active = 0;
     }
+    for (int unit = 0; unit < blur->order->units; unit++) {
+        if (!is_wanted[unit])
+            continue;
+        Shown shown;
+        float centre = row_time(blur->state, (float)(blur->top + unit) + 0.5f);
+        find_shown(blur, content, centre, steps, &shown);
+        blur->units[unit].is_active = 1;
+        try_unit(blur, &still, &shown, unit);
+        blur->content = &shown.content;
+        blur_units(blur, steps);
+        blur->units[unit].is_active = 0;
+    }
+    blur->content = content;
 }
 
 /* Means of the units into the image; how much they change it. */
@@ -291,7 +335,11 @@ void blur_tile(const FrameState *state, int tile, const TileContent *content, Bl
     }
     if (!is_any)
         return;
-    integrate_units(&blur, steps);
-    blur_units(&blur, steps);
+    if (!content->triangles)
+        blur_units(&blur, steps);
+    else if (state->is_rolling)
+        blur_listed_rows(&blur, steps);
+    else
+        blur_listed(&blur, steps);
     write_units(&blur);
 }

@@ -1,11 +1,12 @@
 #include "blur_intervals.h"
 
-#include "fog.h"
+#include "measures.h"
 #include "occlusion.h"
 #include "pixels.h"
 #include "plane_light.h"
 
 #include <math.h>
+#include <string.h>
 
 /* Volume of corners below which a triangle covers less than a tenth of a pixel, relative to the
  * product of their distances. */
@@ -124,6 +125,9 @@ static void light_triangle(const FrameState *state, int tile, MovingTriangle *mo
     PlaneLight light = {.radiance = {0, 0, 0}};
     moving->is_constant =
         moving->is_constant && find_plane_light(state, triangle, proof, &light);
+    /* Rays measure what shadows take where the sharp frame shows none. */
+    if (state->measures->blurs_unseen_shadows && max_abs(light.lost) > 0.0f)
+        moving->is_constant = 0;
     moving->radiance =
         (Vec3){as_sensed(state, light.radiance.x), as_sensed(state, light.radiance.y),
                as_sensed(state, light.radiance.z)};
@@ -250,6 +254,7 @@ static int move_triangle(const TriangleSet *set, int at, const Instants *instant
         return 1;
     MovingTriangle *moving = &scene->triangles[scene->count++];
     moving->triangle = set->triangle[at];
+    moving->source = at;
     for (int i = 0; i < instants->count; i++)
         for (int side = 0; side < 3; side++)
             moving->dual[i][side] =
@@ -280,6 +285,19 @@ int move_triangles(const FrameState *state, int tile, const TriangleSet *set, fl
     for (int i = 0; i < scene->count; i++)
         light_triangle(state, tile, &scene->triangles[i]);
     light_background(state, scene);
+    return 1;
+}
+
+int list_moving(const TriangleSet *set, const MovingScene *scene, ShortList *list) {
+    list->count = 0;
+    list->viewpoint = set->viewpoint;
+    for (int i = 0; i < scene->count; i++) {
+        if (list->count == MAX_SHORT)
+            return 0;
+        memcpy(list->corners[list->count], set->corners[scene->triangles[i].source],
+               sizeof list->corners[0]);
+        list->triangles[list->count++].triangle = scene->triangles[i].triangle;
+    }
     return 1;
 }
 

@@ -12,6 +12,7 @@
 
 #include "candidates.h"
 #include "ray_order.h"
+#include "short_list.h"
 
 enum { MAX_MOVING = 40, MAX_PARTS = 8 };
 
@@ -30,6 +31,7 @@ typedef struct {
     Vec3 radiance;               /* as sensed */
     int is_constant;             /* it is the same all over the part of the image */
     int32_t triangle;
+    int source; /* place in the set */
 } MovingTriangle;
 
 typedef struct {
@@ -47,6 +49,9 @@ int collect_triangles(const FrameState *state, const CandidateList *candidates, 
  * viewpoint, or if the exposure, of some steps of 2 px, is too long. */
 int move_triangles(const FrameState *state, int tile, const TriangleSet *set, float centre,
                    int steps, MovingScene *scene);
+
+/* The triangles as a list to be moved to instants of that exposure; 0 if there are too many. */
+int list_moving(const TriangleSet *set, const MovingScene *scene, ShortList *list);
 
 /* Add the mean radiance over the exposure, as sensed, of a block of directions in the mirror frame
  * to (3, 16); 0, and nothing added, where a triangle is seen whose radiance varies. */

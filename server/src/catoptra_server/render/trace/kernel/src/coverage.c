@@ -2,6 +2,7 @@
 
 #include "blur.h"
 #include "blur_plan.h"
+#include "fog.h"
 #include "light_map.h"
 #include "occluded_tiles.h"
 #include "occlusion.h"
@@ -236,6 +237,17 @@ typedef struct {
     int is_hidden; /* no part of it shows an open part of its surface */
 } Part;
 
+/* All that a part may show of the static scene. */
+static void list_triangles(Search *search, const CandidateList *kept, TileContent *content) {
+    /* Tiles of a moving frame list what they show during the exposure themselves, in
+     * clear air. */
+    if (search->blur && content->object == OBJECT_NONE && !has_fog(search->state) &&
+        collect_triangles(search->state, kept, &search->triangles))
+        content->triangles = &search->triangles;
+    else if (make_short_list(search->state, kept, &search->short_list))
+        content->short_list = &search->short_list;
+}
+
 static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     CandidateList *kept = &search->levels[part->level];
     keep_inside(part->candidates, sides, search->marks, kept);
@@ -244,13 +256,8 @@ static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     /* Nothing but small things: no quarter of it can be proven. */
     int is_hopeless = part->level <= search->finest_proven || !has_surfaces(kept);
     part->candidates = is_hopeless ? NULL : kept;
-    if (is_hopeless && part->content.triangle == SURFACE_UNKNOWN &&
-        make_short_list(search->state, kept, &search->short_list))
-        part->content.short_list = &search->short_list;
-    if (search->blur && is_hopeless && part->content.triangle == SURFACE_UNKNOWN &&
-        part->content.object == OBJECT_NONE &&
-        collect_triangles(search->state, kept, &search->triangles))
-        part->content.triangles = &search->triangles;
+    if (is_hopeless && part->content.triangle == SURFACE_UNKNOWN)
+        list_triangles(search, kept, &part->content);
 }
 
 static int is_unproven(const Part *part) {
