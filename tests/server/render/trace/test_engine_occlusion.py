@@ -10,6 +10,8 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.fog_medium import FogMedium
+from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.scene import shading
 from catoptra_server.scene.world_description import Light, World
@@ -99,3 +101,25 @@ def test_threads_give_the_same_bytes() -> None:
                 engine.prepare(make_omni_table(width_px=240, samples=2)).render_srgb(ABOVE)
             )
     assert images[0].tobytes() == images[1].tobytes()
+
+
+def test_fog_lies_before_occluded_floors() -> None:
+    # Near enough that factors are taken at the centres of pixels.
+    world = make_box_world()
+    near = CameraState(Pose.from_rpy((0.5, 0.4, -0.4)), fog=FogMedium(0.6, (0.9, 0.6, 0.1)))
+    with open_kernel(world, scene=bake_scene(world)) as engine:
+        rays = engine.prepare(make_omni_table(width_px=480, samples=2))
+        filled, traced, share = render_filled_and_traced(engine, rays, near)
+    assert share > 0.3
+    assert level_differences(filled, traced).max() <= 1
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_exposure_without_motion_is_the_sharp_frame_on_occluded_floors(samples: int) -> None:
+    world = make_test_world()
+    with open_kernel(world, scene=bake_scene(world)) as engine:
+        rays = engine.prepare(make_omni_table(width_px=240, samples=samples))
+        sharp = rays.render_linear(ABOVE)
+        for shutter in (Shutter(0.05, 0.0, 64.0), Shutter(0.0, 0.05, 64.0)):
+            moving = rays.render_linear(replace(ABOVE, shutter=shutter))
+            np.testing.assert_allclose(moving, sharp, rtol=0.0, atol=1e-3)

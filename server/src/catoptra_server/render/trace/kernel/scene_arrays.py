@@ -32,7 +32,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
 from catoptra_server.render.trace.kernel.padded_texels import pad_texels
 from catoptra_server.scene import shading
 from catoptra_server.scene.dynamic_object import ObjectMesh
-from catoptra_server.scene.occlusion_map import BLOCK, OPEN, OcclusionMap
+from catoptra_server.scene.occlusion_map import OPEN, OcclusionMap
 from catoptra_server.scene.row_blocks import row_blocks
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.texture_levels import Levels, build_levels
@@ -232,7 +232,7 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> Owned:
         struct.column[:], struct.row[:] = column, row
         struct.left, struct.top, struct.right, struct.bottom = bounds
     height, width = occlusion.texels.shape
-    sums = _sum_dark_blocks(occlusion.texels)
+    sums = _sum_dark_nodes(occlusion.texels)
     struct = OcclusionStruct(
         width=width,
         height=height,
@@ -251,12 +251,11 @@ def _relative_rows(rows: Floats, centre: Floats) -> list[list[float]]:
     return relative
 
 
-def _sum_dark_blocks(texels: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
-    """(h / 4 + 1, w / 4 + 1) numbers of blocks with a texel that is not open, above and left."""
-    height, width = texels.shape
-    blocks = texels.reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK).min(axis=(1, 3))
-    sums = np.zeros((blocks.shape[0] + 1, blocks.shape[1] + 1), dtype=np.int32)
-    sums[1:, 1:] = (blocks < OPEN).cumsum(axis=0).cumsum(axis=1)
+def _sum_dark_nodes(texels: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
+    """(h + 1, w + 1) numbers of texels above and left that are not open."""
+    sums = np.zeros((texels.shape[0] + 1, texels.shape[1] + 1), dtype=np.int32)
+    np.cumsum(texels < OPEN, axis=0, out=sums[1:, 1:])
+    np.cumsum(sums, axis=1, out=sums)
     return sums
 
 

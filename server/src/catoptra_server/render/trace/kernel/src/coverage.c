@@ -285,9 +285,11 @@ static void find_quad(const FrameState *state, const BeamSides *sides, int32_t t
 }
 
 static int may_be_open(const Search *search, const Part *part) {
+    const FrameState *state = search->state;
     /* Of a moving camera's views the quad is only one. */
-    return search->state->frame->num_poses == 1 && part->content.triangle >= 0 && !part->content.is_open && !part->is_hidden &&
-           has_occlusion(search->state->scene, part->content.triangle);
+    return state->shift == 0.0f && state->turn == 0.0f && part->content.triangle >= 0 &&
+           !part->content.is_open && !part->is_hidden &&
+           has_occlusion(state->scene, part->content.triangle);
 }
 
 static int is_dim(const Search *search, const Part *part) {

@@ -83,11 +83,11 @@ typedef struct {
 
 /* Ambient occlusion; without it, `texels` is NULL. */
 typedef struct {
-    int32_t width, height;         /* of the atlas, multiples of 4 */
+    int32_t width, height;         /* of the atlas */
     const uint8_t *texels;         /* (h, w), 255 = open */
     const int32_t *patch_of;       /* (n,) grid of each triangle; -1: open */
     const OcclusionPatch *patches; /* (m,) */
-    const int32_t *dark_sums;      /* (h / 4 + 1, w / 4 + 1) blocks above and left that are not open */
+    const int32_t *dark_sums;      /* (h + 1, w + 1) nodes above and left that are not open */
 } Occlusion;
 
 typedef struct {

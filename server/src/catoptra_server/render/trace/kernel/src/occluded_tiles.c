@@ -1,14 +1,17 @@
 #include "occluded_tiles.h"
 
+#include "blur_plan.h"
+#include "fog.h"
 #include "occlusion.h"
 #include "pixels.h"
 #include "plane_light.h"
+#include "ranges.h"
 
 #include <math.h>
 
 /* A factor at a pixel's centre is the mean of its samples where a pixel sees at most this much of a
  * grid, nodes along a side: factors change slowly from node to node. */
-#define MAX_NODES_PER_PIXEL 2.0f
+#define MAX_NODES_PER_PIXEL 0.5f
 
 /* A quantity of the rays of a tile: linear in the two tangents of the tile's pyramid. */
 typedef struct {
@@ -90,14 +93,22 @@ static void write_factors(const FrameState *state, int tile, int32_t triangle,
         for (int i = 0; i < BLOCK_RAYS; i++)
             radiance[channel][i] = whole[channel] - (1.0f - factors[i]) * ambient[channel];
     write_radiance(state, tile, (const float(*)[BLOCK_RAYS])radiance);
+    if (state->frame->inverse_range)
+        fill_ranges(state, tile, triangle);
+    if (!state->plan)
+        return;
+    for (int channel = 0; channel < 3; channel++)
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            radiance[channel][i] = as_sensed(state, radiance[channel][i]);
+    note_plane(state, tile, triangle);
+    note_means(state, tile, (const float(*)[BLOCK_RAYS])radiance);
 }
 
 static int is_fillable(const FrameState *state, const TileContent *content, const Beam *beam,
                        PlaneLight *light) {
     int32_t triangle = content->triangle;
-    const Frame *frame = state->frame;
-    /* Samples are wanted one by one. */
-    if (frame->num_poses > 1 || state->is_rolling || state->plan || frame->inverse_range)
+    /* Samples differ by more than their factors. */
+    if (state->shift > 0.0f || state->turn > 0.0f || state->is_rolling || has_fog(state))
         return 0;
     return triangle >= 0 && !content->is_open && content->object == OBJECT_NONE &&
            beam->kind == BEAM_NARROW && has_occlusion(state->scene, triangle) &&
@@ -110,7 +121,8 @@ static int is_fillable(const FrameState *state, const TileContent *content, cons
 int fill_occluded_tile(const FrameState *state, int tile, const TileContent *content,
                        const Beam *beam) {
     PlaneLight light;
-    if (state->frame->output == OUTPUT_HITS || !is_fillable(state, content, beam, &light) || !is_wholly_valid(state, tile))
+    if (state->frame->output == OUTPUT_HITS || !is_fillable(state, content, beam, &light) ||
+        !is_wholly_valid(state, tile))
         return 0;
     PixelGrid grid;
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[BLOCK_RAYS];

@@ -2,8 +2,6 @@
 
 #include <math.h>
 
-/* Nodes a side of the blocks whose dark ones are counted; twin: grid_layout.BLOCK. */
-enum { BLOCK_NODES = 4 };
 /* Parts of a plane are widened by this much of themselves: the rays between their corners bulge. */
 #define BULGE 0.1f
 /* Float32's rounding of a position in the atlas, nodes. */
@@ -56,9 +54,25 @@ static float factor_at(const Scene *scene, const OcclusionPatch *patch, float co
     return mix_nodes(&scene->occlusion, left, top, fx, fy);
 }
 
-/* Block of a coordinate, within a grid's blocks. */
-static int32_t block_of(float coordinate, int32_t first, int32_t last) {
-    return (int32_t)limit(coordinate, (float)first, (float)last) / BLOCK_NODES;
+/* Node before a coordinate, within a grid. */
+static int32_t node_before(float coordinate, int32_t first, int32_t last) {
+    return (int32_t)limit(coordinate, (float)first, (float)last);
+}
+
+/* Nodes of a grid that are not open, of those that positions from `low` to `high` are interpolated
+ * from. */
+static int32_t count_dark(const Occlusion *occlusion, const OcclusionPatch *patch,
+                          const float low[2], const float high[2], int32_t *nodes) {
+    int32_t left = node_before(low[0], patch->left, patch->right);
+    int32_t top = node_before(low[1], patch->top, patch->bottom);
+    /* The node after a point is interpolated, too. */
+    int32_t right = node_before(high[0] + 1.0f, patch->left, patch->right) + 1;
+    int32_t bottom = node_before(high[1] + 1.0f, patch->top, patch->bottom) + 1;
+    size_t stride = (size_t)occlusion->width + 1;
+    const int32_t *upper = occlusion->dark_sums + (size_t)top * stride;
+    const int32_t *lower = occlusion->dark_sums + (size_t)bottom * stride;
+    *nodes = (right - left) * (bottom - top);
+    return lower[right] - lower[left] - upper[right] + upper[left];
 }
 
 SkyView find_sky_view(const Scene *scene, int32_t triangle, const Vec3 corners[4]) {
@@ -66,25 +80,23 @@ SkyView find_sky_view(const Scene *scene, int32_t triangle, const Vec3 corners[4
     const OcclusionPatch *patch = patch_of(scene, triangle);
     float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
     for (int i = 0; i < 4; i++) {
-        float x = atlas_coordinate(patch->column, corners[i]), y = atlas_coordinate(patch->row, corners[i]);
+        float x = atlas_coordinate(patch->column, corners[i]);
+        float y = atlas_coordinate(patch->row, corners[i]);
         low[0] = fminf(low[0], x);
         low[1] = fminf(low[1], y);
         high[0] = fmaxf(high[0], x);
         high[1] = fmaxf(high[1], y);
     }
-    float dx = BULGE * (high[0] - low[0]) + TOLERANCE, dy = BULGE * (high[1] - low[1]) + TOLERANCE;
-    int32_t left = block_of(low[0] - dx, patch->left, patch->right);
-    int32_t top = block_of(low[1] - dy, patch->top, patch->bottom);
-    /* The node after a point is interpolated, too. */
-    int32_t right = block_of(high[0] + dx + 1.0f, patch->left, patch->right) + 1;
-    int32_t bottom = block_of(high[1] + dy + 1.0f, patch->top, patch->bottom) + 1;
-    size_t stride = (size_t)(occlusion->width / BLOCK_NODES + 1);
-    const int32_t *upper = occlusion->dark_sums + (size_t)top * stride;
-    const int32_t *lower = occlusion->dark_sums + (size_t)bottom * stride;
-    int32_t dark = lower[right] - lower[left] - upper[right] + upper[left];
+    float dx = BULGE * (high[0] - low[0]) + TOLERANCE;
+    float dy = BULGE * (high[1] - low[1]) + TOLERANCE;
+    low[0] -= dx;
+    low[1] -= dy;
+    high[0] += dx;
+    high[1] += dy;
+    int32_t nodes, dark = count_dark(occlusion, patch, low, high, &nodes);
     if (!dark)
         return SKY_OPEN;
-    return dark == (right - left) * (bottom - top) ? SKY_HIDDEN : SKY_MIXED;
+    return dark == nodes ? SKY_HIDDEN : SKY_MIXED;
 }
 
 /* Position in the atlas where each ray meets a facet's plane: all vector code. */
@@ -107,6 +119,21 @@ static void find_positions(const Scene *scene, int32_t triangle, const RayBlock 
     }
 }
 
+/* Whether the factors of a mask of positions are all 1: most are, even on facets with a grid. */
+static int shows_open_sky(const Scene *scene, const OcclusionPatch *patch, uint32_t mask,
+                          const float columns[BLOCK_RAYS], const float rows[BLOCK_RAYS]) {
+    float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+    int32_t nodes;
+    for (; mask; mask &= mask - 1) {
+        int lane = __builtin_ctz(mask);
+        low[0] = columns[lane] < low[0] ? columns[lane] : low[0];
+        low[1] = rows[lane] < low[1] ? rows[lane] : low[1];
+        high[0] = columns[lane] > high[0] ? columns[lane] : high[0];
+        high[1] = rows[lane] > high[1] ? rows[lane] : high[1];
+    }
+    return !count_dark(&scene->occlusion, patch, low, high, &nodes);
+}
+
 static void hide_sky_from_facet(const FrameState *state, uint32_t mask, int32_t triangle,
                                 const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
     const Scene *scene = state->scene;
@@ -116,6 +143,8 @@ static void hide_sky_from_facet(const FrameState *state, uint32_t mask, int32_t 
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS];
     find_positions(scene, triangle, rays, columns, rows);
     const OcclusionPatch *patch = patch_of(scene, triangle);
+    if (shows_open_sky(scene, patch, mask, columns, rows))
+        return;
     for (; mask; mask &= mask - 1) {
         int lane = __builtin_ctz(mask);
         float hidden = 1.0f - factor_at(scene, patch, columns[lane], rows[lane]);
