@@ -21,7 +21,8 @@ from catoptra_server.frames.frame_request import (
     ViewRequest,
 )
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread
-from catoptra_server.frames.view_cache import RenderedView, ViewFailedError
+from catoptra_server.frames.renderer_recovery import ViewFailedError
+from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.camera_variant import CameraVariant
 from helpers.frame_requests import VIEW, make_request

@@ -23,7 +23,7 @@ from catoptra_server.frames.channel_backoff import ChannelBackoff
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_rendering import ViewProvider, render_frame
 from catoptra_server.frames.frame_request import CameraChannel, Channel, FrameRequest, is_variant
-from catoptra_server.frames.view_cache import ViewFailedError
+from catoptra_server.frames.renderer_recovery import ViewFailedError
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 
 log = logging.getLogger(__name__)

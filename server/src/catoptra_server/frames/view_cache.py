@@ -1,8 +1,6 @@
 """Rendered views of cameras: planned and prepared on first use, and rendered again after a fault.
 
-A camera without a client costs nothing. A renderer that fails is made anew; if that fails, too,
-another one replaces it where that is allowed, else the view is refused. Belongs to the thread that
-made the renderers.
+A camera without a client costs nothing. Belongs to the thread that made the renderers.
 """
 
 from __future__ import annotations
@@ -11,9 +9,8 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TypeVar, cast
+from typing import cast
 
-from catoptra_protocol.errors import CatoptraError, RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
@@ -26,7 +23,6 @@ from catoptra_server.effects.effect_plan import (
     format_decisions,
     plan_effects,
 )
-from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.camera_plans import (
     DEFAULT_CALIBRATION_STATES,
     CameraPlans,
@@ -35,6 +31,7 @@ from catoptra_server.frames.camera_plans import (
 )
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.planned_camera import PlannedCamera
+from catoptra_server.frames.renderer_recovery import RendererRecovery
 from catoptra_server.frames.renderer_trial import RendererTrials
 from catoptra_server.frames.view_store import MAX_VIEW_BYTES, MAX_VIEWS, ViewStore
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
@@ -44,15 +41,8 @@ from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.rounding_error import coordinate_errors
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
-from catoptra_server.render.renderer_kind import RendererKind
 
 log = logging.getLogger(__name__)
-
-_ResultT = TypeVar("_ResultT")
-
-
-class ViewFailedError(CatoptraError):
-    """No renderer could draw the view; the text is for clients, the log has the traceback."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +100,12 @@ class ViewCache:
             close_views=self._views.close_views_of,
             clock=clock,
         )
+        self._recovery = RendererRecovery(
+            planner,
+            self._plans,
+            close_views=self._views.close_views_of,
+            cancel_trials=self._trials.cancel,
+        )
 
     def __len__(self) -> int:
         """Number of prepared views."""
@@ -127,7 +123,7 @@ class ViewCache:
             self._views.trim()
             return planned.plan_text
 
-        return self._work_with_recovery(camera, prepare_view)
+        return self._recovery.work(camera, prepare_view)
 
     def render(self, request: ViewRequest) -> RenderedView:
         """Render a view; the first frame of a camera includes the preparation.
@@ -135,63 +131,9 @@ class ViewCache:
         Raises:
             ViewFailedError: No renderer can draw the view.
         """
-        return self._work_with_recovery(
+        return self._recovery.work(
             request.camera, partial(self._render_by_plan, request.camera_state)
         )
-
-    def _work_with_recovery(
-        self, camera: CameraSpec, work: Callable[[PlannedCamera], _ResultT]
-    ) -> _ResultT:
-        """Result of some work for a camera, by a new or another renderer after a fault."""
-        planned = self._find_plan(camera)
-        kind = planned.plan.renderer
-        try:
-            return work(planned)
-        except Exception as error:
-            # A request that no renderer could satisfy is no fault of this one.
-            if isinstance(error, CatoptraError) and not isinstance(error, RendererUnavailableError):
-                raise ViewFailedError(str(error)) from error
-            log_fault(log, "%s failed to render a view and is made anew", kind.value)
-        self._renew_renderer(kind)
-        try:
-            return work(self._find_plan(camera))
-        except Exception:
-            log_fault(log, "%s failed again after it was made anew", kind.value)
-        # Whatever comes of this view, others find a renderer that works.
-        self._renew_renderer(kind)
-        return self._work_with_replacement(camera, work, kind)
-
-    def _work_with_replacement(
-        self, camera: CameraSpec, work: Callable[[PlannedCamera], _ResultT], failed: RendererKind
-    ) -> _ResultT:
-        """Result of some work by another renderer, which stays in use if it succeeds."""
-        other = self._planner.renderers.find_replacement(failed)
-        if other is None:
-            raise ViewFailedError(f"{failed.value} failed to render the view: see the server's log")
-        self._planner.renderers.replace(failed, other)
-        self._discard_plans()
-        try:
-            result = work(self._find_plan(camera))
-        except Exception as error:
-            log_fault(log, "%s failed in place of %s", other.value, failed.value)
-            self._renew_renderer(other)
-            self._planner.renderers.restore(failed)
-            self._discard_plans()
-            raise ViewFailedError(
-                f"{failed.value} and {other.value} failed to render the view: see the server's log"
-            ) from error
-        log.warning("%s replaces %s, which failed twice", other.value, failed.value)
-        return result
-
-    def _renew_renderer(self, kind: RendererKind) -> None:
-        self._views.close_views_of(kind)
-        self._planner.renderers.renew(kind)
-
-    def _discard_plans(self) -> None:
-        """Plan all cameras anew, with other renderers."""
-        self._trials.cancel()
-        self._plans.forget_all()
-        self._planner.discard_tables()
 
     def _render_by_plan(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
         """Render a view by a plan."""
@@ -270,20 +212,6 @@ class ViewCache:
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
         return self._plans.find_state(camera)
-
-    def _find_plan(self, camera: CameraSpec) -> PlannedCamera:
-        """Camera with its plan.
-
-        Raises:
-            ViewFailedError: No plan was found.
-        """
-        try:
-            return self._plans.find(camera)
-        except CatoptraError as error:
-            raise ViewFailedError(str(error)) from error
-        except Exception as error:
-            log_fault(log, "no plan was found for a camera")
-            raise ViewFailedError("no plan was found: see the server's log") from error
 
     def _decide_effects(self, camera: CameraSpec, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
