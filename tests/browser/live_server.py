@@ -92,6 +92,8 @@ def write_parabolic_robot(folder: Path) -> Path:
         folder,
         Edit("class'Catoptra.HyperbolicMirror'", "class'Catoptra.ParabolicMirror'"),
         Edit("[Catoptra.HyperbolicMirror]", "[Catoptra.ParabolicMirror]\nHorizonRadius=0.5"),
+        Edit("K=11.546", ""),
+        Edit("C=2.321", ""),
     )
 
 
