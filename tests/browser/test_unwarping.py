@@ -54,8 +54,9 @@ _READ_VIEW = """async (kind, view) => {
   const { bytes } = await context.pictures.requestFrame({ robot, camera, encoding: "png" });
   const options = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
   const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/png" }), options);
-  const shown = kind === "panorama" ? await catoptra.readPanorama(view.columns) : null;
-  const geometry = shown?.geometry ?? view;
+  const { chooseCylinder } = await import("/static/camera_table.js");
+  const isPanorama = kind === "panorama";
+  const geometry = isPanorama ? chooseCylinder(context.table, view.columns) : view;
   const pixels = await context.unwarper.read(geometry, bitmap);
   const base64 = (data) => new Promise((resolve) => {
     const reader = new FileReader();

@@ -1,6 +1,6 @@
 /** Bars and logarithmic scales of the panels about cost and effects. */
 
-import { make } from "./panel.js";
+import { make, setText } from "./panel.js";
 
 /** A logarithmic scale between two positive values. */
 export class LogScale {
@@ -58,18 +58,14 @@ export class BarList {
     this.node = make("div", { className: "bars", role: "group", ariaLabel: label });
   }
 
-  /**
-   * Show the bars of these names.
-   *
-   * @param {{name: string, fraction: number, text: string, isOn?: boolean}[]} bars
-   */
+  /** Show bars {name, fraction, text, isOn}. */
   show(bars) {
     const names = bars.map(({ name }) => name);
     if (names.join() !== [...this.#rows.keys()].join()) this.#build(names);
     for (const { name, fraction, text, isOn = true } of bars) {
       const { bar, value } = this.#rows.get(name);
       bar.set(fraction, isOn);
-      if (value.textContent !== text) value.textContent = text;
+      setText(value, text);
     }
   }
 

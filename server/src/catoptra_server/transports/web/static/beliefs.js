@@ -11,17 +11,9 @@ const isNumbers = (value, length) =>
   Array.isArray(value) && value.length === length && value.every(Number.isFinite);
 
 /**
- * @typedef {object} Belief
- * @property {string} name of the note
- * @property {number|null} time_s at which the note arrived
- * @property {{x: number, y: number, yaw: number}|null} pose in the world frame
- * @property {number[]|null} covariance 3 x 3, rows of x, y, yaw
- * @property {{landmark: string, bearing_rad: number, range_m: number|null, accepted: boolean}[]}
- *   detections
- * @property {string} text
+ * The notes of a state as beliefs: name; time_s of its arrival; pose {x, y, yaw} in the world frame
+ * or null; covariance, 3 x 3 rows of x, y, yaw, or null; detections; text.
  */
-
-/** The notes of a state as beliefs. @returns {Belief[]} */
 export function beliefsOf({ reply, notes }) {
   const times = new Map(reply.notes.map((note) => [note.name, note.time_s]));
   return [...notes].slice(0, MAX_NOTES).map(([name, note]) => belief(name, note, times.get(name)));

@@ -3,11 +3,13 @@
  * no mirror's formula.
  */
 
+import { fetchJson } from "./connection.js";
+
 /** Pixels of directions in the mirror frame, and directions of pixels. */
 export class CameraTable {
   #inverse;
 
-  /** @param {Object} json of /api/camera_table.json */
+  /** Take the reply of /api/camera_table.json. */
   constructor(json) {
     this.width_px = json.width_px;
     this.height_px = json.height_px;
@@ -78,18 +80,11 @@ export class CameraTable {
   }
 }
 
-/**
- * Fetch the table of a camera.
- *
- * @returns {Promise<CameraTable|null>} null for a camera without such a model
- */
+/** Fetch the table of a camera; null for one without such a model. */
 export async function fetchCameraTable(className, camera) {
   const query = new URLSearchParams({ class: className, camera });
-  const response = await fetch(`/api/camera_table.json?${query}`);
-  if (response.status === 404) return null;
-  if (!response.ok) throw new Error(`camera table: ${response.status} ${response.statusText}`);
-  const json = await response.json();
-  return json.kind === "radial" ? new CameraTable(json) : null;
+  const json = await fetchJson(`/api/camera_table.json?${query}`);
+  return json?.kind === "radial" ? new CameraTable(json) : null;
 }
 
 /**

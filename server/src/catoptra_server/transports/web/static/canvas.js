@@ -22,24 +22,27 @@ export function onResize(element, handler) {
   new ResizeObserver(handler).observe(element);
 }
 
-/**
- * Fit the canvas to its place, in device pixels, and clear it.
- *
- * @returns {{pen: CanvasRenderingContext2D, width: number, height: number}} in CSS pixels; the pen
- *   draws in these units.
- */
-export function clearedCanvas(canvas) {
-  const width = Math.max(1, canvas.clientWidth);
-  const height = Math.max(1, canvas.clientHeight);
-  // Above 2 the cost grows and the eye sees no difference.
-  const scale = Math.min(2, window.devicePixelRatio || 1);
-  const [columns, rows] = [Math.round(width * scale), Math.round(height * scale)];
-  if (canvas.width !== columns || canvas.height !== rows) {
-    canvas.width = columns;
-    canvas.height = rows;
-  }
+/** Resize a canvas, which clears it, only where its size changes. */
+export function resizeCanvas(canvas, width, height) {
+  if (canvas.width !== width) canvas.width = width;
+  if (canvas.height !== height) canvas.height = height;
+}
+
+/** Device pixels per CSS pixel: above 2 the cost grows and the eye sees no difference. */
+export const screenScale = () => Math.min(2, window.devicePixelRatio || 1);
+
+/** Pen in CSS pixels on the cleared canvas, which has the resolution of the screen. */
+export function clearedPen(canvas, width, height) {
+  const scale = screenScale();
+  resizeCanvas(canvas, Math.round(width * scale), Math.round(height * scale));
   const pen = canvas.getContext("2d");
   pen.setTransform(scale, 0, 0, scale, 0, 0);
   pen.clearRect(0, 0, width, height);
-  return { pen, width, height };
+  return pen;
+}
+
+/** Clear the canvas at the size of its place: {pen, width, height} in CSS pixels. */
+export function clearedCanvas(canvas) {
+  const [width, height] = [Math.max(1, canvas.clientWidth), Math.max(1, canvas.clientHeight)];
+  return { pen: clearedPen(canvas, width, height), width, height };
 }

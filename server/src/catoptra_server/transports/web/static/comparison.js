@@ -2,6 +2,7 @@
 
 import { make } from "./panel.js";
 import { format } from "./bars.js";
+import { resizeCanvas } from "./canvas.js";
 
 // Colours of increasing lightness, which keep their order without colour vision: Matplotlib's
 // inferno at equal steps.
@@ -21,7 +22,6 @@ export class Comparison {
   #pictureCaption;
   #differenceCaption = make("figcaption", {});
 
-  /** @param {string} caption of the picture */
   constructor(caption) {
     this.#pictureCaption = make("figcaption", {}, caption);
     this.#picture.setAttribute("aria-label", caption);
@@ -36,15 +36,10 @@ export class Comparison {
     );
   }
 
-  /**
-   * Show a frame with a reference: the picture in the left half, differences in the right one.
-   *
-   * @param {Object} header with `difference`
-   * @param {ImageBitmap} bitmap
-   */
+  /** Show a frame with a reference: left half the picture, right half the differences. */
   async show({ difference }, bitmap) {
     const [width, height] = [bitmap.width / 2, bitmap.height];
-    fit(this.#picture, width, height);
+    resizeCanvas(this.#picture, width, height);
     this.#picture.getContext("2d", { alpha: false }).drawImage(bitmap, 0, 0);
     const top = Math.max(SMALLEST_SCALE, 2 ** Math.ceil(Math.log2(difference.max_levels || 1)));
     this.#labels[1].textContent = String(top / 2);
@@ -56,7 +51,7 @@ export class Comparison {
       difference.reference_plan.split(/[:;]/)[0];
     this.#differenceCaption.title = difference.reference_plan;
     this.node.hidden = false;
-    fit(this.#difference, width, height);
+    resizeCanvas(this.#difference, width, height);
     await drawHeatMap(this.#difference, bitmap, top);
   }
 
@@ -64,11 +59,6 @@ export class Comparison {
   clear() {
     this.node.hidden = true;
   }
-}
-
-function fit(canvas, width, height) {
-  if (canvas.width !== width) canvas.width = width;
-  if (canvas.height !== height) canvas.height = height;
 }
 
 /** Draw the right half of a bitmap in colours, rows at a time: no task is long. */

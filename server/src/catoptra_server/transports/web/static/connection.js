@@ -19,7 +19,6 @@ export class Connection {
   #pause_ms = FIRST_PAUSE_MS;
   #lastFrame = Promise.resolve();
 
-  /** @param {string} url of the socket */
   constructor(url) {
     this.#url = url;
     this.#connect();
@@ -30,22 +29,12 @@ export class Connection {
     return this.#socket?.readyState === WebSocket.OPEN;
   }
 
-  /**
-   * Call a function on each "open" or "close" from now on.
-   *
-   * @param {"open"|"close"} event
-   * @param {function(Connection): void} handler
-   */
+  /** Call a function on each "open" or "close" from now on. */
   on(event, handler) {
     this.#handlers[event].push(handler);
   }
 
-  /**
-   * Send a request; its id is chosen here.
-   *
-   * @param {Object} message fields of the request with its `kind`; defaults may be missing
-   * @returns {Promise<Object>} the reply; rejected with RequestError
-   */
+  /** Reply to a request {kind, ...}, whose id is chosen here; rejected with RequestError. */
   request(message) {
     if (!this.isOpen) return Promise.reject(new RequestError("there is no connection"));
     this.#lastId += 1;
@@ -57,10 +46,8 @@ export class Connection {
   }
 
   /**
-   * Request a frame, after the frames requested before: the server keeps one pending request.
-   *
-   * @param {Object} message fields of GetFrameRequest
-   * @returns {Promise<{header: Object, bytes: Uint8Array, received_ms: number}>}
+   * Frame {header, bytes, received_ms} of the fields of GetFrameRequest, after the frames requested
+   * before: the server keeps one pending request.
    */
   requestFrame(message) {
     const frame = this.#lastFrame.then(() => this.request({ ...message, kind: "get_frame" }));
@@ -125,6 +112,14 @@ function frameFromBuffer(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
   return { header, bytes: new Uint8Array(buffer, 4 + length) };
+}
+
+/** JSON of a path of the server; null for a missing one. @throws {Error} for other faults */
+export async function fetchJson(path) {
+  const response = await fetch(path);
+  if (response.status === 404) return null;
+  if (!response.ok) throw new Error(`${path}: ${response.status} ${response.statusText}`);
+  return response.json();
 }
 
 /** Values as in the file, without colour management. */

@@ -14,12 +14,7 @@ const TURN_FRACTION = 0.5;
 /** Without any reply for so long the robot no longer follows, so the page lets go. */
 const MAX_SILENCE_MS = 500;
 
-/**
- * The robot that this page drives: its own, else the selected one if it is shared.
- *
- * @returns {{name: string, wire_name: string, robot: object|null, reason: string}} an empty name
- *   with the reason why there is none
- */
+/** The robot that this page drives: its own, else the selected one if shared, else the reason. */
 export function targetOf(context) {
   const { own, selected, commands } = context;
   const none = (reason) => ({ name: "", wire_name: "", robot: null, reason });
@@ -66,7 +61,7 @@ export class DriveControl {
   /** Since when the server owes a reply. */
   #silentSince_ms = 0;
 
-  /** @param {() => void} onChange called when speeds or reason change */
+  /** `onChange()` is called when speeds or reason change. */
   constructor(context, onChange) {
     this.#context = context;
     this.#onChange = onChange;

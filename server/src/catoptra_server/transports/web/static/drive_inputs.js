@@ -1,6 +1,6 @@
 /** Inputs that drive a robot: keys, a gamepad and a stick on the screen. */
 
-const NEUTRAL = { forward: 0, turn: 0 };
+export const NEUTRAL = { forward: 0, turn: 0 };
 const DEAD_ZONE = 0.1;
 const GAMEPAD_INTERVAL_MS = 50;
 /** Contribution of each key: forward, turn to the right. By position, on any keyboard layout. */
@@ -24,11 +24,9 @@ function isTaken({ target, code, defaultPrevented }) {
 }
 
 /**
- * Drive by W A S D and the arrow keys, stop by the space bar.
+ * Drive by W A S D and the arrow keys while `isReady()`. While the robot moves the space bar stops
+ * it, whatever has the focus except a field; otherwise it presses the focused button as usual.
  *
- * @param {object} handlers `isReady()` whether keys drive at present; `onDemand(demand)`;
- *   `isMoving()` and `onStop()`: while the robot moves the space bar stops it, whatever has the
- *   focus except a field; otherwise it presses the focused button as usual
  * @returns {() => void} forget all pressed keys
  */
 export function listenToKeys({ isReady, onDemand, isMoving, onStop }) {
@@ -70,12 +68,7 @@ export function withoutDeadZone(value) {
   return Math.sign(value) * Math.min(1, (size - DEAD_ZONE) / (1 - DEAD_ZONE));
 }
 
-/**
- * Drive by axes 0 (turn) and 1 (forward) of the first gamepad.
- *
- * @param {(demand: object) => void} onDemand
- * @param {(name: string) => void} onName of the gamepad in use; empty without one
- */
+/** Drive by axes 0 (turn) and 1 (forward) of the first gamepad; `onName("")` without one. */
 export function listenToGamepad(onDemand, onName) {
   let timer = null;
   const read = () => {

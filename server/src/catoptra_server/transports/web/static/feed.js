@@ -15,38 +15,19 @@ const RETRY_MS = 500;
 const LONGEST_WAIT_MS = 1000;
 const NUM_KEPT = 1000;
 
-/** Numbers of the feed, for the page and for its tests. The lists hold the newest 1000. */
+/** Numbers of the feed. The lists hold the newest 1000. */
 export class FeedStatistics {
-  frames_asked = 0;
   frames_drawn = 0;
-  missed_frames = 0;
-  dropped_frames = 0;
   /** Age of each frame when it was drawn. */
   ages_ms = [];
   /** When it was drawn, by performance.now(). */
   drawn_ms = [];
-  /** Script time of drawing it in all views. */
-  draw_durations_ms = [];
-  /** Tasks of the page above 50 ms. */
-  long_tasks_ms = [];
-
-  constructor() {
-    if (PerformanceObserver.supportedEntryTypes?.includes("longtask")) {
-      const observer = new PerformanceObserver((list) => {
-        for (const { duration } of list.getEntries()) keep(this.long_tasks_ms, duration);
-      });
-      observer.observe({ entryTypes: ["longtask"] });
-    }
-  }
 
   /** Add a frame that has been drawn. */
-  add(header, age_ms, drawn_ms, duration_ms) {
+  add(age_ms, drawn_ms) {
     this.frames_drawn += 1;
-    this.missed_frames = header.missed_frames;
-    this.dropped_frames = header.dropped_frames;
     keep(this.ages_ms, age_ms);
     keep(this.drawn_ms, drawn_ms);
-    keep(this.draw_durations_ms, duration_ms);
   }
 
   /** Frames per second over the last two seconds. */
@@ -154,7 +135,6 @@ class FramePull {
     this.#isPending = true;
     const { robot, camera } = this.#context.selected;
     try {
-      this.#context.statistics.frames_asked += 1;
       const request = { robot, camera, encoding: "jpeg" };
       const frame = await this.#context.pictures.requestFrame(request);
       const file = fileFromFrame(frame);
@@ -193,11 +173,9 @@ class FramePull {
       this.#shown.time_s = -1;
       return;
     }
-    const start_ms = performance.now();
     this.#emit({ header, file, bitmap, received_ms });
-    const end_ms = performance.now();
-    const age_ms = 1000 * header.age_s + end_ms - received_ms;
-    context.statistics.add(header, age_ms, end_ms, end_ms - start_ms);
+    const now_ms = performance.now();
+    context.statistics.add(1000 * header.age_s + now_ms - received_ms, now_ms);
   }
 
   #emit(frame) {

@@ -14,13 +14,7 @@ export const STATUSES = {
   rejected: { label: "rejected by the gate", colour: "#d55e00", shape: "cross" },
 };
 
-/**
- * Landmarks with position and status: a detection of any note outranks visibility.
- *
- * @param {Object[]} records of the reply `landmarks`
- * @param {Map<string, Object>} notes by name
- * @returns {{name, kind, x_m, y_m, z_m, pixel, visible, status}[]} in the world frame, z down
- */
+/** Landmarks in the world frame, z down, by status: a detection of any note outranks visibility. */
 export function landmarksWithStatus(records, notes) {
   const accepted = acceptedByLandmark(notes);
   return records.map((record) => ({
@@ -57,15 +51,7 @@ function acceptedByLandmark(notes) {
   return accepted;
 }
 
-/**
- * Draw the mark of a status, with an outline that separates it from any background.
- *
- * @param {CanvasRenderingContext2D} pen
- * @param {number} x
- * @param {number} y centre, in units of the pen
- * @param {string} status key of STATUSES
- * @param {number} radius half the size of the mark
- */
+/** Draw the mark of a status, with an outline that separates it from any background. */
 export function drawMark(pen, x, y, status, radius = 6) {
   const { colour, shape } = STATUSES[status] ?? STATUSES.hidden;
   pen.save();
@@ -83,12 +69,8 @@ export function drawMark(pen, x, y, status, radius = 6) {
 }
 
 /**
- * Draw the marks and names of landmarks: a name beside its mark where there is room, and none where
- * it would cover another.
- *
- * @param {CanvasRenderingContext2D} pen
- * @param {{x: number, y: number, status: string, name: string}[]} places in units of the pen
- * @param {number} width of the view
+ * Draw the marks and names of landmarks {x, y, status, name}: a name beside its mark where there is
+ * room in the width of the view, and none where it would cover another.
  */
 export function drawLandmarks(pen, places, width) {
   for (const { x, y, status } of places) drawMark(pen, x, y, status);

@@ -1,9 +1,10 @@
 /** Start of the page: the server's description, two connections, the context of all panels. */
 
-import { chooseCylinder, fetchCameraTable } from "./camera_table.js";
-import { Connection } from "./connection.js";
+import { fetchCameraTable } from "./camera_table.js";
+import { Connection, fetchJson } from "./connection.js";
 import { startFeed, FeedStatistics } from "./feed.js";
 import { createPanels, preparePanels } from "./panels.js";
+import { setText } from "./panel.js";
 import { Unwarper } from "./unwarper.js";
 
 const FAULT_SHOWN_MS = 5000;
@@ -16,11 +17,7 @@ function socketUrl() {
   return url.href;
 }
 
-async function fetchServer() {
-  const response = await fetch("/api/server.json");
-  if (!response.ok) throw new Error(`server.json: ${response.status} ${response.statusText}`);
-  return response.json();
-}
+const fetchServer = () => fetchJson("/api/server.json");
 
 /** What all panels share. */
 class Context {
@@ -171,7 +168,7 @@ function followRobots(context) {
 
 function showNotice(text) {
   const notice = document.getElementById("notice");
-  if (notice.textContent !== text) notice.textContent = text;
+  setText(notice, text);
   notice.hidden = text === "";
 }
 
@@ -205,45 +202,6 @@ function watchConnections(context) {
   });
 }
 
-/** Access for tests, and for the console of the browser. */
-function expose(context) {
-  const base64 = (bytes) => {
-    let text = "";
-    for (let i = 0; i < bytes.length; i += 8192) {
-      text += String.fromCharCode(...bytes.subarray(i, i + 8192));
-    }
-    return btoa(text);
-  };
-  window.catoptra = {
-    context,
-    statistics: context.statistics,
-    /** The present frame as base64 RGBA. */
-    readFrame() {
-      const { bitmap, header } = context.frame;
-      const canvas = new OffscreenCanvas(bitmap.width, bitmap.height);
-      const pen = canvas.getContext("2d", { willReadFrequently: true });
-      pen.drawImage(bitmap, 0, 0);
-      const { width, height, data } = pen.getImageData(0, 0, bitmap.width, bitmap.height);
-      return { header, width, height, pixels: base64(data) };
-    },
-    /**
-     * A cylinder of the present frame as base64 RGBA; by default that of `make_panorama`. Some of
-     * top_slope, bottom_slope, seam_azimuth_rad may be given.
-     */
-    async readPanorama(width, height, geometry = {}) {
-      const cylinder = { ...chooseCylinder(context.table, width), ...geometry };
-      if (height) cylinder.rows = height;
-      const pixels = await context.unwarper.read(cylinder);
-      return { width, height: cylinder.rows, pixels: base64(pixels), geometry: cylinder };
-    },
-    /** A perspective view {width_px, height_px, fov_rad, yaw_rad, pitch_rad}, likewise. */
-    async readPerspective(view) {
-      const pixels = await context.unwarper.read(view);
-      return { width: view.width_px, height: view.height_px, pixels: base64(pixels) };
-    },
-  };
-}
-
 async function start() {
   preparePanels();
   const context = new Context(await fetchServer());
@@ -251,7 +209,8 @@ async function start() {
   // First of all handlers: views draw with the frame uploaded and the selection valid.
   context.on("state", () => followRobots(context));
   context.on("frame", ({ bitmap, file }) => context.unwarper.setFrame(bitmap, file));
-  expose(context);
+  // For tests, and for the console of the browser.
+  window.catoptra = { context, statistics: context.statistics };
   await createPanels(context);
   startFeed(context);
 }

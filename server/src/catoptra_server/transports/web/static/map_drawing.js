@@ -12,9 +12,22 @@ export function setLine(pen, name, width = 1.5, dash = []) {
   pen.setLineDash(dash);
 }
 
-function tracePoints(pen, view, points) {
+/** Fill the path with a transparent colour. */
+export function fillFaintly(pen, name, alpha) {
+  pen.globalAlpha = alpha;
+  pen.fillStyle = colour(name);
+  pen.fill();
+  pen.globalAlpha = 1;
+}
+
+/** Begin a path of screen positions. */
+export function tracePositions(pen, positions) {
   pen.beginPath();
-  for (const { x, y } of points) pen.lineTo(...view.toScreen(x, y));
+  for (const position of positions) pen.lineTo(...position);
+}
+
+function tracePoints(pen, view, points) {
+  tracePositions(pen, points.map(({ x, y }) => view.toScreen(x, y)));
 }
 
 export function drawPath(pen, view, points, name, dash) {
@@ -78,12 +91,7 @@ export function drawRobot(pen, view, pose, size_m, name, { isFilled = true, dash
     corners.map(({ x, y }) => compose(pose, { x, y, yaw: 0 })),
   );
   pen.closePath();
-  if (isFilled) {
-    pen.globalAlpha = 0.25;
-    pen.fillStyle = colour(name);
-    pen.fill();
-    pen.globalAlpha = 1;
-  }
+  if (isFilled) fillFaintly(pen, name, 0.25);
   pen.stroke();
 }
 
@@ -108,10 +116,7 @@ export function drawStart(pen, view, { location_m, rotation_rad }) {
   pen.translate(left, top);
   pen.rotate(rotation_rad[2]);
   setLine(pen, "muted", 1.25);
-  pen.beginPath();
-  pen.moveTo(-4, 4);
-  pen.lineTo(0, -5);
-  pen.lineTo(4, 4);
+  tracePositions(pen, [[-4, 4], [0, -5], [4, 4]]);
   pen.stroke();
   pen.restore();
 }
@@ -126,10 +131,7 @@ export function drawBelief(pen, view, { pose, covariance }) {
     pen.beginPath();
     // An angle of the world, from x (up) to y (right), counts from up on the screen.
     pen.ellipse(left, top, major, minor, ellipse.angle_rad - Math.PI / 2, 0, 2 * Math.PI);
-    pen.globalAlpha = 0.15;
-    pen.fillStyle = colour("filter");
-    pen.fill();
-    pen.globalAlpha = 1;
+    fillFaintly(pen, "filter", 0.15);
     pen.stroke();
   }
   drawHeading(pen, left, top, pose.yaw, covariance);
@@ -142,13 +144,9 @@ function drawHeading(pen, left, top, yaw, covariance) {
   pen.moveTo(left, top);
   pen.arc(left, top, length, yaw - spread - Math.PI / 2, yaw + spread - Math.PI / 2);
   pen.closePath();
-  pen.globalAlpha = 0.3;
-  pen.fillStyle = colour("filter");
-  pen.fill();
-  pen.globalAlpha = 1;
-  pen.beginPath();
-  pen.moveTo(left, top);
-  pen.lineTo(left + length * Math.sin(yaw), top - length * Math.cos(yaw));
+  fillFaintly(pen, "filter", 0.3);
+  const tip = [left + length * Math.sin(yaw), top - length * Math.cos(yaw)];
+  tracePositions(pen, [[left, top], tip]);
   pen.stroke();
   pen.beginPath();
   pen.arc(left, top, 2.5, 0, 2 * Math.PI);
@@ -168,9 +166,7 @@ export function drawDetection(pen, view, pose, { bearing_rad, range_m, accepted 
   pen.strokeStyle = (accepted ? STATUSES.detected : STATUSES.rejected).colour;
   pen.lineWidth = 1.5;
   pen.setLineDash(accepted && range_m !== null ? [] : [5, 4]);
-  pen.beginPath();
-  pen.moveTo(...view.toScreen(pose.x, pose.y));
-  pen.lineTo(left, top);
+  tracePoints(pen, view, [pose, end]);
   pen.stroke();
   pen.setLineDash([]);
   if (range_m === null) return;
@@ -202,11 +198,8 @@ export function drawScale(pen, view, right, bottom) {
   const length_m = power * [5, 2, 1].find((digit) => digit * power <= wanted_m);
   const length = length_m * view.scale;
   setLine(pen, "ink", 1.5);
-  pen.beginPath();
-  pen.moveTo(right - length, bottom - 4);
-  pen.lineTo(right - length, bottom);
-  pen.lineTo(right, bottom);
-  pen.lineTo(right, bottom - 4);
+  const [left, top] = [right - length, bottom - 4];
+  tracePositions(pen, [[left, top], [left, bottom], [right, bottom], [right, top]]);
   pen.stroke();
   const label = length_m < 1 ? `${Math.round(length_m * 100)} cm` : `${length_m} m`;
   drawLabel(pen, label, right - length / 2, bottom - 10, "ink", "center");
@@ -215,10 +208,7 @@ export function drawScale(pen, view, right, bottom) {
 /** Arrows of the world's axes, x up and y to the right. */
 export function drawAxes(pen, left, top) {
   setLine(pen, "muted", 1.25);
-  pen.beginPath();
-  pen.moveTo(left, top - 22);
-  pen.lineTo(left, top);
-  pen.lineTo(left + 22, top);
+  tracePositions(pen, [[left, top - 22], [left, top], [left + 22, top]]);
   pen.stroke();
   drawLabel(pen, "x", left, top - 29, "muted", "center");
   drawLabel(pen, "y", left + 29, top, "muted", "center");

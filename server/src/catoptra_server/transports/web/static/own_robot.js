@@ -1,6 +1,6 @@
 /** The robot of this page: it lives as long as the connection of the commands. */
 
-import { make, shorten } from "./panel.js";
+import { make, makeButton, shorten } from "./panel.js";
 import { robotOf } from "./scan_geometry.js";
 
 /** Spawning, sharing and removing the robot of this page. */
@@ -20,7 +20,7 @@ export class OwnRobot {
   #form;
   #owned = make("div", { className: "controls" });
   #share = make("input", { type: "checkbox" });
-  #remove = make("button", { type: "button", className: "button" });
+  #remove = makeButton("", () => this.#reset());
 
   constructor(context) {
     this.#context = context;
@@ -34,7 +34,6 @@ export class OwnRobot {
     this.#form = this.#makeForm();
     this.#owned.append(make("label", {}, this.#share, "Let others drive it"), this.#remove);
     this.#share.addEventListener("change", () => this.#setShared());
-    this.#remove.addEventListener("click", () => this.#reset());
     context.on("placed", (place) => this.#setPlace(place));
     context.commands.on("close", () => this.#lose("the connection was lost"));
     context.on("state", () => this.#follow());
@@ -45,8 +44,7 @@ export class OwnRobot {
 
   #makeForm() {
     const [x, y, heading] = this.#pose;
-    const place = make("button", { type: "button", className: "button" }, "Press on the map");
-    place.addEventListener("click", () => this.#startPlacing());
+    const place = makeButton("Press on the map", () => this.#startPlacing());
     this.#poseFields = make(
       "div",
       { className: "controls" },

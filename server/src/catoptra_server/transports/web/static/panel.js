@@ -86,6 +86,7 @@ export function furnish(section, title) {
   const properties = { type: "button", className: "toggle", id: `title-${name}` };
   const toggle = make("button", { ...properties, "aria-controls": body.id }, title);
   const tools = make("div", { className: "tools" });
+  section.setAttribute("aria-labelledby", toggle.id);
   section.append(make("header", {}, make("h2", {}, toggle), tools), body);
   setUpToggle(section, toggle);
 }
@@ -107,7 +108,7 @@ function setUpToggle(section, toggle) {
 
 /**
  * An element with properties and children; text is always text.
- * `make("button", { type: "button", className: "small", ariaLabel: "Zoom in" }, "+")`
+ * `make("p", { className: "quiet", hidden: true }, "Waiting.")`
  */
 export function make(tag, properties = {}, ...children) {
   const element = document.createElement(tag);
@@ -117,6 +118,49 @@ export function make(tag, properties = {}, ...children) {
   }
   element.append(...children);
   return element;
+}
+
+/** A button with a text; small ones by `className: "button small"`. */
+export function makeButton(text, onclick, properties = {}) {
+  return make("button", { type: "button", className: "button", onclick, ...properties }, text);
+}
+
+/** A list of choices by their values, each with its text. */
+export function makeSelect(values, textOf, properties = {}) {
+  const option = (value) => make("option", { value: String(value) }, textOf(value));
+  return make("select", properties, ...values.map(option));
+}
+
+/** Set a text that has changed: a screen reader would read each assignment aloud. */
+export function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+/** Choices that hide layers: a set of the hidden ones, kept for the next visit, with check boxes. */
+export class LayerChoice {
+  #key;
+  #hidden;
+  #onChange;
+
+  constructor(key, onChange) {
+    this.#key = key;
+    this.#hidden = new Set(remembered(key, []));
+    this.#onChange = onChange;
+  }
+
+  shows = (layer) => !this.#hidden.has(layer);
+
+  /** The box of a layer; its class gives the colour. */
+  makeBox(layer, label, className, properties = {}) {
+    const box = make("input", { type: "checkbox", checked: this.shows(layer) });
+    box.addEventListener("change", () => {
+      if (box.checked) this.#hidden.delete(layer);
+      else this.#hidden.add(layer);
+      remember(this.#key, [...this.#hidden].slice(0, 20));
+      this.#onChange();
+    });
+    return make("label", { className: `layer ${className}`, ...properties }, box, label);
+  }
 }
 
 /** Control characters, and those that reverse the direction of all text behind them. */

@@ -19,10 +19,7 @@ export class PlanarView {
   #pointers = new Map();
   #placing = null;
 
-  /**
-   * @param {HTMLCanvasElement} canvas
-   * @param {(isPan: boolean) => void} onChange called after each change of the view by the user
-   */
+  /** `onChange(isPan)` is called after each change of the view by the user. */
   constructor(canvas, onChange) {
     this.#canvas = canvas;
     this.#onChange = onChange;

@@ -10,17 +10,6 @@ const BLOCK = /\{([^{}]*)\}/g;
 const MAX_BLOCKS = 1024;
 const MAX_PARTS = 256;
 
-/**
- * @typedef {object} Reading
- * @property {string} word SEN, STA or MISSTA
- * @property {string} type such as RangeScanner; GroundVehicle of the status
- * @property {string} name of the sensor; empty for sensors of many parts
- * @property {number|null} time_s
- * @property {Map<string, string>} fields values by name in lower case
- * @property {Map<string, string>} labels names as sent, by name in lower case
- * @property {{name: string, quantity: string, value: string}[]} parts
- */
-
 /** The blocks of a line as pairs of name and value, both trimmed. */
 function blocksOf(line) {
   const blocks = [];
@@ -40,7 +29,11 @@ function partOf(value) {
   return { name: words[0], quantity: words[1], value: words.slice(2).join(" ") };
 }
 
-/** @returns {Reading|null} null for a line of another kind */
+/**
+ * A line as {word: SEN, STA or MISSTA; type, such as RangeScanner; name, empty for sensors of many
+ * parts; time_s; fields and labels: values and names as sent, by name in lower case; parts}; null
+ * for a line of another kind.
+ */
 export function parseReading(line) {
   const word = /^[^\s{]*/.exec(line.trim())[0].toUpperCase();
   if (word !== "SEN" && word !== "STA" && word !== "MISSTA") return null;

@@ -1,7 +1,7 @@
 /** State of the selected robot: pose, speeds, status, notes and readings. */
 
 import { beliefsOf } from "./beliefs.js";
-import { make, shorten } from "./panel.js";
+import { make, setText, shorten } from "./panel.js";
 import { degrees, odometryPose, planarPose, robotOf, selectedName } from "./scan_geometry.js";
 
 const MAX_FIELDS = 24;
@@ -43,8 +43,7 @@ function setValues(list, pairs) {
   while (list.childElementCount > 2 * pairs.length) list.lastElementChild.remove();
   while (list.childElementCount < 2 * pairs.length) list.append(make("dt"), make("dd"));
   pairs.flat().forEach((text, index) => {
-    const element = list.children[index];
-    if (element.textContent !== text) element.textContent = text;
+    setText(list.children[index], text);
   });
 }
 

@@ -15,7 +15,8 @@ export const wrapped = (angle_rad) =>
   angle_rad - 2 * Math.PI * Math.ceil((angle_rad - Math.PI) / (2 * Math.PI));
 
 /** Degrees with a sign, for people. */
-export const degrees = (angle_rad) => `${((angle_rad * 180) / Math.PI).toFixed(1)}\u00b0`;
+export const degrees = (angle_rad, digits = 1) =>
+  `${((angle_rad * 180) / Math.PI).toFixed(digits)}\u00b0`;
 
 /** Pose on the floor of a transform of the wire. */
 export function planarPose({ position_m, rotation }) {
@@ -32,11 +33,7 @@ export function compose(outer, inner) {
   };
 }
 
-/**
- * The rays of a range scanner, from right to left, as directions from the sensor's mount.
- *
- * @returns {{angle_rad: number, range_m: number, has_echo: boolean}[]} angles in the robot's frame
- */
+/** Rays {angle_rad, range_m, has_echo} of a range scanner, right to left, in the robot's frame. */
 export function scanRays(reading, sensor) {
   const ranges = numbersOf(reading.fields.get("range") ?? "");
   const [fov] = numbersOf(reading.fields.get("fov") ?? "");

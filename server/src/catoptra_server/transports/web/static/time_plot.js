@@ -32,12 +32,7 @@ export class TimePlot {
   #names;
   #range = [0, 1];
 
-  /**
-   * @param {string} unit of all values
-   * @param {string[]} names custom property of the colour of each line
-   * @param {string} label for readers of the page
-   * @param {(time_s: number|null) => void} onHover time under the pointer, null without one
-   */
+  /** `names`: custom property of each line's colour; `onHover(time_s)`: null without a pointer. */
   constructor(unit, names, label, onHover) {
     this.#unit = unit;
     this.#names = names;
@@ -46,11 +41,7 @@ export class TimePlot {
     this.element.addEventListener("pointerleave", () => onHover(null));
   }
 
-  /**
-   * @param {(number|null)[][]} columns times, then the values of each line, null for a gap
-   * @param {[number, number]} range of times
-   * @param {number|null} cursor_s time of the vertical line
-   */
+  /** Draw columns of times and of the values of each line, null for a gap, in a range of times. */
   draw([times, ...lines], range, cursor_s) {
     const { pen, width, height } = clearedCanvas(this.element);
     const limits = limitsOf(lines.flat());

@@ -23,10 +23,7 @@ export class UnwarpRenderer {
   #isUploaded = false;
   #onRestored;
 
-  /**
-   * @param {function(): void} onRestored called when the views must be drawn again
-   * @throws {Error} without WebGL2
-   */
+  /** `onRestored()`: the views must be drawn again. @throws {Error} without WebGL2 */
   constructor(onRestored) {
     this.#onRestored = onRestored;
     const options = { antialias: false, depth: false, powerPreference: "low-power" };
@@ -49,13 +46,6 @@ export class UnwarpRenderer {
     return gl.getParameter(extension?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER) ?? "";
   }
 
-  /** Lose the context for a moment, as a driver may; for tests. */
-  loseContext() {
-    const extension = this.#gl.getExtension("WEBGL_lose_context");
-    extension?.loseContext();
-    setTimeout(() => extension?.restoreContext(), 100);
-  }
-
   /** Take the frame to show from now on, and close the one before. */
   setFrame(bitmap) {
     this.#frame?.close();
@@ -70,11 +60,8 @@ export class UnwarpRenderer {
   }
 
   /**
-   * Render a view.
-   *
-   * @param {Object} view a cylinder, as of chooseCylinder, or a perspective view: {width_px,
-   *   height_px, fov_rad, yaw_rad, pitch_rad}
-   * @returns {ImageBitmap}
+   * Bitmap of a view: a cylinder, as of chooseCylinder, or a perspective view {width_px, height_px,
+   * fov_rad, yaw_rad, pitch_rad}.
    */
   draw(view) {
     const [width, height] = sizeOf(view);
@@ -84,12 +71,7 @@ export class UnwarpRenderer {
     return this.#canvas.transferToImageBitmap();
   }
 
-  /**
-   * Pixels of a view, read back from an offscreen target.
-   *
-   * @returns {Promise<Uint8ClampedArray>} RGBA, rows from the top
-   * @throws {Error} if the context is lost meanwhile
-   */
+  /** RGBA of a view, rows from the top. @throws {Error} if the context is lost meanwhile */
   async read(view) {
     const gl = this.#gl;
     const [width, height] = sizeOf(view);

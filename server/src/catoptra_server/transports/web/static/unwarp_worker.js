@@ -12,7 +12,7 @@ let last = Promise.resolve();
 /** Tell the page that views can be drawn, at the start and after a lost context. */
 function announce() {
   isSoftware = SOFTWARE_RENDERER.test(renderer.name);
-  postMessage({ kind: "running", renderer: renderer.name, isSoftware });
+  postMessage({ kind: "running", isSoftware });
 }
 
 /** Result of a request; nulls while there is no context. */
@@ -28,8 +28,6 @@ async function handle(data) {
     renderer?.setFrame(await createImageBitmap(data.source, data.options));
   } else if (data.kind === "table") {
     renderer?.setTable(data.table);
-  } else if (data.kind === "lose") {
-    renderer?.loseContext();
   } else {
     const result = await perform(data);
     const transferred = [result.bitmap, result.pixels?.buffer].filter(Boolean);

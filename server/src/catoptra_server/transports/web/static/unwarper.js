@@ -1,5 +1,6 @@
 /** The page's side of the worker that unwarps frames (unwarp_worker.js). */
 
+import { resizeCanvas } from "./canvas.js";
 import { DECODING } from "./connection.js";
 
 // Measured: 0.15 us per pixel on a processor; a fifth of the pixels keeps frames fluent.
@@ -9,8 +10,6 @@ const SOFTWARE_DETAIL = 0.45;
 export class Unwarper {
   /** Why nothing can be unwarped; "" if it can, or while that is not known. */
   fault = "";
-  /** Name of the graphics processor or of the program in its place. */
-  renderer = "";
   /** Resolution of views in the page, relative to that of the screen. */
   detail = 1;
   #worker = null;
@@ -24,7 +23,7 @@ export class Unwarper {
   #replies = new Map();
   #drawings = new Map();
 
-  /** @param {function(): void} onChange called when views must be drawn again */
+  /** `onChange()` is called when views must be drawn again. */
   constructor(onChange) {
     this.#onChange = onChange;
     if (!("OffscreenCanvas" in window)) {
@@ -46,11 +45,8 @@ export class Unwarper {
   }
 
   /**
-   * Take the frame to show from now on.
-   *
-   * @param {ImageBitmap|null} bitmap which must stay open until the next one; null for none
-   * @param {Blob|ImageBitmap} source of the same picture: to decode a file again costs less than
-   *   to copy a bitmap
+   * Take the frame to show from now on, a bitmap that stays open until the next one, or null; and
+   * the file of the same picture: to decode it again costs less than to copy a bitmap.
    */
   setFrame(bitmap, source = bitmap) {
     this.#frame = bitmap;
@@ -70,10 +66,6 @@ export class Unwarper {
   /**
    * Draw a view into a canvas as soon as possible, and fit the canvas to it. While a view of the
    * same canvas is rendered, the newest request waits and replaces those before it.
-   *
-   * @param {HTMLCanvasElement} canvas
-   * @param {Object} view as for UnwarpRenderer.draw
-   * @param {function(): void} onDrawn
    */
   draw(canvas, view, onDrawn) {
     const drawing = this.#drawings.get(canvas);
@@ -85,14 +77,7 @@ export class Unwarper {
     }
   }
 
-  /**
-   * Pixels of a view, without loss.
-   *
-   * @param {Object} view as for UnwarpRenderer.draw
-   * @param {ImageBitmap} bitmap frame of the same camera; by default the present one
-   * @returns {Promise<Uint8ClampedArray>} RGBA, rows from the top
-   * @throws {Error} without a context or a table
-   */
+  /** RGBA of a view, rows from the top, by any frame of the camera. @throws {Error} without one */
   async read(view, bitmap = this.#frame) {
     if (this.fault || bitmap === null) throw new Error(this.fault || "there is no picture");
     this.#worker.postMessage({ kind: "frame", source: bitmap, options: DECODING });
@@ -101,11 +86,6 @@ export class Unwarper {
     const { pixels } = await this.#request({ kind: "read", view });
     if (pixels === null) throw new Error("the picture cannot be unwarped at present");
     return pixels;
-  }
-
-  /** Lose the context for a moment; for tests. */
-  loseContext() {
-    this.#worker.postMessage({ kind: "lose" });
   }
 
   async #render(canvas, view, onDrawn) {
@@ -141,7 +121,6 @@ export class Unwarper {
       this.#fail(data.reason);
     } else if (data.kind === "running") {
       this.#isRunning = true;
-      this.renderer = data.renderer;
       this.detail = data.isSoftware ? SOFTWARE_DETAIL : 1;
       this.#onChange();
     }
@@ -161,8 +140,7 @@ function show(canvas, view, { bitmap, pixels }) {
   if (bitmap === null && pixels === null) return false;
   const width = view.columns ?? view.width_px;
   const height = view.rows ?? view.height_px;
-  if (canvas.width !== width) canvas.width = width;
-  if (canvas.height !== height) canvas.height = height;
+  resizeCanvas(canvas, width, height);
   const pen = canvas.getContext("2d", { alpha: false });
   if (bitmap === null) {
     pen.putImageData(new ImageData(pixels, width, height), 0, 0);

@@ -20,11 +20,8 @@ export class VariantPull {
   #shownTime_s = null;
 
   /**
-   * @param {HTMLElement} section
-   * @param {Object} context
-   * @param {{variant: function(): Object|null, show: function(Object, ImageBitmap): void,
-   *   fail: function(Error): void, setBusy: function(boolean): void}} handlers `variant` is null
-   *   where no frame is wanted
+   * Pull for a panel by handlers: variant(), null where no frame is wanted; show(header, bitmap);
+   * fail(error); setBusy(isBusy).
    */
   constructor(section, context, handlers) {
     this.#section = section;

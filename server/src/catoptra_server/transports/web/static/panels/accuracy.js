@@ -5,7 +5,7 @@
 
 import { BarList, format, LogScale } from "../bars.js";
 import { Comparison } from "../comparison.js";
-import { bodyOf, make } from "../panel.js";
+import { bodyOf, make, makeButton, makeSelect, setText } from "../panel.js";
 import { VariantPull } from "../variant_pull.js";
 
 const TOLERANCE_PX = new LogScale(0.05, 20);
@@ -95,14 +95,14 @@ class AccuracyPanel {
 
   #setStatus(text, isError = false) {
     this.#status.classList.toggle("error", isError);
-    if (this.#status.textContent !== text) this.#status.textContent = text;
+    setText(this.#status, text);
   }
 
   async #show(header, bitmap) {
     this.#setStatus("");
     const isMissed = !header.target_met ? "Target not met. " : "";
     const plan = `${isMissed}${header.plan ?? "no plan"}`;
-    if (this.#plan.textContent !== plan) this.#plan.textContent = plan;
+    setText(this.#plan, plan);
     this.#plan.classList.toggle("error", !header.target_met);
     this.#showStages(header);
     this.#showBounds(header);
@@ -145,10 +145,8 @@ class AccuracyPanel {
 
   #alternativeButton(title, { plan, error_bound_px, cost_ms }) {
     const text = `${title}: ${format(error_bound_px)} px, ${format(cost_ms)} ms (${plan})`;
-    const button = make("button", { type: "button", className: "button" }, text);
     // The fastest plan within its bound is the plan itself: both lie on the Pareto front.
-    button.addEventListener("click", () => this.#controls.setTolerance(error_bound_px * 1.000001));
-    return button;
+    return makeButton(text, () => this.#controls.setTolerance(error_bound_px * 1.000001));
   }
 }
 
@@ -166,21 +164,17 @@ class Controls {
 
   constructor({ polygons, renderers }, onChange) {
     this.#onChange = onChange;
-    const own = { value: "", text: "of the camera" };
-    const list = (values, describe) => values.map((value) => ({ value, text: describe(value) }));
     // First what the server can render at once: a target takes seconds of measuring.
-    this.#mode = select("Settings by", [
-      { value: "numbers", text: "polygons and samples" },
-      { value: "target", text: "tolerance and budget" },
-    ]);
+    const modes = { numbers: "polygons and samples", target: "tolerance and budget" };
+    this.#mode = select("Settings by", Object.keys(modes), (mode) => modes[mode]);
     this.#tolerance = new Slider("Tolerance", TOLERANCE_PX, "px", 0.5, onChange);
     this.#budget = new Slider("Budget", BUDGET_MS, "ms", 0, onChange);
-    const surfaces = list([...polygons, 0], (n) => (n === 0 ? "exact surface" : `${n} polygons`));
-    this.#polygons = select("Mirror", surfaces);
+    const surfaceText = (n) => (n === 0 ? "exact surface" : `${n} polygons`);
+    this.#polygons = select("Mirror", [...polygons, 0], surfaceText);
     this.#polygons.control.value = String(polygons.at(-2) ?? 0);
-    this.#samples = select("Samples", list(SAMPLES, (n) => `${n} \u00d7 ${n} per pixel`));
+    this.#samples = select("Samples", SAMPLES, (n) => `${n} \u00d7 ${n} per pixel`);
     this.#samples.control.value = "2";
-    this.#renderer = select("Renderer", [own, ...list(renderers, (name) => name)]);
+    this.#renderer = select("Renderer", ["", ...renderers], (name) => name || "of the camera");
     this.#targetRows = [...this.#tolerance.nodes, ...this.#budget.nodes];
     this.#numberRows = [...this.#polygons.nodes, ...this.#samples.nodes];
     const rows = [...this.#targetRows, ...this.#numberRows, ...this.#renderer.nodes];
@@ -227,10 +221,9 @@ class Controls {
 }
 
 /** A labelled list of choices. */
-function select(label, options) {
+function select(label, values, textOf) {
   const id = `accuracy-${label.toLowerCase().replaceAll(" ", "-")}`;
-  const items = options.map(({ value, text }) => make("option", { value: String(value) }, text));
-  const control = make("select", { id }, ...items);
+  const control = makeSelect(values, textOf, { id });
   return { control, nodes: [make("label", { htmlFor: id }, label), control] };
 }
 

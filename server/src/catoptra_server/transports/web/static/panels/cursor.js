@@ -1,7 +1,8 @@
 /** What the camera sees under the cursor of any view. */
 
 import { makeLegend } from "../landmarks.js";
-import { bodyOf, isShown, make, onShown } from "../panel.js";
+import { bodyOf, isShown, make, onShown, setText } from "../panel.js";
+import { degrees } from "../scan_geometry.js";
 
 const INTERVAL_MS = 100;
 const OUTSIDE = "outside the mirror";
@@ -46,8 +47,8 @@ class CursorPanel {
     this.#set("pixel", pixel ? `${pixel[0].toFixed(1)}, ${pixel[1].toFixed(1)}` : null);
     const angles = pixel && table ? table.anglesFromPixel(pixel) : null;
     const isOutside = Boolean(pixel && table && !angles);
-    this.#set("incidence angle", angles ? degrees(angles.theta_rad) : isOutside ? OUTSIDE : null);
-    this.#set("azimuth", angles ? degrees(angles.azimuth_rad) : null);
+    this.#set("incidence angle", angles ? degrees(angles.theta_rad, 2) : isOutside ? OUTSIDE : null);
+    this.#set("azimuth", angles ? degrees(angles.azimuth_rad, 2) : null);
     if (!pixel || isOutside) this.#showReply(null);
     this.#setHint(cursor);
     this.ask();
@@ -83,8 +84,8 @@ class CursorPanel {
     const isOutside = reply !== null && reply.theta_rad === null;
     // A camera without a table: the server knows its model.
     if (reply !== null && !table && cursor.pixel) {
-      this.#set("incidence angle", isOutside ? OUTSIDE : degrees(reply.theta_rad));
-      this.#set("azimuth", isOutside ? null : degrees(reply.azimuth_rad));
+      this.#set("incidence angle", isOutside ? OUTSIDE : degrees(reply.theta_rad, 2));
+      this.#set("azimuth", isOutside ? null : degrees(reply.azimuth_rad, 2));
     }
     const isSeen = reply !== null && !isOutside;
     const range = isSeen && reply.range_m !== null ? `${reply.range_m.toFixed(3)} m` : null;
@@ -100,16 +101,10 @@ class CursorPanel {
       : pixel
         ? "Click or Enter holds the cursor."
         : "Point at a picture, or focus it and press an arrow key.";
-    if (this.#hint.textContent !== text) this.#hint.textContent = text;
+    setText(this.#hint, text);
   }
 
   #set(name, text) {
-    const node = this.#values.get(name);
-    const shown = text || "\u2013";
-    if (node.textContent !== shown) node.textContent = shown;
+    setText(this.#values.get(name), text || "\u2013");
   }
-}
-
-function degrees(angle_rad) {
-  return `${((angle_rad * 180) / Math.PI).toFixed(2)}\u00b0`;
 }

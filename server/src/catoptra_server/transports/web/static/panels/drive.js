@@ -4,8 +4,18 @@
  */
 
 import { DriveControl, maxSpeed, targetOf } from "../drive_control.js";
-import { listenToGamepad, listenToKeys, listenToStick } from "../drive_inputs.js";
-import { bodyOf, isOpen, make, remember, remembered, shorten } from "../panel.js";
+import { listenToGamepad, listenToKeys, listenToStick, NEUTRAL } from "../drive_inputs.js";
+import {
+  bodyOf,
+  isOpen,
+  make,
+  makeButton,
+  makeSelect,
+  remember,
+  remembered,
+  setText,
+  shorten,
+} from "../panel.js";
 import { classOf } from "../scan_geometry.js";
 
 const STEPS_S = [0.02, 0.1, 0.5, 1, 5];
@@ -28,7 +38,7 @@ class DrivePanel {
   #limitText = make("output");
   #gamepad = make("p", { className: "quiet", hidden: true });
   #stick;
-  #duration = make("select", { ariaLabel: "Duration of a step" });
+  #duration = makeSelect(STEPS_S, (time) => `${time} s`, { ariaLabel: "Duration of a step" });
   #stepsAlong = make("input", { type: "checkbox" });
   #isStepping = false;
 
@@ -55,8 +65,8 @@ class DrivePanel {
     const knob = make("span", { className: "knob" });
     const label = "Stick: drag to drive. The keys W A S D and the arrows do the same.";
     this.#stick = make("div", { className: "stick", role: "img", ariaLabel: label }, knob);
-    const stop = make("button", { type: "button", className: "button stop" }, "Stop (space)");
-    stop.addEventListener("click", () => this.#control.emergencyStop("Stop was pressed"));
+    const halt = () => this.#control.emergencyStop("Stop was pressed");
+    const stop = makeButton("Stop (space)", halt, { className: "button stop" });
     this.#limit.addEventListener("input", () => this.#setLimit());
     const limit = make("label", { className: "limit" }, "Limit", this.#limit, this.#limitText);
     const actions = make("div", { className: "controls" }, stop, ...this.#stepControls());
@@ -86,12 +96,8 @@ class DrivePanel {
   /** Button and duration of a step, and whether driving makes steps; none in real time. */
   #stepControls() {
     if (this.#context.server.clock !== "lockstep") return [];
-    this.#duration.append(
-      ...STEPS_S.map((time) => make("option", { value: String(time) }, `${time} s`)),
-    );
     this.#duration.value = "0.1";
-    const button = make("button", { type: "button", className: "button" }, "Step");
-    button.addEventListener("click", () => this.#step());
+    const button = makeButton("Step", () => this.#step());
     return [button, this.#duration, make("label", {}, this.#stepsAlong, "while driving")];
   }
 
@@ -137,7 +143,7 @@ class DrivePanel {
       control.setDemand("stick", demand),
     );
     listenToGamepad(
-      (demand) => control.setDemand("gamepad", isOpen(this.#section) ? demand : NONE),
+      (demand) => control.setDemand("gamepad", isOpen(this.#section) ? demand : NEUTRAL),
       (name) => {
         this.#gamepad.textContent = name && `Gamepad: ${shorten(name, 60)}`;
         this.#gamepad.hidden = !name;
@@ -199,10 +205,7 @@ class DrivePanel {
   }
 
   #setStatus(text, className) {
-    // Only changes: a screen reader would read each assignment aloud.
-    if (this.#status.textContent !== text) this.#status.textContent = text;
+    setText(this.#status, text);
     this.#status.className = `drive-status ${className}`;
   }
 }
-
-const NONE = { forward: 0, turn: 0 };

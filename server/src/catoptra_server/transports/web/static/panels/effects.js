@@ -2,7 +2,7 @@
 
 import { Bar, format, LogScale } from "../bars.js";
 import { Comparison } from "../comparison.js";
-import { bodyOf, drawOnDemand, make } from "../panel.js";
+import { bodyOf, drawOnDemand, make, makeButton, setText } from "../panel.js";
 import { VariantPull } from "../variant_pull.js";
 
 const INTERVAL_MS = 250;
@@ -42,9 +42,7 @@ class EffectsPanel {
 
   constructor(section, context) {
     this.#context = context;
-    const reset = { type: "button", className: "button", hidden: true };
-    this.#reset = make("button", reset, "All as set");
-    this.#reset.addEventListener("click", () => this.reset());
+    this.#reset = makeButton("All as set", () => this.reset(), { hidden: true });
     bodyOf(section).append(this.#hint, this.#reset, this.#list);
     this.#pull = new VariantPull(section, context, {
       variant: () => this.#variant,
@@ -133,8 +131,7 @@ class EffectRow {
 
   constructor(name, onClick) {
     this.#name = wordsOf(name);
-    this.#mode = make("button", { type: "button", className: "button small" });
-    this.#mode.addEventListener("click", onClick);
+    this.#mode = makeButton("", onClick, { className: "button small" });
     this.node = make(
       "li",
       {},
@@ -171,8 +168,4 @@ class EffectRow {
 /** "FixedPattern" as words. */
 function wordsOf(name) {
   return name.replace(/(?<=[a-z])(?=[A-Z])/g, " ");
-}
-
-function setText(node, text) {
-  if (node.textContent !== text) node.textContent = text;
 }

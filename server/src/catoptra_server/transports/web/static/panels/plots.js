@@ -1,7 +1,17 @@
 /** Plots of chosen numbers over the last seconds, those of one unit in one plot. */
 
 import { colour, onColourScheme, onResize } from "../canvas.js";
-import { bodyOf, drawOnDemand, make, remember, remembered, shorten } from "../panel.js";
+import {
+  bodyOf,
+  drawOnDemand,
+  make,
+  makeButton,
+  makeSelect,
+  remember,
+  remembered,
+  setText,
+  shorten,
+} from "../panel.js";
 import { SeriesStore } from "../series.js";
 import { TimePlot } from "../time_plot.js";
 
@@ -17,7 +27,7 @@ export function create(section, context) {
 class PlotPanel {
   #store = new SeriesStore();
   #chosen = remembered("catoptra.plots.chosen", FIRST_CHOICE).slice(0, MAX_CHOSEN);
-  #duration = make("select", { ariaLabel: "Duration" });
+  #duration = makeSelect(DURATIONS_S, (time) => `last ${time} s`, { ariaLabel: "Duration" });
   #add = make("select", { ariaLabel: "Add a series" });
   #chips = make("ul", { className: "chips", ariaLabel: "Series shown" });
   #area = make("div", { className: "plots" });
@@ -29,9 +39,6 @@ class PlotPanel {
 
   constructor(section, context) {
     this.#add.append(make("option", { value: "" }, "Add a series\u2026"));
-    this.#duration.append(
-      ...DURATIONS_S.map((time) => make("option", { value: String(time) }, `last ${time} s`)),
-    );
     this.#duration.value = String(remembered("catoptra.plots.duration", DURATIONS_S[0]));
     this.#duration.addEventListener("change", () => {
       remember("catoptra.plots.duration", Number(this.#duration.value));
@@ -105,14 +112,9 @@ class PlotPanel {
     swatch.style.background = colour(`series-${place + 1}`);
     const value = make("output", { className: "value" });
     this.#values.set(label, value);
-    const remove = make(
-      "button",
-      { type: "button", className: "button small", ariaLabel: `Remove ${shorten(label)}` },
-      "\u00d7",
-    );
-    remove.addEventListener("click", () =>
-      this.#setChosen(this.#chosen.filter((other) => other !== label)),
-    );
+    const others = () => this.#setChosen(this.#chosen.filter((other) => other !== label));
+    const named = { className: "button small", ariaLabel: `Remove ${shorten(label)}` };
+    const remove = makeButton("\u00d7", others, named);
     return make("li", { title: label }, swatch, shorten(label, 32), value, remove);
   }
 
@@ -139,9 +141,7 @@ class PlotPanel {
     const after = times.findIndex((time_s) => time_s >= (this.#cursor_s ?? Infinity));
     const index = after < 0 ? times.length - 1 : after;
     labels.forEach((label, line) => {
-      const text = lines[line][index]?.toPrecision(4) ?? "\u2013";
-      const element = this.#values.get(label);
-      if (element.textContent !== text) element.textContent = text;
+      setText(this.#values.get(label), lines[line][index]?.toPrecision(4) ?? "\u2013");
     });
   }
 }

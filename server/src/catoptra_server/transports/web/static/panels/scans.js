@@ -1,8 +1,8 @@
 /** Range scanners and sonars of the selected robot in its own frame, forward up. */
 
-import { clearedCanvas, colour, onColourScheme, onResize } from "../canvas.js";
-import { drawLabel, robotOutline, setLine } from "../map_drawing.js";
-import { bodyOf, drawOnDemand, make, remember, remembered, shorten } from "../panel.js";
+import { clearedCanvas, onColourScheme, onResize } from "../canvas.js";
+import { drawLabel, fillFaintly, robotOutline, setLine, tracePositions } from "../map_drawing.js";
+import { bodyOf, drawOnDemand, LayerChoice, make, makeSelect, shorten } from "../panel.js";
 import { numbersOf, readingKey } from "../readings.js";
 import {
   classOf,
@@ -27,25 +27,22 @@ class ScanPanel {
   #canvas = make("canvas", { role: "img", ariaLabel: "Ranges around the robot, forward up" });
   #chosen = make("div", { className: "controls", role: "group", ariaLabel: "Sensors" });
   #summary = make("p", { className: "quiet" });
-  #range = make("select");
+  #range = makeSelect([0, ...RANGES_M], (range) => (range ? `${range} m` : "automatic"));
   /** All but the summary: hidden for a robot without range sensors. */
   #view = make("div");
-  #hidden = new Set(remembered("catoptra.scans.hidden", []));
+  #choice;
   #listed = "";
   #redraw;
 
   constructor(section, context) {
     this.#context = context;
-    this.#range.append(
-      make("option", { value: "0" }, "automatic"),
-      ...RANGES_M.map((range) => make("option", { value: String(range) }, `${range} m`)),
-    );
     const choice = make("label", {}, "Extent", this.#range);
     const controls = make("div", { className: "controls" }, this.#chosen, choice);
     const figure = make("div", { className: "figure scan" }, this.#canvas);
     this.#view.append(controls, figure);
     bodyOf(section).append(this.#view, this.#summary);
     this.#redraw = drawOnDemand(section, () => this.#draw());
+    this.#choice = new LayerChoice("catoptra.scans.hidden", this.#redraw);
     this.#range.addEventListener("change", this.#redraw);
     context.on("state", this.#redraw);
     onResize(this.#canvas, this.#redraw);
@@ -63,7 +60,7 @@ class ScanPanel {
       this.#summary.textContent = "The selected robot has no range sensor.";
       return;
     }
-    const shown = groups.filter(({ label }) => !this.#hidden.has(label));
+    const shown = groups.filter(({ label }) => this.#choice.shows(label));
     const beams = shown.flatMap((group) => beamsOf(group, state.readings));
     const { pen, width, height } = clearedCanvas(this.#canvas);
     const extent_m = Number(this.#range.value) || extentOf(beams);
@@ -80,19 +77,8 @@ class ScanPanel {
     if (signature === this.#listed) return;
     this.#listed = signature;
     this.#chosen.replaceChildren(
-      ...groups.map(({ label, type }) => {
-        const box = make("input", { type: "checkbox", checked: !this.#hidden.has(label) });
-        box.addEventListener("change", () => this.#choose(label, box.checked));
-        return make("label", { className: `layer ${type}` }, box, shorten(label, 24));
-      }),
+      ...groups.map(({ label, type }) => this.#choice.makeBox(label, shorten(label, 24), type)),
     );
-  }
-
-  #choose(label, isShown) {
-    if (isShown) this.#hidden.delete(label);
-    else this.#hidden.add(label);
-    remember("catoptra.scans.hidden", [...this.#hidden].slice(0, MAX_SCANNERS));
-    this.#redraw();
   }
 }
 
@@ -183,14 +169,9 @@ function drawFan(pen, view, { sensor, rays }) {
   const lengthOf = ({ has_echo, range_m }) =>
     has_echo ? range_m : Math.min(range_m, view.extent_m);
   const ends = rays.map((ray) => view.toScreen(rayEnd(sensor, ray.angle_rad, lengthOf(ray))));
-  pen.beginPath();
-  pen.moveTo(...view.toScreen({ x: sensor.x_m, y: sensor.y_m }));
-  for (const end of ends) pen.lineTo(...end);
+  tracePositions(pen, [view.toScreen({ x: sensor.x_m, y: sensor.y_m }), ...ends]);
   pen.closePath();
-  pen.globalAlpha = 0.12;
-  pen.fillStyle = colour("scan");
-  pen.fill();
-  pen.globalAlpha = 1;
+  fillFaintly(pen, "scan", 0.12);
   setLine(pen, "scan", 1, [2, 5]);
   pen.beginPath();
   rays.forEach(({ has_echo }, index) => {
@@ -213,12 +194,13 @@ function drawCone(pen, view, { sensor, rays: [ray] }) {
   pen.arc(left, top, radius, middle - half, middle + half);
   pen.closePath();
   setLine(pen, "sonar", 1, ray.has_echo ? [] : [3, 5]);
-  pen.globalAlpha = ray.has_echo ? 0.16 : 0.5;
-  pen.fillStyle = colour("sonar");
-  if (ray.has_echo) pen.fill();
-  else pen.stroke();
-  pen.globalAlpha = 1;
-  if (!ray.has_echo) return;
+  if (!ray.has_echo) {
+    pen.globalAlpha = 0.5;
+    pen.stroke();
+    pen.globalAlpha = 1;
+    return;
+  }
+  fillFaintly(pen, "sonar", 0.16);
   setLine(pen, "sonar", 2);
   pen.beginPath();
   pen.arc(left, top, radius, middle - half, middle + half);
@@ -227,8 +209,7 @@ function drawCone(pen, view, { sensor, rays: [ray] }) {
 
 function drawBody(pen, view, size_m) {
   setLine(pen, "true", 1.5);
-  pen.beginPath();
-  for (const corner of robotOutline(size_m)) pen.lineTo(...view.toScreen(corner));
+  tracePositions(pen, robotOutline(size_m).map(view.toScreen));
   pen.closePath();
   pen.stroke();
 }

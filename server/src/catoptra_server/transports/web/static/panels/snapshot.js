@@ -1,7 +1,7 @@
 /** Files of what is seen: the picture without loss, and its panorama. */
 
 import { chooseCylinder } from "../camera_table.js";
-import { bodyOf, make } from "../panel.js";
+import { bodyOf, make, makeButton } from "../panel.js";
 
 const MAX_COLUMNS = 4096;
 
@@ -9,8 +9,7 @@ const MAX_COLUMNS = 4096;
 export function create(section, context) {
   const message = make("p", { className: "quiet", role: "status" });
   const button = (text, save) => {
-    const element = make("button", { type: "button", className: "button" }, text);
-    element.addEventListener("click", async () => {
+    const element = makeButton(text, async () => {
       element.disabled = true;
       message.className = "quiet";
       message.textContent = "Requesting the picture\u2026";

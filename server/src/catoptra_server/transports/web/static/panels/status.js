@@ -1,6 +1,6 @@
 /** The status line: what the picture shows, how old it is, and by which plan it was rendered. */
 
-import { bodyOf, make, shorten } from "../panel.js";
+import { bodyOf, make, setText, shorten } from "../panel.js";
 
 const FIELDS = [
   ["robot", "Robot"],
@@ -24,19 +24,15 @@ export function create(section, context) {
   bodyOf(section).append(list);
   const update = () => {
     if (document.hidden) return;
-    for (const [id, text] of Object.entries(textsOf(context))) setText(values.get(id), text);
+    const texts = textsOf(context);
+    for (const id in texts) setText(values.get(id), texts[id]);
+    // Only the plan is longer than its place.
+    values.get("plan").title = texts.plan;
   };
   // By time, not by frame: the age of a picture grows while none follows it.
   setInterval(update, 250);
   context.on("selection", update);
   context.on("connection", update);
-}
-
-function setText(element, text) {
-  if (element.textContent === text) return;
-  element.textContent = text;
-  // Only the plan is longer than its place.
-  if (element.id === "status-plan") element.title = text;
 }
 
 function textsOf({ selected, frame, state, statistics, server }) {

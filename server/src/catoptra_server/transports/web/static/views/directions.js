@@ -5,10 +5,8 @@ import { cameraFromWorld, viewAxes } from "../transforms.js";
 const STEPS_PER_SIDE = 16;
 
 /**
- * Landmarks with the direction in the mirror frame in which the present frame shows them: the
+ * Landmarks, {name, status, direction}, as the present frame shows them in the mirror frame: the
  * positions of the reply are older than the frame.
- *
- * @returns {{name: string, status: string, direction: number[]}[]}
  */
 export function landmarkDirections(context) {
   const header = context.frame?.header;

@@ -5,13 +5,8 @@ const ZOOM_PER_WHEEL_PX = 0.0015;
 const PX_PER_LINE = 33;
 
 /**
- * Call handlers for gestures on an element; all positions in its CSS pixels.
- *
- * @param {HTMLElement} node
- * @param {{drag?: function(number, number): void, zoom?: function(number, number, number): void,
- *   hover?: function(number, number): void, leave?: function(): void,
- *   tap?: function(number, number): void, aim?: function(number, number): void}} handlers
- *   drag by (dx, dy); zoom by a factor about (x, y); aim is a double click
+ * Call handlers for gestures on an element: drag(dx, dy), zoom(factor, x, y), hover(x, y), leave(),
+ * tap(x, y), and for a double click aim(x, y); each may be missing. Positions in its CSS pixels.
  */
 export function watchGestures(node, handlers) {
   const gestures = new Gestures(handlers);
@@ -34,6 +29,26 @@ export function watchGestures(node, handlers) {
     };
     node.addEventListener("wheel", onWheel, { passive: false });
   }
+}
+
+/** Steps right and down of the arrow keys. */
+export const ARROWS = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
+
+/** Gestures that move a cursor which is not held; `place(position, isHeld)`. */
+export function cursorGestures(context, place) {
+  const unlessHeld = (action) => (x, y) => {
+    if (!context.cursor.isHeld) action([x, y]);
+  };
+  return {
+    hover: unlessHeld((position) => place(position, false)),
+    leave: unlessHeld(() => context.setCursor(null)),
+    tap: (x, y) => place([x, y], true),
+  };
 }
 
 class Gestures {

@@ -3,8 +3,9 @@
  * and the cursor. By 2D canvas, so that it needs no WebGL.
  */
 
+import { screenScale } from "../canvas.js";
 import { drawLandmarks, drawLabel } from "../landmarks.js";
-import { bodyOf, drawOnDemand, isShown, make, toolsOf } from "../panel.js";
+import { bodyOf, drawOnDemand, isShown, make, makeButton, toolsOf } from "../panel.js";
 import {
   aimFromDirection,
   directionFromAngles,
@@ -12,7 +13,7 @@ import {
   reasonForNoPicture,
   windowOutline,
 } from "./directions.js";
-import { watchGestures } from "./gestures.js";
+import { ARROWS, cursorGestures, watchGestures } from "./gestures.js";
 import { drawCrosshair, strokeOutlined, tracePolyline, ViewCanvases } from "./view_canvases.js";
 
 const MAX_ZOOM = 40;
@@ -24,7 +25,6 @@ const HELP =
   "Drag to pan, wheel or + and - to zoom, 0 to fit. Arrow keys move a cursor, with Shift by ten " +
   "pixels, with Alt they pan. Click or Enter holds the cursor, Escape releases it. Double click " +
   "or L turns the perspective view there.";
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /** Create the view. */
 export function create(section, context) {
@@ -55,11 +55,9 @@ class OmniView {
     this.#addTools(toolsOf(section));
     const { overlay } = this.#canvases;
     watchGestures(overlay, {
+      ...cursorGestures(context, (position, isHeld) => this.#placeCursor(position, isHeld)),
       drag: (dx, dy) => this.#pan(dx, dy),
       zoom: (factor, x, y) => this.#zoomAbout(factor, x, y),
-      hover: (x, y) => this.#hover([x, y]),
-      leave: () => this.#leave(),
-      tap: (x, y) => this.#tap([x, y]),
       aim: (x, y) => this.#aim(this.#pixelFromPosition([x, y])),
     });
     overlay.addEventListener("keydown", (event) => this.#onKey(event));
@@ -77,7 +75,7 @@ class OmniView {
     const { bitmap } = this.#context.frame;
     const pen = this.#canvases.clear(this.#canvases.picture);
     const { scale, left, top } = this.#placement();
-    pen.imageSmoothingEnabled = scale * this.#canvases.scale < SMOOTH_UP_TO;
+    pen.imageSmoothingEnabled = scale * screenScale() < SMOOTH_UP_TO;
     pen.drawImage(bitmap, left, top, bitmap.width * scale, bitmap.height * scale);
   }
 
@@ -135,12 +133,8 @@ class OmniView {
   }
 
   #addTools(tools) {
-    const button = (text, label, action) => {
-      const node = make("button", { type: "button", className: "button small", ariaLabel: label });
-      node.textContent = text;
-      node.addEventListener("click", action);
-      tools.append(node);
-    };
+    const button = (text, ariaLabel, action) =>
+      tools.append(makeButton(text, action, { className: "button small", ariaLabel }));
     button("\u2212", "Zoom out", () => this.#zoomAboutMiddle(1 / ZOOM_STEP));
     button("+", "Zoom in", () => this.#zoomAboutMiddle(ZOOM_STEP));
     button("Fit", "Fit the whole picture", () => this.#fit());
@@ -219,22 +213,11 @@ class OmniView {
     this.requestDraw();
   }
 
-  #hover(position) {
-    if (!this.#context.cursor.isHeld) this.#placeCursor(this.#pixelFromPosition(position), false);
-  }
-
-  #leave() {
-    if (!this.#context.cursor.isHeld) this.#context.setCursor(null);
-  }
-
-  #tap(position) {
-    this.#placeCursor(this.#pixelFromPosition(position), true);
-  }
-
   /** Outside the frame there is no cursor. */
-  #placeCursor(pixel, isHeld) {
+  #placeCursor(position, isHeld) {
     const { bitmap } = this.#context.frame ?? {};
     if (!bitmap) return;
+    const pixel = this.#pixelFromPosition(position);
     const [u, v] = pixel;
     const isInside = u >= 0 && v >= 0 && u <= bitmap.width && v <= bitmap.height;
     this.#context.setCursor(isInside ? pixel : null, isHeld);

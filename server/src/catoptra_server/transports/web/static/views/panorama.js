@@ -4,9 +4,10 @@
  */
 
 import { chooseCylinder } from "../camera_table.js";
+import { screenScale } from "../canvas.js";
 import { drawLabel } from "../landmarks.js";
 import { aimFromDirection, cursorDirection, windowOutline } from "./directions.js";
-import { watchGestures } from "./gestures.js";
+import { ARROWS, watchGestures } from "./gestures.js";
 import { UnwarpedView } from "./unwarped_view.js";
 import { strokeOutlined, tracePolyline } from "./view_canvases.js";
 
@@ -16,7 +17,6 @@ const KEY_STEP_RAD = (2 * Math.PI) / 180;
 const HELP =
   "Arrow keys move the cursor. Click or Enter holds it, Escape releases it. Double click or L " +
   "turns the perspective view there.";
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /** Create the view. */
 export function create(section, context) {
@@ -46,9 +46,9 @@ class PanoramaView {
 
   /** The cylinder at the resolution of the screen. */
   #cylinder() {
-    const { width, scale } = this.#view.canvases;
+    const { width } = this.#view.canvases;
     const { table, unwarper } = this.#context;
-    const columns = Math.min(Math.round(width * scale * unwarper.detail), MAX_COLUMNS);
+    const columns = Math.min(Math.round(width * screenScale() * unwarper.detail), MAX_COLUMNS);
     return chooseCylinder(table, Math.max(columns, 1));
   }
 

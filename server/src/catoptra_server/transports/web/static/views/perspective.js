@@ -1,8 +1,10 @@
 /** The perspective view: a pinhole camera at the viewpoint, turned by hand. */
 
-import { make, toolsOf } from "../panel.js";
+import { screenScale } from "../canvas.js";
+import { make, makeButton, setText, toolsOf } from "../panel.js";
+import { degrees } from "../scan_geometry.js";
 import { viewAxes } from "../transforms.js";
-import { watchGestures } from "./gestures.js";
+import { ARROWS, watchGestures } from "./gestures.js";
 import { UnwarpedView } from "./unwarped_view.js";
 
 const MIN_FOV_RAD = 0.1;
@@ -12,7 +14,6 @@ const ZOOM_STEP = 1.15;
 const HELP =
   "Drag or arrow keys turn the view, with Shift farther; wheel or + and - change its field of " +
   "view; 0 looks ahead again. Click holds the cursor, Escape releases it.";
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 const AHEAD = { yaw_rad: 0, pitch_rad: -0.2, fov_rad: 1.3 };
 
 /** Create the view. */
@@ -38,8 +39,8 @@ class PerspectiveView {
       onDraw: () => this.#showValues(),
       onResize: () => this.#resize(),
     });
-    const ahead = make("button", { type: "button", className: "button small" }, "Ahead");
-    ahead.addEventListener("click", () => context.setWindow(AHEAD));
+    const small = { className: "button small" };
+    const ahead = makeButton("Ahead", () => context.setWindow(AHEAD), small);
     toolsOf(section).append(this.#values, ahead);
     watchGestures(this.#view.canvases.overlay, {
       ...this.#view.cursorGestures((position) => this.#directionFromPosition(position)),
@@ -50,16 +51,15 @@ class PerspectiveView {
 
   #showValues() {
     const { yaw_rad, pitch_rad, fov_rad } = this.#context.window;
-    const degrees = (angle_rad) => `${Math.round((angle_rad * 180) / Math.PI)}\u00b0`;
-    const text = `${degrees(yaw_rad)}, ${degrees(pitch_rad)}, ${degrees(fov_rad)} wide`;
-    if (this.#values.textContent !== text) this.#values.textContent = text;
+    const [yaw, pitch, fov] = [yaw_rad, pitch_rad, fov_rad].map((angle) => degrees(angle, 0));
+    setText(this.#values, `${yaw}, ${pitch}, ${fov} wide`);
   }
 
   /** The view at the resolution of the screen. */
   #geometry() {
-    const { width, height, scale } = this.#view.canvases;
+    const { width, height } = this.#view.canvases;
     const { detail } = this.#context.unwarper;
-    const reduction = Math.min(scale * detail, MAX_SIDE_PX / Math.max(width, height));
+    const reduction = Math.min(screenScale() * detail, MAX_SIDE_PX / Math.max(width, height));
     return {
       ...this.#context.window,
       width_px: Math.max(Math.round(width * reduction), 1),
@@ -119,7 +119,7 @@ class PerspectiveView {
   #onKey(event) {
     const arrow = ARROWS[event.key];
     const step_rad = this.#context.window.fov_rad / (event.shiftKey ? 4 : 20);
-    if (arrow) this.#turn(arrow[0] * step_rad, arrow[1] * step_rad);
+    if (arrow) this.#turn(arrow[0] * step_rad, -arrow[1] * step_rad);
     else if (event.key === "+" || event.key === "=") this.#zoom(ZOOM_STEP);
     else if (event.key === "-") this.#zoom(1 / ZOOM_STEP);
     else if (event.key === "0") this.#context.setWindow(AHEAD);

@@ -3,6 +3,7 @@
 import { drawLandmarks } from "../landmarks.js";
 import { drawOnDemand, isShown } from "../panel.js";
 import { cursorDirection, landmarkPlaces, reasonForNoUnwarping } from "./directions.js";
+import { cursorGestures } from "./gestures.js";
 import { drawCrosshair, ViewCanvases } from "./view_canvases.js";
 
 /** Canvases of a view that the unwarper draws, with marks above. */
@@ -11,11 +12,9 @@ export class UnwarpedView {
   #view;
 
   /**
-   * @param {HTMLElement} section
-   * @param {Object} context
-   * @param {Object} view label, help; drawEvents that change the picture, markEvents; functions:
-   *   geometry() for the unwarper, drawMarks(pen), onKey(event) which returns whether it is a key
-   *   of the view, and perhaps onDraw(), onResize()
+   * Fill a section with a view: label, help; drawEvents that change the picture, markEvents;
+   * functions: geometry() for the unwarper, drawMarks(pen), onKey(event) which returns whether it
+   * is a key of the view, and perhaps onDraw(), onResize().
    */
   constructor(section, context, view) {
     this.#context = context;
@@ -61,15 +60,8 @@ export class UnwarpedView {
 
   /** Gestures that move the cursor; `direction` of a position, null outside the view. */
   cursorGestures(direction) {
-    return {
-      hover: (x, y) => {
-        if (!this.#context.cursor.isHeld) this.placeCursor(direction([x, y]), false);
-      },
-      leave: () => {
-        if (!this.#context.cursor.isHeld) this.#context.setCursor(null);
-      },
-      tap: (x, y) => this.placeCursor(direction([x, y]), true),
-    };
+    const place = (position, isHeld) => this.placeCursor(direction(position), isHeld);
+    return cursorGestures(this.#context, place);
   }
 
   /** Place the cursor at a direction; null and directions that the mirror hides remove it. */

@@ -1,9 +1,7 @@
 /** Canvases of a view: the picture, and above it an overlay that has the focus and the pointer. */
 
-import { bodyOf, make } from "../panel.js";
-import { drawLabel } from "../landmarks.js";
-
-const MAX_SCALE = 2;
+import { clearedPen } from "../canvas.js";
+import { bodyOf, make, setText } from "../panel.js";
 
 /**
  * A picture and its overlay, which fill the body of a view.
@@ -15,12 +13,7 @@ export class ViewCanvases {
   width = 1;
   height = 1;
 
-  /**
-   * @param {HTMLElement} section of the view
-   * @param {string} label name of the view
-   * @param {string} help its keys and gestures
-   * @param {function(): void} onResize
-   */
+  /** Fill a section: `label` names the view, `help` its keys and gestures. */
   constructor(section, label, help, onResize) {
     this.picture = make("canvas", { className: "picture", ariaHidden: "true" });
     const helpText = make("p", { className: "visually-hidden", id: `${section.id}-help` }, help);
@@ -41,34 +34,16 @@ export class ViewCanvases {
     }).observe(bodyOf(section));
   }
 
-  /** Device pixels per CSS pixel, as far as they are worth their cost. */
-  get scale() {
-    return Math.min(window.devicePixelRatio || 1, MAX_SCALE);
-  }
-
-  /** Clear a canvas at the resolution of the screen. @returns its context, in CSS pixels */
+  /** Clear a canvas of the view. @returns its pen, in CSS pixels */
   clear(canvas) {
-    const [columns, rows] = [this.width, this.height].map((px) => Math.round(px * this.scale));
-    if (canvas.width !== columns || canvas.height !== rows) {
-      canvas.width = columns;
-      canvas.height = rows;
-    }
-    const pen = canvas.getContext("2d");
-    pen.setTransform(this.scale, 0, 0, this.scale, 0, 0);
-    pen.clearRect(0, 0, this.width, this.height);
-    return pen;
+    return clearedPen(canvas, this.width, this.height);
   }
 
   /** Show a message in place of a picture, or with "" the picture. */
   setMessage(text) {
-    if (this.message.textContent !== text) this.message.textContent = text;
+    setText(this.message, text);
     this.message.hidden = text === "";
     this.picture.hidden = text !== "";
-  }
-
-  /** Position of a pointer in CSS pixels of the view; reads no layout. */
-  positionOf(event) {
-    return [event.offsetX, event.offsetY];
   }
 }
 
@@ -110,5 +85,3 @@ export function tracePolyline(pen, points, maxStep = Infinity) {
     previous = point;
   }
 }
-
-export { drawLabel };
