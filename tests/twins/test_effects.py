@@ -8,7 +8,9 @@ import pytest
 
 from catoptra_server.effects.kernels.luminance import mean_luminance
 from catoptra_server.effects.kernels.noise import frame_noise_key, normal_variates
-from catoptra_server.render.raster.effect_chain import EffectPass, LinearImageTarget, LuminanceMeter
+from catoptra_server.render.raster.effect_chain import EffectPass
+from catoptra_server.render.raster.linear_image_target import LinearImageTarget
+from catoptra_server.render.raster.luminance_meter import LuminanceMeter
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from helpers.effect_measurement import (
     CAMERA,

@@ -19,8 +19,9 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.kernels.luminance import LUMINANCE_WEIGHTS, count_valid_pixels
 from catoptra_server.effects.kernels.noise import QUANTILE_TABLE_SIDE, normal_quantile_table
+from catoptra_server.render.raster.linear_image_target import LinearImageTarget
+from catoptra_server.render.raster.luminance_meter import LuminanceMeter
 from catoptra_server.render.raster.passes import AveragePass, Pass, image_bytes
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
 from catoptra_server.render.renderer import LinearImage
@@ -32,8 +33,6 @@ UniformValues = npt.NDArray[np.float32] | npt.NDArray[np.uint32]
 _TEXTURE_DIMENSIONS = 3
 # Texture units: 0 is the image, 1 the ranges of pixels, textures of the effect follow.
 _RANGE_UNIT, _FIRST_TEXTURE_UNIT = 1, 2
-# Rectangles a side that the device sums: few enough to read back, enough to occupy all its cores.
-_METER_GRID_SIDE = 16
 
 
 class EffectChain:
@@ -258,69 +257,6 @@ class EncodePass:
     def close(self) -> None:
         """Free the pass's resources."""
         self._average.close()
-
-
-class LuminanceMeter:
-    """Mean luminance of an image on the device; resources are built at the first measurement."""
-
-    def __init__(
-        self, context: moderngl.Context, programs: ShaderPrograms, image: moderngl.Texture
-    ) -> None:
-        self._context = context
-        self._programs = programs
-        self._image = image
-        self._sums: LinearImageTarget | None = None
-
-    def measure_mean_luminance(self, camera: RadialCamera) -> float:
-        """Mean luminance of the pixels that show anything."""
-        if self._sums is None:
-            self._sums = LinearImageTarget(self._context, _METER_GRID_SIDE, _METER_GRID_SIDE)
-            program = self._programs.get(
-                ProgramSpec(
-                    "fullscreen_triangle", "mean_luminance", (("GRID_SIDE", _METER_GRID_SIDE),)
-                )
-            )
-            self._fullscreen_triangle = self._context.vertex_array(program, [])
-        self._context.enable_only(moderngl.NOTHING)
-        self._sums.target.use()
-        self._image.use(0)
-        self._fullscreen_triangle.render(vertices=3)
-        # The device sums small rectangles in float32, the sums are added here in float64: a
-        # float32 sum over the whole image would lose digits. Pixels off a mirror are black, so
-        # the total is that of the others.
-        colours = self._sums.read().sum(axis=(0, 1), dtype=np.float64)
-        return float(colours @ LUMINANCE_WEIGHTS) / max(count_valid_pixels(camera), 1)
-
-    def close(self) -> None:
-        """Free the resources of a measurement, if any."""
-        if self._sums is not None:
-            self._fullscreen_triangle.release()
-            self._sums.close()
-
-
-class LinearImageTarget:
-    """A float32 image on the device: a texture to read, a framebuffer to draw into."""
-
-    def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
-        self.texture = context.texture((width, height), 4, dtype="f4")
-        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self.target = context.framebuffer([self.texture])
-
-    @property
-    def memory_bytes(self) -> int:
-        """Size of the texture."""
-        return image_bytes(self.texture)
-
-    def read(self) -> LinearImage:
-        """Read the image back as an (h, w, 3) array."""
-        width, height = self.texture.size
-        data = self.target.read(components=3, dtype="f4", alignment=1)
-        return np.frombuffer(data, dtype=np.float32).reshape(height, width, 3)
-
-    def close(self) -> None:
-        """Free texture and framebuffer."""
-        self.target.release()
-        self.texture.release()
 
 
 def _shader_name(name: str) -> str:

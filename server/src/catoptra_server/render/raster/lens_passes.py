@@ -14,8 +14,9 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.projection.lens_projection import LensProjection
 from catoptra_server.render.raster.accumulation_pass import AccumulationPass
-from catoptra_server.render.raster.effect_chain import EffectChain, LinearImageTarget
+from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.face_pass import FacePass
+from catoptra_server.render.raster.linear_image_target import LinearImageTarget
 from catoptra_server.render.raster.pass_sequence import ExposureTarget, PassSequence
 from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, OutputImage, Pass
 from catoptra_server.render.raster.range_pass import RangePass

@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.render.raster.effect_chain import EffectChain, LinearImageTarget
+from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.face_pass import FacePass
+from catoptra_server.render.raster.linear_image_target import LinearImageTarget
 from catoptra_server.render.raster.passes import Pass
 from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.renderer import LinearImage
