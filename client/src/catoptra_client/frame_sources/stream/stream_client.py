@@ -8,11 +8,10 @@ anew by itself; the robot is then gone and has to be spawned again.
 from __future__ import annotations
 
 import itertools
-import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Self
 
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
@@ -21,29 +20,21 @@ from catoptra_client.frame_sources.stream.landmark_projections import (
     landmarks_from_reply,
     projections_from_reply,
 )
+from catoptra_client.frame_sources.stream.request_exchange import RequestExchange
 from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from catoptra_protocol.camera_conf import (
     Pairs,
     any_camera_from_pairs,
     omni_camera_from_pairs,
 )
-from catoptra_protocol.errors import (
-    CatoptraError,
-    DeadlineExceededError,
-    RemoteProtocolError,
-)
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.notes import text_from_note
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.stream.frame_header import FrameHeader
-from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
 from catoptra_protocol.stream.replies import (
     CameraReply,
-    Error,
     Ok,
     PlanReply,
-    Reply,
     SensorReports,
     StatusReply,
 )
@@ -60,7 +51,6 @@ from catoptra_protocol.stream.requests import (
     GetStatusRequest,
     ImageEncoding,
     PublishRequest,
-    Request,
     ResetRequest,
     SetAccuracyRequest,
     ShareControlRequest,
@@ -77,13 +67,6 @@ from catoptra_protocol.stream.world_replies import (
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.reports import Report, report_from_message
 from catoptra_protocol.vectors import Vector3
-
-_LOG = logging.getLogger(__name__)
-# A restarted server has lost the request. Repeating one with the same id is safe (SPEC.md 9.4).
-_RETRY_INTERVAL_S = 1.0
-
-_ReplyT = TypeVar("_ReplyT", bound=Reply)
-_Parts = list[bytes]
 
 
 class StreamClient:
@@ -111,8 +94,9 @@ class StreamClient:
             timeout_s: Timeout of each call.
             clock: Clock of the timeouts and of `Frame.received_s`, in seconds.
         """
-        self._socket = StreamSocket(host, port, clock=clock)
-        self._timeout_s = timeout_s
+        self._exchange = RequestExchange(
+            StreamSocket(host, port, clock=clock), timeout_s=timeout_s, clock=clock
+        )
         self._clock = clock
         # From 1: 0 is the id of errors about unreadable messages.
         self._ids = itertools.count(1)
@@ -138,7 +122,7 @@ class StreamClient:
 
     def close(self) -> None:
         """End the connection: the server removes the robot."""
-        self._socket.close()
+        self._exchange.close()
 
     def __enter__(self) -> Self:
         return self
@@ -153,7 +137,7 @@ class StreamClient:
 
     def get_status(self) -> StatusReply:
         """Identity and state of the server."""
-        return self._call(GetStatusRequest(next(self._ids)), StatusReply)
+        return self._exchange.call(GetStatusRequest(next(self._ids)), StatusReply)
 
     def spawn(
         self,
@@ -176,7 +160,7 @@ class StreamClient:
         # Arguments by keyword and defaults as in INIT; the message has every field.
         id_ = next(self._ids)
         request = SpawnRequest(id_, class_name, name, location_m, start_pose, rotation_rad)
-        return _parse_reports(self._call(request, SensorReports))
+        return _parse_reports(self._exchange.call(request, SensorReports))
 
     def drive(
         self,
@@ -194,11 +178,11 @@ class StreamClient:
             normalized: Whether speeds are percent of the maximum.
             robot: Exact name of a robot whose owner shares its control; empty = this client's own.
         """
-        self._call(DriveRequest(next(self._ids), left, right, normalized, robot), Ok)
+        self._exchange.call(DriveRequest(next(self._ids), left, right, normalized, robot), Ok)
 
     def share_control(self, shared: bool = True) -> None:
         """Let other clients drive this client's robot, or no longer; it halts then."""
-        self._call(ShareControlRequest(next(self._ids), shared), Ok)
+        self._exchange.call(ShareControlRequest(next(self._ids), shared), Ok)
 
     def publish(self, name: str, note: Mapping[str, object]) -> None:
         """Publish a note about the robot, such as the belief of its localization, to all viewers.
@@ -214,7 +198,7 @@ class StreamClient:
             LocalProtocolError: The note has more than 8 KiB of JSON, or a number that is not
                 finite.
         """
-        self._call(PublishRequest(next(self._ids), name, text_from_note(name, note)), Ok)
+        self._exchange.call(PublishRequest(next(self._ids), name, text_from_note(name, note)), Ok)
 
     def get_state(self, robot: str = "") -> StateReply:
         """Poses of all robots, and the newest readings and notes of one.
@@ -222,19 +206,23 @@ class StreamClient:
         Args:
             robot: Exact name; empty = the robot that the image port displays.
         """
-        return self._call(GetStateRequest(next(self._ids), robot), StateReply)
+        return self._exchange.call(GetStateRequest(next(self._ids), robot), StateReply)
 
     def step(self, time_s: float) -> list[Report]:
         """Advance a lockstep clock; the full cycle of readings and the result."""
-        return _parse_reports(self._call(StepRequest(next(self._ids), time_s), SensorReports))
+        return _parse_reports(
+            self._exchange.call(StepRequest(next(self._ids), time_s), SensorReports)
+        )
 
     def reset(self) -> None:
         """Remove the robot from the world; another one may be spawned."""
-        self._call(ResetRequest(next(self._ids)), Ok)
+        self._exchange.call(ResetRequest(next(self._ids)), Ok)
 
     def get_readings(self) -> list[Report]:
         """Newest reading of each sensor of the robot."""
-        return _parse_reports(self._call(GetReadingsRequest(next(self._ids)), SensorReports))
+        return _parse_reports(
+            self._exchange.call(GetReadingsRequest(next(self._ids)), SensorReports)
+        )
 
     def get_camera(self, name: str = "") -> OmniCamera | PerspectiveCamera:
         """Model of a camera of either kind: projection of directions to pixels, and back.
@@ -257,7 +245,7 @@ class StreamClient:
         return omni_camera_from_pairs(self._get_camera_pairs(name))
 
     def _get_camera_pairs(self, name: str) -> Pairs:
-        reply = self._call(GetCameraRequest(next(self._ids), name), CameraReply)
+        reply = self._exchange.call(GetCameraRequest(next(self._ids), name), CameraReply)
         return tuple(reply.camera_model.items())
 
     def set_accuracy(
@@ -277,14 +265,14 @@ class StreamClient:
             budget_ms: Duration of a frame; 0 = none, None = unchanged.
             camera: Name; empty = the omnidirectional camera of the robot.
         """
-        return self._call(
+        return self._exchange.call(
             SetAccuracyRequest(next(self._ids), camera, max_error_px, budget_ms), PlanReply
         )
 
     def get_landmarks(self) -> tuple[Landmark, ...]:
         """True landmarks of the world."""
         return landmarks_from_reply(
-            self._call(GetLandmarksRequest(next(self._ids)), LandmarksReply)
+            self._exchange.call(GetLandmarksRequest(next(self._ids)), LandmarksReply)
         )
 
     def get_landmark_projections(
@@ -292,12 +280,14 @@ class StreamClient:
     ) -> tuple[LandmarkProjection, ...]:
         """Projections of the landmarks into a camera now; names as in `get_frame`."""
         return projections_from_reply(
-            self._call(GetLandmarksRequest(next(self._ids), robot, camera), LandmarksReply)
+            self._exchange.call(GetLandmarksRequest(next(self._ids), robot, camera), LandmarksReply)
         )
 
     def get_start_poses(self) -> tuple[StartPoseRecord, ...]:
         """Named start poses of the world."""
-        return self._call(GetStartPosesRequest(next(self._ids)), StartPosesReply).start_poses
+        return self._exchange.call(
+            GetStartPosesRequest(next(self._ids)), StartPosesReply
+        ).start_poses
 
     def get_frame(
         self,
@@ -317,9 +307,7 @@ class StreamClient:
                 stay as they are.
         """
         request = GetFrameRequest(next(self._ids), robot, camera, encoding, variant)
-        header, parts = self._exchange(
-            request, FrameHeader, "a frame", retry_interval_s=_RETRY_INTERVAL_S
-        )
+        header, parts = self._exchange.request_frame(request)
         return frame_from_parts(
             header, parts, camera_cache=self._camera_cache, received_s=self._clock()
         )
@@ -328,7 +316,9 @@ class StreamClient:
         self, u_px: float, v_px: float, *, robot: str = "", camera: str = ""
     ) -> PixelReply:
         """What a camera sees at a point of its image now; names as in `get_frame`."""
-        return self._call(GetPixelRequest(next(self._ids), robot, camera, u_px, v_px), PixelReply)
+        return self._exchange.call(
+            GetPixelRequest(next(self._ids), robot, camera, u_px, v_px), PixelReply
+        )
 
     def iter_frames(
         self, *, encoding: ImageEncoding = ImageEncoding.JPEG, robot: str = "", camera: str = ""
@@ -336,59 +326,6 @@ class StreamClient:
         """Iterate over newest frames for ever; each is requested when the iterator advances."""
         while True:
             yield self.get_frame(encoding=encoding, robot=robot, camera=camera)
-
-    def _call(self, request: Request, reply_type: type[_ReplyT]) -> _ReplyT:
-        return self._exchange(request, reply_type, f"a reply to {request.KIND}")[0]
-
-    def _exchange(
-        self,
-        request: Request,
-        reply_type: type[_ReplyT],
-        description: str,
-        retry_interval_s: float | None = None,
-    ) -> tuple[_ReplyT, _Parts]:
-        """Send a request; its reply and the parts after the reply."""
-        data = bytes_from_message(request)
-        deadline_s = self._clock() + self._timeout_s
-        self._socket.begin_wait()
-        while True:
-            _LOG.debug("to %s: %s", self._socket.address, request)
-            # Repeated for frames only: a repeated drive or step would be executed twice.
-            self._socket.send(data, deadline_s)
-            until_s = deadline_s if retry_interval_s is None else self._clock() + retry_interval_s
-            received = self._wait_for_reply(request.id, min(until_s, deadline_s))
-            if received is not None:
-                return self._check_reply(received[0], reply_type), received[1]
-            if self._clock() >= deadline_s:
-                # Heartbeats distinguish a lost server from a slow one: the remedies differ.
-                self._socket.check_alive()
-                raise DeadlineExceededError(
-                    f"{self._socket.address} sends heartbeats but not {description} within "
-                    f"{self._timeout_s:g} s: it is busy rendering or stepping; wait, or use a "
-                    "larger timeout_s"
-                )
-
-    def _wait_for_reply(self, id_: int, deadline_s: float) -> tuple[Reply, _Parts] | None:
-        """Reply with an id; heartbeats and late replies of earlier requests are skipped."""
-        while (parts := self._socket.receive(deadline_s)) is not None:
-            reply = reply_from_bytes(parts[0])
-            _LOG.debug("from %s: %s", self._socket.address, reply)
-            # Raised for any request: the id of an unreadable one is unknown to the server.
-            if isinstance(reply, Error) and reply.id == 0:
-                raise RemoteProtocolError(
-                    f"{self._socket.address} cannot read the request: {reply.reason}"
-                )
-            # A late reply of a call that timed out has a lower id, a heartbeat none.
-            if reply is not None and getattr(reply, "id", None) == id_:
-                return reply, parts[1:]
-        return None
-
-    def _check_reply(self, reply: Reply, reply_type: type[_ReplyT]) -> _ReplyT:
-        if isinstance(reply, Error):
-            raise CatoptraError(f"{self._socket.address} rejected the request: {reply.reason}")
-        if not isinstance(reply, reply_type):
-            raise RemoteProtocolError(f"{self._socket.address} replied with {reply.KIND}")
-        return reply
 
 
 def _parse_reports(reply: SensorReports) -> list[Report]:
