@@ -36,6 +36,17 @@ MIRROR_PARAMETERS: dict[str, Parameters] = {
 }
 LENS_PARAMETERS: dict[str, Parameters] = {
     "equidistant": (),
+    "equisolid": (),
+    "stereographic": (),
+    "orthographic": (),
+    "kannala_brandt": (("LensK1", "k1"), ("LensK2", "k2"), ("LensK3", "k3"), ("LensK4", "k4")),
+    "unified": (("LensXi", "xi"), ("LensK1", "k1"), ("LensK2", "k2")),
+    "enhanced_unified": (("LensAlpha", "alpha"), ("LensBeta", "beta")),
+    "double_sphere": (("LensXi", "xi"), ("LensAlpha", "alpha")),
+    "ocam": (("LensPolynomial", "polynomial"),),
+    "woodscape": (("LensK1", "k1"), ("LensK2", "k2"), ("LensK3", "k3"), ("LensK4", "k4")),
+    "f_theta": (("LensK1", "k1"), ("LensK2", "k2"), ("LensK3", "k3"), ("LensK4", "k4")),
+    "radial_table": (("LensAngles", "angles_deg"), ("LensRadii", "radii")),
 }
 
 # Numbers of a pair with several values, such as a table's: a camera's pairs are a datagram.

@@ -11,29 +11,19 @@ import math
 import numpy as np
 
 from catoptra_protocol.optics.domain_checks import require_domain
+from catoptra_protocol.optics.lenses.centred_lens import CentredLens
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.radial_projection import NO_FOLD
 from catoptra_protocol.slotted_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class EquidistantLens:
+class EquidistantLens(CentredLens):
     """Lens with r = f theta; it has no parameter but its focal length, which is the scale."""
-
-    @property
-    def t_min(self) -> float:
-        """0: the image's centre shows the axis."""
-        return 0.0
 
     @property
     def t_limit(self) -> float:
         """Infinity: the image may contain the antipode, as a circle."""
         return math.inf
-
-    @property
-    def fold_rad(self) -> float:
-        """Infinity: the image radius grows up to the antipode."""
-        return NO_FOLD
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f = theta = 2 atan(t). Domain: t >= 0."""

@@ -1,0 +1,86 @@
+"""Cubic spline through knots, smooth to second order, with its derivatives.
+
+Measured projections and mirror profiles are knots; a ray's direction is a derivative of a profile,
+so the profile must have a continuous curvature. Odd functions (an image radius by its angle) have
+no curvature at 0, even ones (a profile by its radius) no slope; the other end is not-a-knot, which
+keeps the third derivative continuous at the last knot but one. Source: de Boor, A Practical Guide
+to Splines, 1978.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+
+
+class Symmetry(Enum):
+    """Symmetry of a function about its first knot."""
+
+    ODD = "odd"
+    EVEN = "even"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CubicSpline:
+    """Values and slopes at knots, with cubic polynomials between."""
+
+    knots: Floats
+    """(n,) increasing arguments, n >= 4."""
+    values: Floats
+    """(n,) function values."""
+    slopes: Floats
+    """(n,) first derivatives."""
+
+    def evaluate(self, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """Value, first and second derivative; beyond the knots by the last polynomial."""
+        i = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, len(self.knots) - 2)
+        h = self.knots[i + 1] - self.knots[i]
+        s = (x - self.knots[i]) / h
+        low, high = self.values[i], self.values[i + 1]
+        m0, m1 = h * self.slopes[i], h * self.slopes[i + 1]
+        rise = high - low
+        # Horner's scheme of the Hermite polynomial in s.
+        c2, c3 = 3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise
+        value = low + s * (m0 + s * (c2 + s * c3))
+        first = (m0 + s * (2.0 * c2 + 3.0 * s * c3)) / h
+        second = (2.0 * c2 + 6.0 * s * c3) / np.square(h)
+        return value, first, second
+
+    def smallest_slope(self) -> float:
+        """Smallest first derivative between the first and the last knot."""
+        h = np.diff(self.knots)
+        m0, m1 = h * self.slopes[:-1], h * self.slopes[1:]
+        rise = np.diff(self.values)
+        c2, c3 = 3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise
+        # The slope is a parabola in s: smallest at an end or at its vertex.
+        is_curved = np.abs(c3) > 0.0
+        vertex = np.clip(-c2 / np.where(is_curved, 3.0 * c3, 1.0), 0.0, 1.0)
+        at_vertex = m0 + vertex * (2.0 * c2 + 3.0 * vertex * c3)
+        return float((np.minimum(np.minimum(m0, m1), at_vertex) / h).min())
+
+
+def fit_spline(knots: Floats, values: Floats, symmetry: Symmetry) -> CubicSpline:
+    """Spline through (n,) increasing knots, n >= 4, symmetric about the first one."""
+    n, h = len(knots), np.diff(knots)
+    secants = np.diff(values) / h
+    matrix, right = np.zeros((n, n)), np.zeros(n)
+    # Continuous second derivatives at the inner knots.
+    inner = np.arange(1, n - 1)
+    matrix[inner, inner - 1] = 1.0 / h[:-1]
+    matrix[inner, inner] = 2.0 * (1.0 / h[:-1] + 1.0 / h[1:])
+    matrix[inner, inner + 1] = 1.0 / h[1:]
+    right[1:-1] = 3.0 * (secants[:-1] / h[:-1] + secants[1:] / h[1:])
+    if symmetry is Symmetry.EVEN:
+        matrix[0, 0] = 1.0
+    else:
+        matrix[0, :2], right[0] = (2.0, 1.0), 3.0 * secants[0]
+    # The third derivatives of the last two polynomials are equal.
+    a, b = h[-2], h[-1]
+    matrix[-1, -3:] = (-1.0 / a**2, 1.0 / b**2 - 1.0 / a**2, 1.0 / b**2)
+    right[-1] = 2.0 * (secants[-1] / b**2 - secants[-2] / a**2)
+    slopes: Floats = np.linalg.solve(matrix, right)
+    return CubicSpline(knots, values, slopes)

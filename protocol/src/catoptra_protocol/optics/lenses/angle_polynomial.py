@@ -1,0 +1,86 @@
+"""Image radius as a polynomial of the angle: r = c1 theta + c2 theta^2 + ...
+
+The numerics of the Kannala-Brandt and the WoodScape lens. The polynomial is evaluated by Horner's
+scheme without its constant term, so that no digit is lost next to the axis.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.first_fold import first_root
+from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+
+# Lenses in use at a time; a table has 16 kB.
+_NUM_CACHED = 64
+
+
+@dataclass(frozen=True, slots=True)
+class AnglePolynomial:
+    """Polynomial without a constant term, increasing from the axis to its first fold."""
+
+    coefficients: tuple[float, ...]
+    """Of theta, theta^2, ..."""
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, self.coefficients)):
+            raise DomainError(f"coefficients must be finite: {self.coefficients!r}")
+        if not self.coefficients or self.coefficients[0] <= 0.0:
+            raise DomainError(
+                f"the image radius must grow from the axis on: the factor of theta is "
+                f"{self.coefficients[:1]}, expected above 0"
+            )
+
+    @property
+    def fold_rad(self) -> float:
+        """Angle of the first fold up to 180 degrees; inf without one."""
+        return _fold_rad(self)
+
+    @property
+    def limit_rad(self) -> float:
+        """Angle of the first fold, or 180 degrees."""
+        return min(self.fold_rad, math.pi)
+
+    def evaluate(self, theta: Floats) -> Floats:
+        """Image radius."""
+        value = np.full_like(theta, self.coefficients[-1])
+        for coefficient in self.coefficients[-2::-1]:
+            value = value * theta + coefficient
+        return value * theta
+
+    def slope(self, theta: Floats) -> Floats:
+        """Derivative by the angle."""
+        order = len(self.coefficients)
+        value = np.full_like(theta, order * self.coefficients[-1])
+        for power in range(order - 1, 0, -1):
+            value = value * theta + power * self.coefficients[power - 1]
+        return value
+
+    def solve(self, radius: Floats) -> Floats:
+        """Angle of an image radius; inf beyond the limit's."""
+        table = _table(self)
+        theta = solve_increasing(self.evaluate, self.slope, radius, table)
+        return np.where(radius > table[1][-1], math.inf, theta)
+
+
+@lru_cache(maxsize=_NUM_CACHED)
+def _fold_rad(polynomial: AnglePolynomial) -> float:
+    slope = [power * c for power, c in enumerate(polynomial.coefficients, 1)]
+    return first_root(np.array(slope), low=0.0, high=math.pi)
+
+
+@lru_cache(maxsize=_NUM_CACHED)
+def _table(polynomial: AnglePolynomial) -> tuple[Floats, Floats]:
+    return tabulate(polynomial.evaluate, 0.0, polynomial.limit_rad)
+
+
+def half_angle_from_theta(theta: Floats) -> Floats:
+    """t = tan(theta / 2); inf for inf."""
+    within = theta <= math.pi
+    return np.where(within, np.tan(0.5 * np.where(within, theta, 0.0)), math.inf)

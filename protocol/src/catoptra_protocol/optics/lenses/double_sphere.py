@@ -1,0 +1,84 @@
+"""Double sphere lens: m = rho / (alpha d2 + (1 - alpha) (xi + z)), d2 = |(rho, xi + z)|.
+
+Of a unit direction (rho, z). Source: Usenko, Demmel & Cremers, 3DV 2018; Basalt's "ds". The focal
+length is the scale. Domain: z > -w2 of that paper, or 1 + xi z > 0 for xi > 1, where the image
+radius turns back.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.domain_checks import require_domain
+from catoptra_protocol.optics.half_angle import half_angle_tangent_from_rho_z
+from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class DoubleSphereLens(CentredLens):
+    """Lens by the distances between two spheres and a pinhole."""
+
+    xi: float
+    """Distance between the spheres' centres, in radii, > -1."""
+    alpha: float
+    """Position of the pinhole, 0 to below 1."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.xi) and self.xi > -1.0):
+            raise DomainError(f"a double sphere needs xi > -1, not {self.xi!r}")
+        if not 0.0 <= self.alpha < 1.0:
+            raise DomainError(f"alpha must be 0 or more and below 1, not {self.alpha!r}")
+
+    @property
+    def t_limit(self) -> float:
+        """Half-angle tangent at z = -w2, or where 1 + xi z = 0."""
+        low, high = sorted((self.alpha, 1.0 - self.alpha))
+        w1 = low / high
+        w2 = (w1 + self.xi) / math.sqrt(2.0 * w1 * self.xi + self.xi**2 + 1.0)
+        lowest = max(-w2, -1.0 / self.xi if self.xi > 1.0 else -1.0, -1.0)
+        if lowest <= -1.0:
+            return math.tan(0.5 * math.pi)
+        return math.sqrt((1.0 - lowest) / (1.0 + lowest))
+
+    def radius_ratio_from_t(self, t: Floats) -> Floats:
+        """Ratio r / f. Domain: 0 <= t < t_limit."""
+        sine, _, _, denominator = self._terms(t)
+        return sine / denominator
+
+    @np.errstate(over="ignore")
+    def t_from_radius_ratio(self, ratio: Floats) -> Floats:
+        """Half-angle tangent of r / f, inf where no angle has it. Domain: ratio >= 0."""
+        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        squared = np.square(ratio)
+        root = 1.0 - (2.0 * self.alpha - 1.0) * squared
+        inside = (root >= 0.0) & np.isfinite(squared)
+        root, squared = np.where(inside, root, 1.0), np.where(inside, squared, 0.0)
+        z = (1.0 - self.alpha**2 * squared) / (self.alpha * np.sqrt(root) + (1.0 - self.alpha))
+        sphere = np.square(z) + (1.0 - self.xi**2) * squared
+        inside &= sphere >= 0.0
+        length = z * self.xi + np.sqrt(np.where(inside, sphere, 0.0))
+        length = length / (np.square(z) + squared)
+        rho = np.where(inside, length * ratio, 0.0)
+        t, defined = half_angle_tangent_from_rho_z(rho, np.where(inside, length * z - self.xi, 1.0))
+        return np.where(inside & defined & (t <= self.t_limit), t, math.inf)
+
+    def radius_ratio_slope(self, t: Floats) -> Floats:
+        """Derivative d(r / f) / d(theta). Domain: 0 <= t < t_limit."""
+        _, cosine, d2, denominator = self._terms(t)
+        # (1 + xi cos) ((1 - alpha) + alpha (xi + cos) / d2) / D^2
+        second = (1.0 - self.alpha) + self.alpha * (self.xi + cosine) / d2
+        return (1.0 + self.xi * cosine) * second / np.square(denominator)
+
+    def _terms(self, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """sin, cos, d2 and the denominator."""
+        inside = (t >= 0.0) & (t <= self.t_limit)
+        require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the limit")
+        squared = np.square(t)
+        sine, cosine = 2.0 * t / (1.0 + squared), (1.0 - t) * (1.0 + t) / (1.0 + squared)
+        d2 = np.hypot(sine, self.xi + cosine)
+        return sine, cosine, d2, self.alpha * d2 + (1.0 - self.alpha) * (self.xi + cosine)

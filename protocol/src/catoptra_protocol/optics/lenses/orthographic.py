@@ -1,0 +1,47 @@
+"""Orthographic lens: r = f sin(theta), a hemisphere seen from afar.
+
+Source: Miyamoto 1964. Domain: 0 to below 90 degrees, where the image radius stops growing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from catoptra_protocol.optics.domain_checks import require_domain
+from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+
+_DOMAIN = "an orthographic lens needs 0 <= t = tan(theta / 2) <= 1, the 90-degree circle"
+
+
+@dataclass(frozen=True, slots=True)
+class OrthographicLens(CentredLens):
+    """Lens with r = f sin(theta); the focal length is the scale."""
+
+    @property
+    def t_limit(self) -> float:
+        """1: 90 degrees."""
+        return 1.0
+
+    def radius_ratio_from_t(self, t: Floats) -> Floats:
+        """Ratio r / f = 2 t / (1 + t^2). Domain: 0 <= t <= 1."""
+        require_domain((t >= 0.0) & (t <= 1.0), t, _DOMAIN)
+        return 2.0 * t / (1.0 + t * t)
+
+    def t_from_radius_ratio(self, ratio: Floats) -> Floats:
+        """Half-angle tangent r / (f + sqrt(f^2 - r^2)), inf beyond the focal length.
+
+        Domain: ratio >= 0.
+        """
+        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        sine = np.minimum(ratio, 1.0)
+        t = sine / (1.0 + np.sqrt((1.0 - sine) * (1.0 + sine)))
+        return np.where(ratio > 1.0, math.inf, t)
+
+    def radius_ratio_slope(self, t: Floats) -> Floats:
+        """Derivative d(r / f) / d(theta) = cos(theta). Domain: 0 <= t <= 1."""
+        require_domain((t >= 0.0) & (t <= 1.0), t, _DOMAIN)
+        return (1.0 - t) * (1.0 + t) / (1.0 + t * t)

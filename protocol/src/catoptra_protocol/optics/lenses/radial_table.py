@@ -1,0 +1,102 @@
+"""Measured lens: image radii at angles from the axis, with a cubic spline between.
+
+The radius is an odd function of the angle, so the spline is smooth to second order through the
+axis. Domain: to the last angle; a table whose spline turns back anywhere is rejected.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, fit_spline
+from catoptra_protocol.optics.domain_checks import require_domain
+from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
+from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.monotone_inverse import solve_increasing
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+
+_MIN_KNOTS = 4
+# The spline is the solution of a dense system; a camera's pairs are a datagram.
+_MAX_KNOTS = 512
+# A last knot of 180 degrees in decimal digits may be above pi by a rounding.
+_ANTIPODE_DEG = 180.0
+
+
+@dataclass(frozen=True, slots=True)
+class RadialTableLens(CentredLens):
+    """Lens by a table of angles and image radii."""
+
+    angles_deg: tuple[float, ...]
+    """Increasing angles from the axis, the first 0, the last at most 180."""
+    radii: tuple[float, ...]
+    """Increasing image radii in the unit of the scale (pixels for a scale of 1), the first 0."""
+
+    def __post_init__(self) -> None:
+        _check_column("angles", self.angles_deg)
+        _check_column("radii", self.radii)
+        if len(self.angles_deg) != len(self.radii):
+            raise DomainError(
+                f"a table of {len(self.angles_deg)} angles needs as many radii, not "
+                f"{len(self.radii)}"
+            )
+        if self.angles_deg[-1] > _ANTIPODE_DEG:
+            raise DomainError(f"an angle from the axis ends at 180 deg: {self.angles_deg[-1]!r}")
+        if _spline(self).smallest_slope() <= 0.0:
+            raise DomainError(
+                "the smooth curve through the table turns back: more knots, or radii without noise"
+            )
+
+    @property
+    def t_limit(self) -> float:
+        """Half-angle tangent just behind the last angle."""
+        last = self.angles_deg[-1]
+        if last >= _ANTIPODE_DEG:
+            return math.inf
+        return math.tan(0.5 * math.radians(last)) * (1.0 + 1e-12)
+
+    def radius_ratio_from_t(self, t: Floats) -> Floats:
+        """Image radius in the scale's unit. Domain: 0 <= t < t_limit."""
+        inside = (t >= 0.0) & (t <= self.t_limit)
+        require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the table")
+        return _spline(self).evaluate(2.0 * np.arctan(t))[0]
+
+    def t_from_radius_ratio(self, ratio: Floats) -> Floats:
+        """Half-angle tangent of an image radius, inf beyond the last. Domain: ratio >= 0."""
+        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        spline = _spline(self)
+        theta = solve_increasing(
+            lambda x: spline.evaluate(x)[0],
+            lambda x: spline.evaluate(x)[1],
+            ratio,
+            (spline.knots, spline.values),
+        )
+        return np.where(ratio > self.radii[-1], math.inf, half_angle_from_theta(theta))
+
+    def radius_ratio_slope(self, t: Floats) -> Floats:
+        """Scale's units per radian. Domain: 0 <= t < t_limit."""
+        inside = (t >= 0.0) & (t <= self.t_limit)
+        require_domain(inside, t, "a slope needs 0 <= t = tan(theta / 2) within the table")
+        return _spline(self).evaluate(2.0 * np.arctan(t))[1]
+
+
+def _check_column(name: str, values: tuple[float, ...]) -> None:
+    """Raise DomainError unless a column of the table starts at 0 and increases."""
+    if not isinstance(values, tuple) or not _MIN_KNOTS <= len(values) <= _MAX_KNOTS:
+        raise DomainError(f"a table of {name} has {_MIN_KNOTS} to {_MAX_KNOTS} entries")
+    if not all(map(math.isfinite, values)) or values[0] != 0.0:
+        raise DomainError(f"a table of {name} is finite and starts at 0: {values[0]!r}")
+    falling = next(((low, high) for low, high in pairwise(values) if high <= low), None)
+    if falling is not None:
+        raise DomainError(f"a table of {name} increases: {falling[1]!r} follows {falling[0]!r}")
+
+
+@lru_cache(maxsize=64)
+def _spline(lens: RadialTableLens) -> CubicSpline:
+    angles = np.minimum(np.radians(lens.angles_deg), math.pi)
+    return fit_spline(angles, np.array(lens.radii), Symmetry.ODD)

@@ -1,0 +1,131 @@
+"""Unified lens of Mei: a sphere, a pinhole xi behind its centre, and radial distortion.
+
+On the plane m = sin(theta) / (xi + cos(theta)), distorted to r = m (1 + k1 m^2 + k2 m^4). Source:
+Mei & Rives, ICRA 2007; cv2.omnidir, Kalibr's "omni", CamOdoCal's "MEI", BoofCV's universal model.
+Tangential distortion and skew belong to `ImagePlane`. Domain: cos(theta) > -xi for xi <= 1 and
+cos(theta) > -1 / xi above, or to the first fold of the distortion. A hyperbolic mirror is the
+unified lens of xi = s / (k - 1) without distortion.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
+from catoptra_protocol.optics.first_fold import first_root
+from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
+from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.radial_projection import NO_FOLD
+from catoptra_protocol.slotted_dataclass import dataclass
+
+# Where the image radius grows without limit, the table of starts ends this near the limit.
+_NEAR_LIMIT = 1.0 - 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class UnifiedLens(CentredLens):
+    """Lens by the sphere parameter and two coefficients of radial distortion."""
+
+    xi: float
+    """Distance of the pinhole from the sphere's centre, in radii, >= 0."""
+    k1: float = 0.0
+    k2: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.xi) and self.xi >= 0.0):
+            raise DomainError(f"a unified lens needs xi >= 0, not {self.xi!r}")
+        if not (math.isfinite(self.k1) and math.isfinite(self.k2)):
+            raise DomainError(f"k1 and k2 must be finite: {self.k1!r}, {self.k2!r}")
+
+    @property
+    def _formula_limit(self) -> float:
+        """t at the limit of the sphere's formula."""
+        ratio = abs(1.0 - self.xi)
+        return math.inf if ratio == 0.0 else math.sqrt((1.0 + self.xi) / ratio)
+
+    @property
+    def fold_rad(self) -> float:
+        """Angle at which the distorted radius turns back; inf if it does not."""
+        return _fold_rad(self)
+
+    @property
+    def t_limit(self) -> float:
+        """Half-angle tangent of the formula's limit or of the first fold."""
+        fold_rad = self.fold_rad
+        limit = math.tan(0.5 * math.pi) if math.isinf(self._formula_limit) else self._formula_limit
+        return limit if math.isinf(fold_rad) else math.tan(0.5 * fold_rad)
+
+    def undistorted_ratio_from_t(self, t: Floats) -> Floats:
+        """Radius m before the distortion: 2 t / ((1 + xi) + (xi - 1) t^2).
+
+        Domain: 0 <= t < limit.
+        """
+        inside = (t >= 0.0) & (t <= self._formula_limit) & has_finite_square(t)
+        require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the limit")
+        return 2.0 * t / ((1.0 + self.xi) + (self.xi - 1.0) * np.square(t))
+
+    def t_from_undistorted_ratio(self, ratio: Floats) -> Floats:
+        """Half-angle tangent of a radius m; inf where none has it. Domain: ratio >= 0."""
+        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        root = 1.0 - np.square(ratio) * ((self.xi - 1.0) * (self.xi + 1.0))
+        inside = root >= 0.0
+        t = ratio * (1.0 + self.xi) / (1.0 + np.sqrt(np.where(inside, root, 0.0)))
+        return np.where(inside, t, math.inf)
+
+    def distortion_factor(self, squared_ratio: Floats) -> tuple[Floats, Floats]:
+        """1 + k1 q + k2 q^2 at q = m^2, and the derivative by q."""
+        factor = 1.0 + squared_ratio * (self.k1 + squared_ratio * self.k2)
+        return factor, self.k1 + 2.0 * self.k2 * squared_ratio
+
+    def radius_ratio_from_t(self, t: Floats) -> Floats:
+        """Ratio r / gamma = m (1 + k1 m^2 + k2 m^4). Domain: 0 <= t < limit."""
+        m = self.undistorted_ratio_from_t(t)
+        return m * self.distortion_factor(np.square(m))[0]
+
+    def t_from_radius_ratio(self, ratio: Floats) -> Floats:
+        """Half-angle tangent of r / gamma, inf beyond the last. Domain: ratio >= 0."""
+        if self.k1 == 0.0 and self.k2 == 0.0:
+            return self.t_from_undistorted_ratio(ratio)
+        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        table = _table(self)
+        theta = solve_increasing(self._radius_from_theta, self._slope_from_theta, ratio, table)
+        return np.where(ratio > table[1][-1], math.inf, half_angle_from_theta(theta))
+
+    def radius_ratio_slope(self, t: Floats) -> Floats:
+        """Derivative d(r / gamma) / d(theta). Domain: 0 <= t < limit, with a finite square."""
+        m = self.undistorted_ratio_from_t(t)
+        squared = np.square(t)
+        # dm / dtheta = (1 + xi cos) / (xi + cos)^2
+        numerator = ((1.0 + self.xi) + (1.0 - self.xi) * squared) * (1.0 + squared)
+        denominator = np.square((1.0 + self.xi) + (self.xi - 1.0) * squared)
+        q = np.square(m)
+        return numerator / denominator * (1.0 + q * (3.0 * self.k1 + 5.0 * self.k2 * q))
+
+    def _radius_from_theta(self, theta: Floats) -> Floats:
+        return self.radius_ratio_from_t(np.tan(0.5 * theta))
+
+    def _slope_from_theta(self, theta: Floats) -> Floats:
+        return self.radius_ratio_slope(np.tan(0.5 * theta))
+
+
+@lru_cache(maxsize=64)
+def _fold_rad(lens: UnifiedLens) -> float:
+    # dr / dm = 1 + 3 k1 q + 5 k2 q^2 with q = m^2.
+    root = first_root(np.array((1.0, 3.0 * lens.k1, 5.0 * lens.k2)), low=0.0, high=math.inf)
+    if math.isinf(root):
+        return NO_FOLD
+    t = float(lens.t_from_undistorted_ratio(np.array(math.sqrt(root))))
+    return NO_FOLD if math.isinf(t) else 2.0 * math.atan(t)
+
+
+@lru_cache(maxsize=64)
+def _table(lens: UnifiedLens) -> tuple[Floats, Floats]:
+    last_rad = 2.0 * math.atan(lens.t_limit)
+    has_end = lens.xi > 1.0 or not math.isinf(lens.fold_rad)
+    return tabulate(lens._radius_from_theta, 0.0, last_rad if has_end else last_rad * _NEAR_LIMIT)
