@@ -82,5 +82,5 @@ def fit_spline(knots: Floats, values: Floats, symmetry: Symmetry) -> CubicSpline
     a, b = h[-2], h[-1]
     matrix[-1, -3:] = (-1.0 / a**2, 1.0 / b**2 - 1.0 / a**2, 1.0 / b**2)
     right[-1] = 2.0 * (secants[-1] / b**2 - secants[-2] / a**2)
-    slopes: Floats = np.linalg.solve(matrix, right)
+    slopes = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     return CubicSpline(knots, values, slopes)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.half_angle import half_angle_tangent_from_rho_z, scale_components
+from catoptra_protocol.optics.illumination import cosine_fourth, wide_angle_illumination
 from catoptra_protocol.optics.image_plane import (
     NO_CHANGE,
     DistortedProjection,
@@ -129,12 +130,10 @@ class OmniCamera:
     def inverse_focal_length(self) -> float:
         """1 / f of the capture camera, 1/px: tan(psi) per image radius; 0 if telecentric.
 
-        That of the projection's centre without a mirror.
+        Of a camera without a mirror that of the image's centre.
         """
         if not self.has_mirror:
-            # A fish-eye lens bends rays before its aperture: the exit angle is no function of the
-            # entrance angle; its shading is taken as that of a lens of the same focal length.
-            return 1.0 / self.scale_px
+            return 1.0 / float(self.radius_slope_px(np.array(0.0)))
         # The inverse, since f itself is infinite for a telecentric camera.
         pinhole_m = self.mirror.pinhole_distance_m
         if math.isinf(pinhole_m):
@@ -142,6 +141,16 @@ class OmniCamera:
         # From the rim, whose position on the mirror and whose image radius are both known exactly.
         r, z = self.mirror.surface_point(np.array(self.rim_t))
         return float(r) / (pinhole_m - float(z)) / self.rim_radius_px
+
+    def relative_illumination(self, radius_px: Floats) -> Floats:
+        """Irradiance at image radii over that on the axis, of a scene of one radiance.
+
+        A mirror preserves radiance: only the capture camera's lens shades the image.
+        """
+        if self.has_mirror:
+            return cosine_fourth(np.asarray(radius_px) * self.inverse_focal_length)
+        t = np.minimum(self.t_from_radius_px(np.asarray(radius_px)), self.rim_t)
+        return wide_angle_illumination(self.projection, t)
 
     def t_from_radius_px(self, radius_px: Floats) -> Floats:
         """tan(theta / 2) of image radii."""

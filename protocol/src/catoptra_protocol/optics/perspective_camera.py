@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.illumination import cosine_fourth
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -72,6 +73,10 @@ class PerspectiveCamera:
     def inverse_focal_length(self) -> float:
         """1 / f, 1/px: the tangent of a direction's angle from the axis per image radius."""
         return 1.0 / self.focal_length_px
+
+    def relative_illumination(self, radius_px: Floats) -> Floats:
+        """cos^4 of the angle from the axis at image radii."""
+        return cosine_fourth(np.asarray(radius_px) * self.inverse_focal_length)
 
     def t_from_radius_px(self, radius_px: Floats) -> Floats:
         """tan(theta / 2) of image radii r = f tan(theta)."""

@@ -52,6 +52,9 @@ class RadialCamera(Protocol):
     def inverse_focal_length(self) -> float:
         """Tangent of the chief ray's angle at the lens per image radius, 1/px; 0: telecentric."""
 
+    def relative_illumination(self, radius_px: Floats) -> Floats:
+        """Irradiance at image radii over that on the axis, of a scene of one radiance."""
+
     def t_from_radius_px(self, radius_px: Floats) -> Floats:
         """tan(theta / 2) of image radii up to the rim."""
 

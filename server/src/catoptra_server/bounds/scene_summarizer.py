@@ -81,9 +81,9 @@ class SceneSummarizer:
         """Summary of a camera state."""
         camera_state = _rotate_to_optical_axis(camera_state, camera)
         # A lens's own robot is not in view: no effect of such a camera adds the robot.
-        ego_body = (
-            bound_self_view(camera_state, camera) if isinstance(camera, OmniCamera) else NOT_VISIBLE
-        )
+        ego_body = NOT_VISIBLE
+        if isinstance(camera, OmniCamera) and camera.has_mirror:
+            ego_body = bound_self_view(camera_state, camera)
         with_ego_body = _objects_with_ego_body(camera_state)
         ego_bodies = () if camera_state.ego_body is None else (camera_state.ego_body,)
         summary = SceneSummary(

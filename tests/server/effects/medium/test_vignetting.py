@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
-from catoptra_server.effects.medium.vignetting import Vignetting, cosine_fourth_map
+from catoptra_server.effects.medium.vignetting import Vignetting, vignetting_map
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
@@ -25,7 +25,7 @@ def test_white_when_darkened_loses_13_linear_levels_at_the_papers_rim() -> None:
 
 def test_axis_when_a_pixel_is_there_keeps_its_light() -> None:
     camera = make_omni_camera(width_px=97)
-    assert cosine_fourth_map(camera)[48, 48, 0] == 1.0
+    assert vignetting_map(camera)[48, 48, 0] == 1.0
     image = np.ones((97, 97, 3))
     np.testing.assert_array_equal(Vignetting().apply(image, camera, CAPTURE_CONTEXT)[48, 48], 1.0)
 

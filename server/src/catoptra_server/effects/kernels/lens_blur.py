@@ -30,6 +30,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import TypeGuard
 
 import numpy as np
 
@@ -63,6 +64,10 @@ class _VirtualImage:
     """1/Z of the virtual image; of an orthographic camera the image's height along the axis."""
 
 
+def _has_mirror(camera: RadialCamera) -> TypeGuard[OmniCamera]:
+    return isinstance(camera, OmniCamera) and camera.has_mirror
+
+
 def virtual_image_depth_m(camera: OmniCamera, t: Floats, distance_m: Floats) -> Floats:
     """Depth along the axis, from the pinhole, of the virtual image of a point before the mirror.
 
@@ -94,7 +99,7 @@ def _virtual_image_of_infinity(camera: OmniCamera, radius_px: Floats) -> _Virtua
 
 def lens_focus_coordinate(aperture: Aperture, camera: RadialCamera) -> float:
     """1/Z_f of the lens's focus; of an orthographic camera the focus's height along the axis."""
-    if not isinstance(camera, OmniCamera):
+    if not _has_mirror(camera):
         return thin_lens.focus_coordinate(aperture)
     if aperture.focus_distance_m > 0.0 and not math.isinf(camera.mirror.pinhole_distance_m):
         return 1.0 / aperture.focus_distance_m
@@ -126,7 +131,7 @@ def circle_of_confusion(
     aperture: Aperture, camera: RadialCamera, radius_px: Floats
 ) -> CircleOfConfusion:
     """Circle of confusion at image radii."""
-    if not isinstance(camera, OmniCamera):
+    if not _has_mirror(camera):
         return thin_lens.circle_of_confusion(aperture, camera, radius_px)
     image = _virtual_image_of_infinity(camera, np.minimum(radius_px, camera.rim_radius_px))
     focus = lens_focus_coordinate(aperture, camera)
@@ -150,7 +155,7 @@ def circle_of_confusion(
 @lru_cache(maxsize=16)
 def max_diameter_px(aperture: Aperture, camera: RadialCamera) -> float:
     """Largest disc of any point outside the mirror; without one the largest that is drawn."""
-    if not isinstance(camera, OmniCamera):
+    if not _has_mirror(camera):
         return thin_lens.MAX_DIAMETER_PX
     # The signed diameter falls with the range: its extremes are at the mirror and at infinity.
     radius = sample_radii_px(camera)
@@ -212,7 +217,7 @@ def min_distance_at_radius(
 
 def describe_lens(aperture: Aperture, camera: RadialCamera) -> str:
     """Describe the lens, for the reason of a bound."""
-    if not isinstance(camera, OmniCamera):
+    if not _has_mirror(camera):
         return thin_lens.describe(aperture)
     if math.isinf(camera.mirror.pinhole_distance_m):
         return f"F/{aperture.f_number:g}, telecentric"

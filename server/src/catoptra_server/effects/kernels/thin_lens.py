@@ -3,11 +3,11 @@
 A lens of focal length f and aperture f/N, focused at the depth Z_f, spreads a point at depth Z to a
 disc of (f / N) f_px |1/Z - 1/Z_f| pixels, with 1/f = 1 / (f_px pitch) + 1/Z_f. The focus is a
 plane: Z = D cos(theta) at the range D, and sharp points at the image's border are farther away than
-on the axis. A focus distance of 0 is infinity: the focus whose largest disc of infinity is
-smallest, as behind a mirror; everything at the hyperfocal distance, (f / N) f_px metres, or beyond
-has then a disc of at most 1 px.
+on the axis. A wide-angle lens has a sphere instead: Z = D. A focus distance of 0 is infinity: the
+focus whose largest disc of infinity is smallest, as behind a mirror; everything at the hyperfocal
+distance, (f / N) f_px metres, or beyond has then a disc of at most 1 px.
 
-Domain: cameras with a flat image plane, below 90 degrees from the axis; discs up to
+Domain: cameras without a mirror; discs up to
 MAX_DIAMETER_PX. A wider disc is drawn as one of that diameter, since tables of wider ones grow with
 the fourth power; bounds count the disc itself. Source: the thin-lens equation.
 """
@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects.kernels.circle_of_confusion import Aperture, CircleOfConfusion
 
@@ -38,8 +39,10 @@ def circle_of_confusion(
     focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + focus)
     px_m = focal_m / aperture.f_number * focal_px
     ones = np.ones_like(np.asarray(radius_px, dtype=np.float64))
-    # 1 / cos(theta) turns the inverse range into the inverse depth.
-    inverse_cosine = np.hypot(1.0, radius_px * camera.inverse_focal_length)
+    inverse_cosine = ones
+    if isinstance(camera, PerspectiveCamera):
+        # 1 / cos(theta) turns the inverse range into the inverse depth.
+        inverse_cosine = np.hypot(1.0, radius_px * camera.inverse_focal_length)
     return CircleOfConfusion(
         infinity_diameter_px=ones * (-px_m * focus),
         near_px=px_m * inverse_cosine,

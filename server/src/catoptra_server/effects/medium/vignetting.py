@@ -1,16 +1,14 @@
-"""Vignetting: a camera's lens darkens the image towards its border, cos^4 psi.
+"""Vignetting: a camera's lens darkens the image towards its border.
 
-E = L cos^4(psi), psi the angle between the optical axis and a pixel's chief ray at the pinhole:
-tan(psi) = r / f in pixels, hence cos^4(psi) = 1 / (1 + (r / f)^2)^2. A mirror preserves radiance,
-so only the lens shades; without a mirror psi is the angle of the pixel's own direction. Source: the
-cosine-fourth law of a thin lens. Domain: all pixels; an orthographic capture camera has psi = 0
-everywhere and no vignetting. Criterion: the loss of white at the rim or in the corners, in encoded
-grey levels (in linear ones 255 (1 - cos^4 psi_rim)).
+A thin lens by cos^4 of the angle psi of a pixel's chief ray at the pinhole, tan(psi) = r / f in
+pixels. A mirror preserves radiance, so only the lens of its capture camera shades. A wide-angle
+lens without a mirror by the solid angle that a pixel sees. Source: `optics/illumination`. Domain:
+all pixels; a telecentric capture camera has psi = 0 everywhere and no vignetting. Criterion: the
+largest loss of white, in encoded grey levels.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import ClassVar
@@ -32,10 +30,13 @@ from catoptra_server.effects.effect import (
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
+NUM_STEPS = 200
+"""Steps of the shader's table: between them the gain of 60 degrees off the axis bends by 1e-5."""
+
 
 @dataclass(frozen=True, slots=True)
 class Vignetting:
-    """Cosine-fourth shading. No parameters: camera and image size determine the angles."""
+    """Natural shading. No parameters: camera and image size determine the angles."""
 
     name: ClassVar[str] = "Vignetting"
     changes_scene: ClassVar[bool] = False
@@ -45,11 +46,11 @@ class Vignetting:
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Loss of the brightest light at the rim, in grey levels."""
         # At a mirror's rim and not in the image's corners: pixels outside the mirror are black.
-        tangent = camera.rim_radius_px * camera.inverse_focal_length
-        # A gain below 1 changes the brightest light most, and the rim has the smallest gain.
-        value = max_change_by_gain((1.0 + tangent**2) ** -2, summary.max_radiance)
-        angle = math.degrees(math.atan(tangent))
-        return EffectBound(value, f"the image reaches {angle:.2f} degrees off the lens's axis")
+        gains = gains_by_radius(camera)
+        # A gain below 1 changes the brightest light most.
+        value = max_change_by_gain(float(gains.min()), summary.max_radiance)
+        loss = 100.0 * (1.0 - float(gains.min()))
+        return EffectBound(value, f"the image loses up to {loss:.2g} % of its light to its border")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same summary: on the axis nothing is lost."""
@@ -59,7 +60,7 @@ class Vignetting:
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Darken the image."""
-        return image * cosine_fourth_map(camera).astype(image.dtype)
+        return image * vignetting_map(camera).astype(image.dtype)
 
     def uniforms(
         self,
@@ -67,21 +68,29 @@ class Vignetting:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Image centre and focal length."""
+        """Image centre, rim radius, and gains by radius."""
         return {
             "centre_px": float32_array(*camera.centre_px),
-            "inverse_focal_length": float32_array(camera.inverse_focal_length),
+            "rim_px": float32_array(camera.rim_radius_px),
+            "gains": float32_array(*gains_by_radius(camera).tolist()),
         }
 
 
 @lru_cache(maxsize=4)
-def cosine_fourth_map(camera: RadialCamera) -> Floats:
+def gains_by_radius(camera: RadialCamera) -> Floats:
+    """Factors at NUM_STEPS + 1 equal steps of the image radius, from the centre to the rim."""
+    gains = camera.relative_illumination(np.linspace(0.0, camera.rim_radius_px, NUM_STEPS + 1))
+    gains.setflags(write=False)
+    return gains
+
+
+@lru_cache(maxsize=4)
+def vignetting_map(camera: RadialCamera) -> Floats:
     """Factor of each pixel centre, (h, w, 1)."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    # 1 / (1 + tan^2)^2 needs no arctangent and has no cancellation on the axis.
-    tangent2 = (u[None, :] ** 2 + v[:, None] ** 2) * camera.inverse_focal_length**2
-    factor: Floats = ((1.0 + tangent2) ** -2)[..., None]
+    radius_px = np.minimum(np.hypot(u[None, :], v[:, None]), camera.rim_radius_px)
+    factor = camera.relative_illumination(radius_px)[..., None]
     factor.setflags(write=False)
     return factor
 

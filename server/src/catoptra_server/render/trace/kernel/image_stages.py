@@ -21,7 +21,7 @@ from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.kernels.lens_blur import interior_mask
 from catoptra_server.effects.kernels.noise import frame_noise_key
-from catoptra_server.effects.medium.vignetting import cosine_fourth_map
+from catoptra_server.effects.medium.vignetting import vignetting_map
 from catoptra_server.effects.mirror.mirror_reflectance import reflectance_map
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern, gain_and_offset_maps
 from catoptra_server.render.trace.kernel.kernel_structs import ImageStage
@@ -181,7 +181,7 @@ def _make_vignetting(effect: Any, camera: RadialCamera, context: CaptureContext)
 
 @lru_cache(maxsize=4)
 def _vignettes(camera: RadialCamera) -> npt.NDArray[np.float32]:
-    return cosine_fourth_map(camera).astype(np.float32)
+    return vignetting_map(camera).astype(np.float32)
 
 
 def _make_exposure(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
