@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.domain_checks import require_domain
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_projection import NO_FOLD
+
+# The limit itself is a rounded number.
+_SLACK = 1e-12
 
 
 class CentredLens:
@@ -19,3 +27,14 @@ class CentredLens:
     def fold_rad(self) -> float:
         """Infinity: the image radius grows up to the limit."""
         return NO_FOLD
+
+
+def require_angle(t: npt.NDArray[np.floating], t_limit: float) -> None:
+    """Raise DomainError unless every t = tan(theta / 2) is that of an angle within a limit."""
+    expected = f"an angle needs 0 <= t = tan(theta / 2) <= {t_limit!r}, the lens's limit"
+    require_domain((t >= 0.0) & (t <= t_limit * (1.0 + _SLACK)), t, expected)
+
+
+def require_radius(ratio: Floats) -> None:
+    """Raise DomainError unless every image radius is 0 or more."""
+    require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")

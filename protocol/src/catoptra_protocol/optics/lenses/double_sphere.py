@@ -12,9 +12,12 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain_checks import require_domain
 from catoptra_protocol.optics.half_angle import half_angle_tangent_from_rho_z
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -53,7 +56,7 @@ class DoubleSphereLens(CentredLens):
     @np.errstate(over="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of r / f, inf where no angle has it. Domain: ratio >= 0."""
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         squared = np.square(ratio)
         root = 1.0 - (2.0 * self.alpha - 1.0) * squared
         inside = (root >= 0.0) & np.isfinite(squared)
@@ -76,8 +79,7 @@ class DoubleSphereLens(CentredLens):
 
     def _terms(self, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """sin, cos, d2 and the denominator."""
-        inside = (t >= 0.0) & (t <= self.t_limit)
-        require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the limit")
+        require_angle(t, self.t_limit)
         squared = np.square(t)
         sine, cosine = 2.0 * t / (1.0 + squared), (1.0 - t) * (1.0 + t) / (1.0 + squared)
         d2 = np.hypot(sine, self.xi + cosine)

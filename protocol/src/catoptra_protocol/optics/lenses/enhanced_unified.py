@@ -14,7 +14,10 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
 from catoptra_protocol.optics.half_angle import half_angle_tangent_from_rho_z
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_radius,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -51,7 +54,7 @@ class EnhancedUnifiedLens(CentredLens):
     @np.errstate(over="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of r / f, inf where no angle has it. Domain: ratio >= 0."""
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         squared = self.beta * np.square(ratio)
         root = 1.0 - (2.0 * self.alpha - 1.0) * squared
         inside = (root >= 0.0) & np.isfinite(squared)

@@ -10,8 +10,11 @@ import math
 
 import numpy as np
 
-from catoptra_protocol.optics.domain_checks import require_domain
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -27,18 +30,18 @@ class EquidistantLens(CentredLens):
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f = theta = 2 atan(t). Domain: t >= 0."""
-        require_domain(t >= 0.0, t, "an image radius needs t = tan(theta / 2) >= 0")
+        require_angle(t, self.t_limit)
         radius: Floats = 2.0 * np.arctan(t)
         return radius
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent tan(r / 2f), inf from the antipode on. Domain: ratio >= 0."""
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         # tan is finite next to pi / 2 and negative beyond.
         half = 0.5 * np.minimum(ratio, math.pi)
         return np.where(ratio > math.pi, math.inf, np.tan(half))
 
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta) = 1. Domain: t >= 0."""
-        require_domain(t >= 0.0, t, "a slope needs t = tan(theta / 2) >= 0")
+        require_angle(t, self.t_limit)
         return np.ones_like(t)

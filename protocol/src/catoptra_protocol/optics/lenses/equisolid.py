@@ -10,8 +10,11 @@ import math
 
 import numpy as np
 
-from catoptra_protocol.optics.domain_checks import require_domain
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -27,7 +30,7 @@ class EquisolidLens(CentredLens):
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f = 2 t / sqrt(1 + t^2). Domain: t >= 0."""
-        require_domain(t >= 0.0, t, "an image radius needs t = tan(theta / 2) >= 0")
+        require_angle(t, self.t_limit)
         # hypot is finite for any t.
         radius: Floats = 2.0 * (t / np.hypot(1.0, t))
         return radius
@@ -37,7 +40,7 @@ class EquisolidLens(CentredLens):
 
         Domain: ratio >= 0.
         """
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         sine = 0.5 * np.minimum(ratio, 2.0)
         cosine = np.sqrt((1.0 - sine) * (1.0 + sine))
         inside = cosine > 0.0
@@ -45,6 +48,6 @@ class EquisolidLens(CentredLens):
 
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta) = cos(theta / 2). Domain: t >= 0."""
-        require_domain(t >= 0.0, t, "a slope needs t = tan(theta / 2) >= 0")
+        require_angle(t, self.t_limit)
         slope: Floats = 1.0 / np.hypot(1.0, t)
         return slope

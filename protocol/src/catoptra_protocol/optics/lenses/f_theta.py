@@ -12,10 +12,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from catoptra_protocol.optics.domain_checks import require_domain
 from catoptra_protocol.optics.first_fold import first_root
 from catoptra_protocol.optics.lenses.angle_polynomial import AnglePolynomial, half_angle_from_theta
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -53,14 +56,14 @@ class FThetaLens(CentredLens):
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Radius in calibrated pixels. Domain: 0 <= t <= t_limit."""
-        require_domain((t >= 0.0) & (t <= self.t_limit), t, "an image radius needs 0 <= t <= limit")
+        require_angle(t, self.t_limit)
         polynomial = self._polynomial
         theta = 2.0 * np.arctan(t)
         return solve_increasing(polynomial.evaluate, polynomial.slope, theta, _table(self))
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of a radius, inf beyond the last. Domain: ratio >= 0."""
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         last, _ = _last_radius(self)
         theta = self._polynomial.evaluate(np.minimum(ratio, last))
         return np.where(ratio > last, math.inf, half_angle_from_theta(np.minimum(theta, math.pi)))

@@ -14,10 +14,13 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain_checks import require_domain
 from catoptra_protocol.optics.first_fold import first_root
 from catoptra_protocol.optics.half_angle import half_angle_tangent_from_rho_z
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_projection import NO_FOLD
@@ -56,13 +59,12 @@ class OCamLens(CentredLens):
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Radius in calibrated pixels. Domain: 0 <= t <= t_limit."""
-        inside = (t >= 0.0) & (t <= self.t_limit * (1.0 + 1e-12))
-        require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the limit")
+        require_angle(t, self.t_limit)
         return solve_increasing(self._theta, self._theta_slope, 2.0 * np.arctan(t), _table(self))
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of a radius, inf beyond the last. Domain: ratio >= 0."""
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         last, _ = _last_radius(self)
         within = np.minimum(ratio, last)
         t, defined = half_angle_tangent_from_rho_z(within, self._height(within))

@@ -9,12 +9,13 @@ import math
 
 import numpy as np
 
-from catoptra_protocol.optics.domain_checks import require_domain
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-
-_DOMAIN = "an orthographic lens needs 0 <= t = tan(theta / 2) <= 1, the 90-degree circle"
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class OrthographicLens(CentredLens):
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f = 2 t / (1 + t^2). Domain: 0 <= t <= 1."""
-        require_domain((t >= 0.0) & (t <= 1.0), t, _DOMAIN)
+        require_angle(t, self.t_limit)
         return 2.0 * t / (1.0 + t * t)
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
@@ -36,12 +37,12 @@ class OrthographicLens(CentredLens):
 
         Domain: ratio >= 0.
         """
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         sine = np.minimum(ratio, 1.0)
         t = sine / (1.0 + np.sqrt((1.0 - sine) * (1.0 + sine)))
         return np.where(ratio > 1.0, math.inf, t)
 
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta) = cos(theta). Domain: 0 <= t <= 1."""
-        require_domain((t >= 0.0) & (t <= 1.0), t, _DOMAIN)
+        require_angle(t, self.t_limit)
         return (1.0 - t) * (1.0 + t) / (1.0 + t * t)

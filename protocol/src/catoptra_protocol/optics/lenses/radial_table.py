@@ -14,9 +14,12 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, fit_spline
-from catoptra_protocol.optics.domain_checks import require_domain
 from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.monotone_inverse import solve_increasing
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -62,13 +65,12 @@ class RadialTableLens(CentredLens):
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Image radius in the scale's unit. Domain: 0 <= t < t_limit."""
-        inside = (t >= 0.0) & (t <= self.t_limit)
-        require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the table")
+        require_angle(t, self.t_limit)
         return _spline(self).evaluate(2.0 * np.arctan(t))[0]
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of an image radius, inf beyond the last. Domain: ratio >= 0."""
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         spline = _spline(self)
         theta = solve_increasing(
             lambda x: spline.evaluate(x)[0],
@@ -80,8 +82,7 @@ class RadialTableLens(CentredLens):
 
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Scale's units per radian. Domain: 0 <= t < t_limit."""
-        inside = (t >= 0.0) & (t <= self.t_limit)
-        require_domain(inside, t, "a slope needs 0 <= t = tan(theta / 2) within the table")
+        require_angle(t, self.t_limit)
         return _spline(self).evaluate(2.0 * np.arctan(t))[1]
 
 

@@ -11,7 +11,10 @@ import math
 import numpy as np
 
 from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_radius,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -33,7 +36,7 @@ class StereographicLens(CentredLens):
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent r / 2f. Domain: ratio >= 0."""
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         return 0.5 * ratio
 
     def radius_ratio_slope(self, t: Floats) -> Floats:

@@ -18,7 +18,11 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
 from catoptra_protocol.optics.first_fold import first_root
 from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_projection import NO_FOLD
@@ -72,7 +76,7 @@ class UnifiedLens(CentredLens):
 
     def t_from_undistorted_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of a radius m; inf where none has it. Domain: ratio >= 0."""
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         root = 1.0 - np.square(ratio) * ((self.xi - 1.0) * (self.xi + 1.0))
         inside = root >= 0.0
         t = ratio * (1.0 + self.xi) / (1.0 + np.sqrt(np.where(inside, root, 0.0)))
@@ -85,6 +89,7 @@ class UnifiedLens(CentredLens):
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / gamma = m (1 + k1 m^2 + k2 m^4). Domain: 0 <= t < limit."""
+        require_angle(t, self.t_limit)
         m = self.undistorted_ratio_from_t(t)
         return m * self.distortion_factor(np.square(m))[0]
 
@@ -92,13 +97,14 @@ class UnifiedLens(CentredLens):
         """Half-angle tangent of r / gamma, inf beyond the last. Domain: ratio >= 0."""
         if self.k1 == 0.0 and self.k2 == 0.0:
             return self.t_from_undistorted_ratio(ratio)
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         table = _table(self)
         theta = solve_increasing(self._radius_from_theta, self._slope_from_theta, ratio, table)
         return np.where(ratio > table[1][-1], math.inf, half_angle_from_theta(theta))
 
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / gamma) / d(theta). Domain: 0 <= t < limit, with a finite square."""
+        require_angle(t, self.t_limit)
         m = self.undistorted_ratio_from_t(t)
         squared = np.square(t)
         # dm / dtheta = (1 + xi cos) / (xi + cos)^2

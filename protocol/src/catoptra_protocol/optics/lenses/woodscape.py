@@ -10,9 +10,12 @@ import math
 
 import numpy as np
 
-from catoptra_protocol.optics.domain_checks import require_domain
 from catoptra_protocol.optics.lenses.angle_polynomial import AnglePolynomial, half_angle_from_theta
-from catoptra_protocol.optics.lenses.centred_lens import CentredLens
+from catoptra_protocol.optics.lenses.centred_lens import (
+    CentredLens,
+    require_angle,
+    require_radius,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -47,15 +50,15 @@ class WoodScapeLens(CentredLens):
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Radius in calibrated pixels. Domain: t >= 0."""
-        require_domain(t >= 0.0, t, "an image radius needs t = tan(theta / 2) >= 0")
+        require_angle(t, self.t_limit)
         return self._polynomial.evaluate(2.0 * np.arctan(t))
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of a radius, inf beyond the first fold. Domain: ratio >= 0."""
-        require_domain(ratio >= 0.0, ratio, "an image radius is 0 or more")
+        require_radius(ratio)
         return half_angle_from_theta(self._polynomial.solve(ratio))
 
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Calibrated pixels per radian. Domain: t >= 0."""
-        require_domain(t >= 0.0, t, "a slope needs t = tan(theta / 2) >= 0")
+        require_angle(t, self.t_limit)
         return self._polynomial.slope(2.0 * np.arctan(t))

@@ -1,0 +1,43 @@
+"""Double sphere: identities with one sphere, published formula, domain."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.lenses import DoubleSphereLens, EnhancedUnifiedLens, UnifiedLens
+from helpers.lens_checks import assert_is_projection, assert_rejects, limit_rad, radii
+
+TUM_VI = DoubleSphereLens(-0.17213, 0.59312)
+
+
+@pytest.mark.parametrize(("xi", "alpha"), [(-0.17213, 0.59312), (0.3, 0.7), (1.5, 0.2), (0.0, 0.4)])
+def test_lens_is_a_projection_up_to_its_limit(xi: float, alpha: float) -> None:
+    lens = DoubleSphereLens(xi, alpha)
+    assert_is_projection(lens, to_rad=0.97 * limit_rad(lens))
+    assert_rejects(lens, lens.t_limit * 1.001)
+
+
+def test_one_sphere_is_the_unified_model() -> None:
+    theta = np.linspace(0.0, 120.0, 9)
+    second = radii(DoubleSphereLens(0.0, 0.6), *theta)
+    assert second == pytest.approx(radii(EnhancedUnifiedLens(0.6), *theta), rel=1e-13)
+    first = radii(DoubleSphereLens(0.8, 0.0), *theta)
+    assert first == pytest.approx(radii(UnifiedLens(0.8), *theta), rel=1e-13)
+
+
+def test_radius_is_that_of_the_published_formula() -> None:
+    theta = math.radians(110.0)
+    xi, alpha, rho, z = TUM_VI.xi, TUM_VI.alpha, math.sin(theta), math.cos(theta)
+    d2 = math.sqrt(rho**2 + (xi + z) ** 2)
+    expected = rho / (alpha * d2 + (1.0 - alpha) * (xi + z))
+    assert radii(TUM_VI, 110.0) == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("parameters", [(-1.0, 0.5), (0.0, 1.0), (0.0, -0.1), (math.nan, 0.5)])
+def test_impossible_lens_is_rejected(parameters: tuple[float, float]) -> None:
+    with pytest.raises(DomainError):
+        DoubleSphereLens(*parameters)
