@@ -6,14 +6,12 @@ import dataclasses
 import math
 
 import cv2
-import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.half_angle import half_angle_tangent
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
     HyperbolicMirror,
@@ -228,58 +226,6 @@ def test_axis_when_looked_along_is_the_exact_centre(size: int) -> None:
     np.testing.assert_array_equal(pixel, (0.5 * size, 0.5 * size))
     back, _ = direction_from_pixel(camera, pixel)
     np.testing.assert_array_equal(back, (0.0, 0.0, 1.0))
-
-
-@pytest.mark.parametrize(
-    "place",
-    [
-        (1e-300, 0.0, 1.0),
-        (1e-9, 1e-9, 1.0),
-        (1.0, 0.0, 0.0),
-        (1.0, 0.0, -0.0),
-        (1.0, 0.0, 1e-17),
-        (1.0, 0.0, -1e-17),
-        (0.3, -0.4, -0.2),
-        (1e-8, 0.0, -1.0),
-        (1e-300, 0.0, -1.0),
-    ],
-)
-def test_half_angle_in_a_hard_case_is_that_of_50_digits(
-    place: tuple[float, float, float],
-) -> None:
-    with mpmath.workdps(50):
-        x, y, z = map(mpmath.mpf, place)
-        norm, rho = mpmath.sqrt(x * x + y * y + z * z), mpmath.hypot(x, y)
-        # At the antipode 50 digits cancel too: the other form there.
-        exact = float(rho / (norm + z) if z >= 0 else (norm - z) / rho)
-    t, valid = half_angle_tangent(np.array(place))
-    assert valid
-    assert t == pytest.approx(exact, rel=1e-15)
-
-
-def test_pixel_centres_when_one_sample_are_at_half_pixels() -> None:
-    grid = pixel_sample_positions(make_camera(width_px=4, height_px=3))
-    assert grid.shape == (3, 4, 1, 2)
-    assert grid[0, 0, 0].tolist() == [0.5, 0.5]
-    assert grid[2, 3, 0].tolist() == [3.5, 2.5]
-
-
-def test_pixel_centres_when_sampled_are_a_regular_grid_around_the_centre() -> None:
-    grid = pixel_sample_positions(make_camera(width_px=4, height_px=3), samples_per_side=2)
-    assert grid.shape == (3, 4, 4, 2)
-    assert sorted(map(tuple, grid[1, 2])) == [
-        (2.25, 1.25),
-        (2.25, 1.75),
-        (2.75, 1.25),
-        (2.75, 1.75),
-    ]
-    np.testing.assert_allclose(
-        grid.mean(axis=2), pixel_sample_positions(make_camera(width_px=4, height_px=3))[:, :, 0]
-    )
-
-
-def test_opencv_pixel_of_the_first_pixel_s_centre_is_0() -> None:
-    np.testing.assert_array_equal(opencv_from_pixel(np.array([0.5, 0.5])), (0.0, 0.0))
 
 
 def test_projection_agrees_with_opencv_s_omnidirectional_model() -> None:

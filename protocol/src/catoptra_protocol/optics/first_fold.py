@@ -13,6 +13,9 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 
+# A companion matrix finds a simple root to a dozen digits.
+_MAX_STEP = 1e-6
+
 
 def first_root(coefficients: Floats, *, low: float, high: float) -> float:
     """Smallest real root of a polynomial in an interval; inf if there is none.
@@ -38,7 +41,9 @@ def _polish(terms: Floats, root: float) -> float:
     derivative = np.polynomial.polynomial.polyder(terms)
     for _ in range(3):
         slope = float(np.polynomial.polynomial.polyval(root, derivative))
-        if slope == 0.0:
+        step = float(np.polynomial.polynomial.polyval(root, terms)) / slope if slope else math.inf
+        # Next to a double root the slope vanishes, and a step would leave it.
+        if abs(step) > _MAX_STEP * max(abs(root), 1.0):
             break
-        root -= float(np.polynomial.polynomial.polyval(root, terms)) / slope
+        root -= step
     return root

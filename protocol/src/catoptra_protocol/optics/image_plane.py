@@ -23,6 +23,8 @@ from catoptra_protocol.slotted_dataclass import dataclass
 _MAX_STEPS = 12
 # Of a plane of order 1; 1e-13 of a focal length of 1000 px is 1e-10 px.
 _TOLERANCE = 1e-13
+# At the fold itself Newton's method has no slope.
+_INSIDE_FOLD = 1.0 - 1e-3
 
 
 @runtime_checkable
@@ -121,8 +123,9 @@ def undo_distortion(
     """
     radius = np.hypot(x, y)
     t = projection.t_from_radius_ratio(radius)
-    within = np.isfinite(t)
-    start = projection.undistorted_ratio_from_t(np.where(within, t, 0.0))
+    # Tangential distortion may lead a little beyond the largest radius: from just inside the fold.
+    t = np.minimum(t, _INSIDE_FOLD * projection.t_limit)
+    start = projection.undistorted_ratio_from_t(t)
     factor = np.where(radius > 0.0, start / np.where(radius > 0.0, radius, 1.0), 1.0)
     px, py = x * factor, y * factor
     error = np.full(radius.shape, math.inf)
@@ -131,8 +134,8 @@ def undo_distortion(
         gain, slope = projection.distortion_factor(squared)
         dx, dy = plane.decentre(px, py)
         ex, ey = gain * px + dx - x, gain * py + dy - y
-        error = np.hypot(ex, ey)
-        if not (error[within] > _TOLERANCE).any():
+        error = np.asarray(np.hypot(ex, ey))
+        if not (error > _TOLERANCE).any():
             break
         j11 = gain + 2.0 * slope * px * px + 2.0 * plane.p1 * py + 6.0 * plane.p2 * px
         j12 = 2.0 * slope * px * py + 2.0 * plane.p1 * px + 2.0 * plane.p2 * py
@@ -141,4 +144,7 @@ def undo_distortion(
         determinant = np.where(np.abs(determinant) > 1e-12, determinant, 1.0)
         px = px - (j22 * ex - j12 * ey) / determinant
         py = py - (j11 * ey - j12 * ex) / determinant
-    return px, py, np.asarray(within & (error <= 10.0 * _TOLERANCE))
+    # The polynomial may grow again beyond its fold, where it has further solutions.
+    converged = error <= 10.0 * _TOLERANCE
+    fold = float(projection.undistorted_ratio_from_t(np.array(projection.t_limit)))
+    return px, py, np.asarray(converged & (np.hypot(px, py) <= fold))

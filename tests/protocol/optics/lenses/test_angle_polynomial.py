@@ -36,7 +36,7 @@ def test_angle_of_a_radius_is_exact_and_infinite_beyond_the_limit() -> None:
 def test_polynomial_that_does_not_grow_from_the_axis_is_rejected(
     coefficients: tuple[float, ...],
 ) -> None:
-    with pytest.raises(DomainError, match="grow|finite"):
+    with pytest.raises(DomainError, match=r"grow|finite"):
         AnglePolynomial(coefficients)
 
 

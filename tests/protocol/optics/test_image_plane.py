@@ -1,0 +1,91 @@
+"""Image planes: stretch, tangential distortion, and their inverses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.image_plane import NO_CHANGE, ImagePlane, undo_distortion
+from catoptra_protocol.optics.lenses import EquidistantLens, UnifiedLens
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.picture import Picture
+
+STRETCHED = ImagePlane((1.0, 0.002, 1e-4, 1.01))
+DECENTRED = ImagePlane(p1=1e-3, p2=-5e-4)
+POINTS = np.random.default_rng(5).uniform(-1.0, 1.0, size=(2, 200))
+
+
+def test_plane_of_square_pixels_changes_nothing() -> None:
+    assert NO_CHANGE.is_radial
+    assert not NO_CHANGE.is_decentred
+    assert NO_CHANGE.max_displacement_factor == 1.0
+    assert not STRETCHED.is_radial
+    assert not DECENTRED.is_radial
+
+
+def test_stretch_is_a_matrix_and_is_undone() -> None:
+    x, y = STRETCHED.apply_stretch(*POINTS)
+    assert x == pytest.approx(POINTS[0] + 0.002 * POINTS[1])
+    assert y == pytest.approx(1e-4 * POINTS[0] + 1.01 * POINTS[1])
+    assert np.stack(STRETCHED.undo_stretch(x, y)) == pytest.approx(POINTS, abs=1e-15)
+    low, high = STRETCHED.stretch_limits
+    length = np.hypot(x, y) / np.hypot(*POINTS)
+    assert low <= length.min() < length.max() <= high
+
+
+def test_distortion_is_undone_up_to_the_fold() -> None:
+    lens = UnifiedLens(1.19807, -0.25709, 0.01283)
+    fold = float(lens.undistorted_ratio_from_t(np.array(lens.t_limit)))
+    x, y = 0.99 * fold / math.sqrt(2.0) * POINTS
+    gain, _ = lens.distortion_factor(x * x + y * y)
+    dx, dy = DECENTRED.decentre(x, y)
+    back_x, back_y, converged = undo_distortion(lens, DECENTRED, gain * x + dx, gain * y + dy)
+    assert converged.all()
+    assert back_x == pytest.approx(x, abs=1e-9)
+    assert back_y == pytest.approx(y, abs=1e-9)
+
+
+def test_point_beyond_the_fold_has_no_undistorted_one() -> None:
+    lens = UnifiedLens(1.19807, -0.25709, 0.01283)
+    beyond = 1.01 * float(lens.radius_ratio_from_t(np.array(lens.t_limit)))
+    _, _, converged = undo_distortion(lens, DECENTRED, np.array([beyond]), np.array([0.0]))
+    assert not converged.any()
+
+
+@pytest.mark.parametrize("picture", list(Picture))
+@pytest.mark.parametrize("up_rad", [0.0, 0.7])
+def test_camera_with_a_stretched_plane_finds_its_directions_again(
+    picture: Picture, up_rad: float
+) -> None:
+    lens = EquidistantLens()
+    camera = OmniCamera(lens, 640, 480, (330.0, 230.0), 150.0, 1.9, up_rad, picture, STRETCHED)
+    direction = np.random.default_rng(2).normal(size=(500, 3))
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    pixel, valid = camera.pixel_from_direction(direction)
+    back, known = camera.direction_from_pixel(pixel[valid])
+    assert known.all()
+    assert back == pytest.approx(direction[valid], abs=1e-13)
+
+
+@pytest.mark.parametrize("picture", list(Picture))
+def test_flipped_camera_has_the_columns_reversed(picture: Picture) -> None:
+    lens = EquidistantLens()
+    camera = OmniCamera(lens, 640, 480, (330.0, 230.0), 150.0, 1.9, 0.3, picture, STRETCHED)
+    other = next(each for each in Picture if each is not picture)
+    direction = np.array([0.3, -0.2, 0.5])
+    (u, v), (flipped_u, flipped_v) = (
+        one.pixel_from_direction(direction)[0] for one in (camera, camera.with_picture(other))
+    )
+    assert (flipped_u, flipped_v) == pytest.approx((640.0 - u, v))
+    assert camera.with_picture(other).with_picture(picture) == camera
+
+
+@pytest.mark.parametrize("stretch", [(1.0, 0.0, 0.0, -1.0), (1.0, 1.0, 1.0, 1.0), (math.nan,) * 4])
+def test_plane_that_turns_round_or_collapses_is_rejected(
+    stretch: tuple[float, float, float, float],
+) -> None:
+    with pytest.raises(DomainError, match="positive determinant"):
+        ImagePlane(stretch)
