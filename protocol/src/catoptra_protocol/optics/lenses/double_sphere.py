@@ -48,12 +48,13 @@ class DoubleSphereLens(CentredLens):
             return math.tan(0.5 * math.pi)
         return math.sqrt((1.0 - lowest) / (1.0 + lowest))
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f. Domain: 0 <= t < t_limit."""
         sine, _, _, denominator = self._terms(t)
         return sine / denominator
 
-    @np.errstate(over="ignore")
+    @np.errstate(over="ignore", under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of r / f, inf where no angle has it. Domain: ratio >= 0."""
         require_radius(ratio)
@@ -70,6 +71,7 @@ class DoubleSphereLens(CentredLens):
         t, defined = half_angle_tangent_from_rho_z(rho, np.where(inside, length * z - self.xi, 1.0))
         return np.where(inside & defined & (t <= self.t_limit), t, math.inf)
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta). Domain: 0 <= t < t_limit."""
         _, cosine, d2, denominator = self._terms(t)

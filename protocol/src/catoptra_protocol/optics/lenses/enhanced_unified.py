@@ -47,11 +47,12 @@ class EnhancedUnifiedLens(CentredLens):
         norm = math.hypot(sine, cosine)
         return (norm - cosine) / sine if sine > 0.0 else math.tan(0.5 * math.pi)
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f. Domain: 0 <= t < t_limit."""
         return 2.0 * t / self._denominator(t)[0]
 
-    @np.errstate(over="ignore")
+    @np.errstate(over="ignore", under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of r / f, inf where no angle has it. Domain: ratio >= 0."""
         require_radius(ratio)
@@ -63,6 +64,7 @@ class EnhancedUnifiedLens(CentredLens):
         t, defined = half_angle_tangent_from_rho_z(np.where(inside, ratio, 0.0), z)
         return np.where(inside & defined, t, math.inf)
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta). Domain: 0 <= t < t_limit, with a finite square."""
         # ((1 - alpha) + alpha cos / d) / D^2, all of a unit direction.

@@ -28,6 +28,7 @@ class EquisolidLens(CentredLens):
         """Infinity: the image may contain the antipode, as a circle."""
         return math.inf
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f = 2 t / sqrt(1 + t^2). Domain: t >= 0."""
         require_angle(t, self.t_limit)
@@ -35,6 +36,7 @@ class EquisolidLens(CentredLens):
         radius: Floats = 2.0 * (t / np.hypot(1.0, t))
         return radius
 
+    @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent s / sqrt(1 - s^2) with s = r / 2f, inf from the antipode on.
 
@@ -46,6 +48,7 @@ class EquisolidLens(CentredLens):
         inside = cosine > 0.0
         return np.where(inside, sine / np.where(inside, cosine, 1.0), math.inf)
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta) = cos(theta / 2). Domain: t >= 0."""
         require_angle(t, self.t_limit)

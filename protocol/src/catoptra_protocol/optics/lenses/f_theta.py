@@ -54,6 +54,7 @@ class FThetaLens(CentredLens):
         """Half-angle tangent of the fold; inf without one."""
         return math.inf if math.isinf(self.fold_rad) else math.tan(0.5 * self.fold_rad)
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Radius in calibrated pixels. Domain: 0 <= t <= t_limit."""
         require_angle(t, self.t_limit)
@@ -61,6 +62,7 @@ class FThetaLens(CentredLens):
         theta = 2.0 * np.arctan(t)
         return solve_increasing(polynomial.evaluate, polynomial.slope, theta, _table(self))
 
+    @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of a radius, inf beyond the last. Domain: ratio >= 0."""
         require_radius(ratio)
@@ -68,6 +70,7 @@ class FThetaLens(CentredLens):
         theta = self._polynomial.evaluate(np.minimum(ratio, last))
         return np.where(ratio > last, math.inf, half_angle_from_theta(np.minimum(theta, math.pi)))
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Calibrated pixels per radian. Domain: 0 <= t < t_limit."""
         slope: Floats = 1.0 / self._polynomial.slope(self.radius_ratio_from_t(t))

@@ -57,11 +57,13 @@ class OCamLens(CentredLens):
         """Half-angle tangent of the last radius."""
         return math.tan(0.5 * float(self._theta(np.array(_last_radius(self)[0]))))
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Radius in calibrated pixels. Domain: 0 <= t <= t_limit."""
         require_angle(t, self.t_limit)
         return solve_increasing(self._theta, self._theta_slope, 2.0 * np.arctan(t), _table(self))
 
+    @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of a radius, inf beyond the last. Domain: ratio >= 0."""
         require_radius(ratio)
@@ -70,6 +72,7 @@ class OCamLens(CentredLens):
         t, defined = half_angle_tangent_from_rho_z(within, self._height(within))
         return np.where((ratio <= last) & defined, t, math.inf)
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Calibrated pixels per radian. Domain: 0 <= t < t_limit."""
         slope: Floats = 1.0 / self._theta_slope(self.radius_ratio_from_t(t))

@@ -27,11 +27,13 @@ class OrthographicLens(CentredLens):
         """1: 90 degrees."""
         return 1.0
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / f = 2 t / (1 + t^2). Domain: 0 <= t <= 1."""
         require_angle(t, self.t_limit)
         return 2.0 * t / (1.0 + t * t)
 
+    @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent r / (f + sqrt(f^2 - r^2)), inf beyond the focal length.
 
@@ -42,6 +44,7 @@ class OrthographicLens(CentredLens):
         t = sine / (1.0 + np.sqrt((1.0 - sine) * (1.0 + sine)))
         return np.where(ratio > 1.0, math.inf, t)
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / f) / d(theta) = cos(theta). Domain: 0 <= t <= 1."""
         require_angle(t, self.t_limit)

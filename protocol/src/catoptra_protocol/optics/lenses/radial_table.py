@@ -63,11 +63,13 @@ class RadialTableLens(CentredLens):
             return math.inf
         return math.tan(0.5 * math.radians(last)) * (1.0 + 1e-12)
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Image radius in the scale's unit. Domain: 0 <= t < t_limit."""
         require_angle(t, self.t_limit)
         return _spline(self).evaluate(2.0 * np.arctan(t))[0]
 
+    @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of an image radius, inf beyond the last. Domain: ratio >= 0."""
         require_radius(ratio)
@@ -80,6 +82,7 @@ class RadialTableLens(CentredLens):
         )
         return np.where(ratio > self.radii[-1], math.inf, half_angle_from_theta(theta))
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Scale's units per radian. Domain: 0 <= t < t_limit."""
         require_angle(t, self.t_limit)

@@ -87,12 +87,14 @@ class UnifiedLens(CentredLens):
         factor = 1.0 + squared_ratio * (self.k1 + squared_ratio * self.k2)
         return factor, self.k1 + 2.0 * self.k2 * squared_ratio
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Ratio r / gamma = m (1 + k1 m^2 + k2 m^4). Domain: 0 <= t < limit."""
         require_angle(t, self.t_limit)
         m = self.undistorted_ratio_from_t(t)
         return m * self.distortion_factor(np.square(m))[0]
 
+    @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of r / gamma, inf beyond the last. Domain: ratio >= 0."""
         if self.k1 == 0.0 and self.k2 == 0.0:
@@ -102,6 +104,7 @@ class UnifiedLens(CentredLens):
         theta = solve_increasing(self._radius_from_theta, self._slope_from_theta, ratio, table)
         return np.where(ratio > table[1][-1], math.inf, half_angle_from_theta(theta))
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Derivative d(r / gamma) / d(theta). Domain: 0 <= t < limit, with a finite square."""
         require_angle(t, self.t_limit)

@@ -48,16 +48,19 @@ class WoodScapeLens(CentredLens):
         """Half-angle tangent of the first fold; inf without one."""
         return math.inf if math.isinf(self.fold_rad) else math.tan(0.5 * self.fold_rad)
 
+    @np.errstate(under="ignore")  # terms far below 1 may vanish
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Radius in calibrated pixels. Domain: t >= 0."""
         require_angle(t, self.t_limit)
         return self._polynomial.evaluate(2.0 * np.arctan(t))
 
+    @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of a radius, inf beyond the first fold. Domain: ratio >= 0."""
         require_radius(ratio)
         return half_angle_from_theta(self._polynomial.solve(ratio))
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Calibrated pixels per radian. Domain: t >= 0."""
         require_angle(t, self.t_limit)
