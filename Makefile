@@ -16,7 +16,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiment-seeds live test browser-test stability lint format bench cost effects conformance mutations fuzz soak wheels compose clean
+.PHONY: help setup demo experiment-seeds live test browser-test stability lint format bench cost effects cameras conformance mutations fuzz soak wheels compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -103,6 +103,10 @@ cost: $(READY) ## Measure what accuracy costs in time; writes out/cost: [QUICK=y
 effects: $(READY) ## Draw each effect, compare decisions with the truth, find the levels at which classification fails; writes out/effects: [QUICK=yes] [UPDATE=yes: docs]
 	$(BIN)/catoptra-studies effects --output out/effects $(if $(QUICK),--quick) \
 	  $(if $(filter yes,$(UPDATE)),--page docs/EFFECTS.md)
+
+cameras: $(READY) ## Draw a gallery of all camera models in one world; writes out/cameras: [CAMERAS=a,b] [WORLD=name]
+	$(BIN)/catoptra-studies cameras --output out/cameras $(if $(CAMERAS),--cameras $(CAMERAS)) \
+	  $(if $(WORLD),--world $(WORLD))
 
 conformance: $(READY) ## Test a live server by conversations and by physics: ADDRESS=host:port [IMAGE= STREAM= CLASS= DIALECT=udk LEGACY=yes]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [CLASS=USARBot.P2AT] [DIALECT=udk] [LEGACY=yes]"; exit 2; }

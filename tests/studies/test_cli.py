@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_studies.cli import EXIT_USAGE, main
 
-COMMANDS = ("demo", "seeds", "live", "cost", "effects", "figures")
+COMMANDS = ("demo", "seeds", "live", "cost", "effects", "cameras", "compare", "figures")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

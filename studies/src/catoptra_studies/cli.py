@@ -1,4 +1,4 @@
-"""The command `catoptra-studies`: demo, seeds, live, cost, effects and figures.
+"""The command `catoptra-studies`: demo, seeds, live, cost, effects, cameras, compare and figures.
 
 Each subcommand has a module with its own `main`, imported here once its name has been read. So
 `demo` starts where no server is installed, and `figures` where no client can connect. To add a
@@ -16,13 +16,15 @@ EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
 _USAGE = """\
-usage: catoptra-studies {demo,seeds,live,cost,effects,figures} [options]
+usage: catoptra-studies {demo,seeds,live,cost,effects,cameras,compare,figures} [options]
 
   demo      repeat the paper's experiment in both set-ups and write its report
   seeds     evaluate the claims of demo with many seeds, without pictures
   live      show a robot that drives and localizes itself in a browser, in real time
   cost      measure what accuracy costs in time and gains in localization
   effects   show each image effect, and the levels at which classification fails
+  cameras   draw a gallery of all camera models in one world
+  compare   compare cameras for a task: resolution, blind zone, localization, cost
   figures   draw the figures of the camera: faces, cube, mirrors, comparisons
 
 `catoptra-studies COMMAND --help` lists the options of a command."""
@@ -81,6 +83,14 @@ def _run(words: Sequence[str]) -> int:
             from catoptra_studies.effects.effects_command import main as run_effects
 
             return run_effects(rest)
+        case ["cameras", *rest]:
+            from catoptra_studies.cameras.cameras_command import main as draw_cameras
+
+            return draw_cameras(rest)
+        case ["compare", *rest]:
+            from catoptra_studies.cameras.compare_command import main as run_compare
+
+            return run_compare(rest)
         case ["figures", *rest]:
             from catoptra_studies.camera_figures.figures_command import main as run_figures
 

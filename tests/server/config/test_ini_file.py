@@ -87,3 +87,36 @@ def test_unknown_keys_of_a_section_never_used_are_not_reported(tmp_path: Path) -
     file = IniFile(write_file(tmp_path, "x.ini", "[A]", "K=1", "Typo=2", "[Other]", "K=1"))
     file.get_section("A").get_float("K")
     assert [entry.key for entry in file.unknown_names()] == ["Typo"]
+
+
+def test_file_based_on_two_files_has_the_keys_of_both_the_second_first(tmp_path: Path) -> None:
+    write_file(tmp_path, "robot.ini", "[A]", "K=1", "L=1", "M=1")
+    write_file(tmp_path, "camera.ini", "[A]", "L=2", "M=2")
+    path = write_file(
+        tmp_path,
+        "x.ini",
+        "[Configuration]",
+        "BasedOn=robot.ini",
+        "BasedOn=camera.ini",
+        "[A]",
+        "M=3",
+    )
+    section = IniFile(path).get_section("A")
+    assert [section.get_int(key) for key in "KLM"] == [1, 2, 3]
+
+
+def test_base_of_two_bases_is_read_once_before_both(tmp_path: Path) -> None:
+    write_file(tmp_path, "base.ini", "[A]", "K=1")
+    write_file(tmp_path, "one.ini", "[Configuration]", "BasedOn=base.ini", "[A]", "K=2")
+    write_file(tmp_path, "two.ini", "[Configuration]", "BasedOn=base.ini", "[A]", "L=3")
+    path = write_file(
+        tmp_path, "x.ini", "[Configuration]", "BasedOn=one.ini", "BasedOn=two.ini", "[B]", "M=4"
+    )
+    assert IniFile(path).get_section("A").get_int("K") == 2
+
+
+def test_second_base_that_is_missing_is_named(tmp_path: Path) -> None:
+    write_file(tmp_path, "one.ini", "[A]", "K=2")
+    path = write_file(tmp_path, "x.ini", "[Configuration]", "BasedOn=one.ini", "BasedOn=gone.ini")
+    with pytest.raises(ConfigError, match=r"x\.ini:3: .*there is no .*gone\.ini"):
+        IniFile(path)

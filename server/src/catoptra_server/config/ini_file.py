@@ -25,6 +25,8 @@ class IniFile:
     def __init__(self, path: Path, kind: FileKind = "robots") -> None:
         """Read the file and the files it is based on ([Configuration] BasedOn=, as in UDK).
 
+        Several BasedOn= are read in their order: a robot, then the camera that it gets.
+
         Args:
             path: the file.
             kind: kind of bundled files that it may be based on by their name alone.
@@ -37,7 +39,7 @@ class IniFile:
         self._sections: _Sections = {}
         self._absent: dict[str, str] = {}  # names of requested sections, by lower-case name
         # Bases first: each file overrides those it is based on.
-        for sections in reversed(_read_chain(path, kind)):
+        for sections in _read_files(path, kind):
             self._apply(sections)
 
     def _apply(self, sections: _Sections) -> None:
@@ -81,22 +83,49 @@ class IniFile:
         return unknown
 
 
-def _read_chain(path: Path, kind: FileKind) -> list[_Sections]:
-    """Sections of a file, then those of each file that the one before is based on."""
-    chain = [_merge_sections(read_sections(path))]
+def _read_files(path: Path, kind: FileKind) -> list[_Sections]:
+    """Sections of the files that a file is based on, then its own; each file once."""
+    files: list[_Sections] = []
+    _collect_files(path, kind, (), {path.resolve()}, files)
+    return files
+
+
+def _collect_files(
+    path: Path,
+    kind: FileKind,
+    dependents: tuple[Path, ...],
+    seen: set[Path],
+    files: list[_Sections],
+) -> None:
+    """Append the sections of a file after those of its bases.
+
+    Args:
+        path: the file.
+        kind: kind of bundled files.
+        dependents: resolved paths of the files that are based on it, directly or not.
+        seen: resolved paths of all files read so far, this one included.
+        files: sections read so far.
+    """
+    sections = _merge_sections(read_sections(path))
     # Resolved, since a link or a relative path would hide a cycle.
-    seen = {path.resolve()}
-    while (configuration := chain[-1].get("configuration")) and configuration.has_key("BasedOn"):
-        path = configuration.get_path("BasedOn", path.parent, bundled=kind)
-        if path.resolve() in seen:
-            raise configuration.make_error("BasedOn", expected="a file that is not based on this")
-        if len(chain) > MAX_BASE_FILES:
-            raise configuration.make_error(
-                "BasedOn", expected=f"at most {MAX_BASE_FILES} files, each based on the next"
-            )
-        seen.add(path.resolve())
-        chain.append(_merge_sections(read_sections(path)))
-    return chain
+    dependents = (*dependents, path.resolve())
+    configuration = sections.get("configuration")
+    if configuration is not None and configuration.has_key("BasedOn"):
+        for base in configuration.get_paths("BasedOn", path.parent, bundled=kind):
+            if base.resolve() in dependents:
+                raise configuration.make_error(
+                    "BasedOn", expected="a file that is not based on this"
+                )
+            # Read once: a base that two files share would else undo what the first has changed.
+            if base.resolve() in seen:
+                continue
+            if len(seen) > MAX_BASE_FILES:
+                raise configuration.make_error(
+                    "BasedOn", expected=f"at most {MAX_BASE_FILES} files below the first"
+                )
+            seen.add(base.resolve())
+            _collect_files(base, kind, dependents, seen, files)
+    files.append(sections)
 
 
 def _merge_sections(sections: tuple[Section, ...]) -> _Sections:

@@ -124,8 +124,18 @@ class SectionReader:
             folder: folder that a relative path is resolved against.
             bundled: kind of bundled files whose bare names are accepted, too.
         """
+        return self._find_path(key, self.get_str(key), folder, bundled)
+
+    def get_paths(
+        self, key: str, folder: Path, *, bundled: FileKind | None = None
+    ) -> tuple[Path, ...]:
+        """Paths of existing files, one for each line of the key; as of `get_path`."""
+        texts = [unquote(entry.value) for entry in self._entries.use(key)]
+        return tuple(self._find_path(key, text, folder, bundled) for text in texts)
+
+    def _find_path(self, key: str, text: str, folder: Path, bundled: FileKind | None) -> Path:
         # UT2004's files are written on Windows.
-        text = self.get_str(key).replace("\\", "/")
+        text = text.replace("\\", "/")
         path = folder / text
         if path.is_file():
             return path

@@ -64,17 +64,24 @@ class ExperimentConfig:
     remote_servers: Mapping[str, ServerAddress] = field(default_factory=dict)
     """Running servers by set-up; servers of all other set-ups are started as processes."""
 
+    other_world: tuple[Path, tuple[Landmark, ...]] | None = None
+    """World file, by its absolute path, and landmarks in place of the field's."""
+
     timeout_s: float = 60.0
     """Longest wait for a remote server, and for figures drawn by another program."""
 
     @property
     def field_world_file(self) -> Path:
         """World file of the field."""
+        if self.other_world is not None:
+            return self.other_world[0]
         return self.world_file(f"{_FIELD}.ini")
 
     @property
     def landmarks(self) -> tuple[Landmark, ...]:
         """Landmarks of the field, from the file that the world also refers to."""
+        if self.other_world is not None:
+            return self.other_world[1]
         if self.config_folder is None:
             return read_landmarks(find_landmark_file(_FIELD))
         return read_landmarks(self.config_folder / "landmarks" / f"{_FIELD}.csv")

@@ -1,0 +1,1 @@
+"""Gallery of camera models, and comparison of cameras for a task."""

@@ -1,0 +1,76 @@
+"""Numbers of cameras against closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.lenses import EquidistantLens, OrthographicLens
+from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_studies.cameras.camera_metrics import (
+    covered_sphere,
+    floor_view,
+    near_limit_m,
+    resolution_at,
+    resolution_curve,
+)
+
+
+def make_camera(field_deg: float) -> OmniCamera:
+    return camera_with_inscribed_rim(
+        EquidistantLens(), width_px=200, height_px=200, rim_rad=math.radians(0.5 * field_deg)
+    )
+
+
+@pytest.mark.parametrize("field_deg", [90.0, 185.0, 220.0, 360.0])
+def test_covered_sphere_is_that_of_a_cone(field_deg: float) -> None:
+    expected = 0.5 * (1.0 - math.cos(math.radians(0.5 * field_deg)))
+    assert covered_sphere(make_camera(field_deg)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_covered_sphere_is_less_where_the_image_ends_before_the_rim() -> None:
+    camera = make_camera(180.0)
+    cropped = replace(camera, height_px=100, centre_px=(100.0, 50.0))
+    assert 0.5 * covered_sphere(camera) < covered_sphere(cropped) < covered_sphere(camera)
+
+
+def test_resolution_of_an_equidistant_lens() -> None:
+    resolution = resolution_at(make_camera(200.0), math.radians(90.0))
+    assert resolution.radial == pytest.approx(1.0)
+    assert resolution.tangential == pytest.approx(0.5 * math.pi)
+
+
+def test_resolution_on_the_axis_is_the_same_in_both_directions() -> None:
+    radial, tangential = resolution_curve(make_camera(200.0), np.array([0.0]))
+    assert radial == tangential == pytest.approx(1.0)
+
+
+def test_resolution_beyond_the_rim_is_nan() -> None:
+    assert math.isnan(resolution_at(make_camera(170.0), math.radians(90.0)).radial)
+
+
+def test_floor_of_a_lens_that_shows_the_horizon_has_no_end() -> None:
+    view = floor_view(make_camera(185.0), 0.6)
+    assert (view.blind_radius_m, view.reach_m) == (0.0, math.inf)
+
+
+def test_floor_of_a_narrow_lens_ends_at_its_rim() -> None:
+    camera = camera_with_inscribed_rim(
+        OrthographicLens(), width_px=90, height_px=90, rim_rad=math.radians(60.2)
+    )
+    reach_m = floor_view(camera, 0.6).reach_m
+    assert reach_m == pytest.approx(0.6 * math.tan(math.radians(60.2)), abs=1e-5)
+
+
+def test_floor_below_an_image_without_the_axis_is_blind() -> None:
+    # The image begins 50 px below the axis: no circle around the axis is whole.
+    camera = replace(make_camera(180.0), centre_px=(100.0, -50.0))
+    view = floor_view(camera, 0.6)
+    assert (view.blind_radius_m, view.reach_m) == (math.inf, 0.0)
+
+
+def test_central_camera_has_no_near_limit() -> None:
+    assert near_limit_m(make_camera(180.0)) == 0.0
