@@ -30,6 +30,7 @@ RING_SPACING_DEG = 30
 _IMAGE_PX = 640
 # Across the radius the resolution is infinite at the antipode: plots end a degree before.
 _MAX_PLOTTED_RAD = math.radians(179.0)
+_MAX_SCALED_RAD = math.radians(150.0)
 _RIM_MARGIN_RAD = math.radians(0.01)
 
 _HEADER = (
@@ -121,7 +122,8 @@ def _draw_resolution(page: plot_style.Page, camera: OmniCamera) -> None:
     axes.plot(np.degrees(theta), radial, color=plot_style.BLUE, label="along the image radius")
     axes.plot(np.degrees(theta), tangential, "--", color=plot_style.ORANGE, label="across it")
     # Scales near an antipode would flatten all other parts of the curves.
-    highest = 1.1 * max(float(radial.max()), float(np.quantile(tangential, 0.85)))
+    shown = theta <= _MAX_SCALED_RAD
+    highest = 1.1 * float(np.maximum(radial, tangential)[shown].max())
     axes.set(xlim=(0, 180), ylim=(0, highest), xticks=range(0, 181, RING_SPACING_DEG),
              xlabel="angle from the axis, degrees")  # fmt: skip
     axes.axvline(90.0, color=plot_style.RED, linewidth=0.8)

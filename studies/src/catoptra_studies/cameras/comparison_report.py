@@ -31,7 +31,7 @@ _COLUMNS = {
 }
 # Panels of the picture: key, title.
 _PANELS = (
-    ("floor_radial", f"px per degree along the radius, {FLOOR_DISTANCE_M:g} m on the floor"),
+    ("floor_radial", f"px per degree, floor at {FLOOR_DISTANCE_M:g} m"),
     ("horizon_tangential", "px per degree of bearing at the horizon"),
     ("blind_radius_m", "blind zone: radius of floor not seen, m"),
     ("ekf_p90_m", "position error, 90 % of the steps, m"),
