@@ -33,6 +33,27 @@ Parameters = tuple[tuple[str, str], ...]
 MIRROR_PARAMETERS: dict[str, Parameters] = {
     "hyperbolic": (("MirrorK", "k"), ("MirrorC", "c_m")),
     "parabolic": (("MirrorHorizonRadius", "horizon_radius_m"),),
+    "spherical": (
+        ("MirrorRadius", "radius_m"),
+        ("MirrorCentreDistance", "centre_distance_m"),
+        ("MirrorRim", "rim_rad"),
+    ),
+    "conical": (
+        ("MirrorHalfAngle", "half_angle_rad"),
+        ("MirrorApexDistance", "apex_distance_m"),
+        ("MirrorRim", "rim_rad"),
+    ),
+    "equiangular": (
+        ("MirrorGain", "gain"),
+        ("MirrorVertexDistance", "vertex_distance_m"),
+        ("MirrorRim", "rim_rad"),
+    ),
+    "profile": (
+        ("MirrorRadii", "radii_m"),
+        ("MirrorSags", "sags_m"),
+        ("MirrorVertexDistance", "vertex_distance_m"),
+        ("MirrorRim", "rim_rad"),
+    ),
 }
 LENS_PARAMETERS: dict[str, Parameters] = {
     "equidistant": (),
@@ -110,6 +131,7 @@ def pairs_from_omni_camera(camera: OmniCamera, viewpoint_height_m: float) -> Pai
         ("UpAzimuth", _format_number(camera.image_up_azimuth_rad)),
         ("Picture", camera.picture.value),
         *_pairs_from_plane(camera.plane),
+        *((("Central", "approximated"),) if camera.is_approximated else ()),
         ("ViewpointHeight", _format_number(viewpoint_height_m)),
     )
 
@@ -135,6 +157,7 @@ def omni_camera_from_pairs(pairs: Pairs) -> tuple[OmniCamera, float]:
             image_up_azimuth_rad=_parse_number(pairs, "UpAzimuth"),
             picture=_parse_picture(pairs),
             plane=_plane_from_pairs(pairs),
+            is_approximated=any(key.lower() == "central" for key, _ in pairs),
         )
     except DomainError as error:
         raise RemoteProtocolError(f"CONF of an impossible camera: {error}") from error

@@ -58,6 +58,8 @@ class OmniCamera:
     """Hand of the image."""
     plane: ImagePlane = NO_CHANGE
     """Stretch and decentring of the image plane."""
+    is_approximated: bool = False
+    """Whether rays of a mirror without a viewpoint are taken to meet in the effective one."""
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
@@ -96,8 +98,8 @@ class OmniCamera:
 
     @property
     def is_central(self) -> bool:
-        """Whether all rays meet in the effective viewpoint."""
-        return not self.has_mirror or self.mirror.is_central
+        """Whether all rays meet in the effective viewpoint, or are taken to."""
+        return self.is_approximated or not self.has_mirror or self.mirror.is_central
 
     @property
     def rim_t(self) -> float:

@@ -32,6 +32,8 @@ class CoordinateErrors:
     """Of any point, over the viewpoint's distance from the centre of the scene."""
     size_ulps: float
     """Of the points of a triangle, over the sum of its size and distance."""
+    miss_m: float = 0.0
+    """Not by coordinates: distance at which rays taken to meet in the viewpoint pass it, metres."""
 
 
 class CoordinateRounding:
@@ -64,6 +66,7 @@ class CoordinateRounding:
             errors: Errors of the renderer's coordinates.
         """
         position_m = errors.position_ulps * math.dist(viewpoint, self._centre)
+        position_m += errors.miss_m / UNIT_ROUNDOFF
         of_scene = self._triangles.nearness(viewpoint)
         angle_ulps = _angle_ulps(of_scene, position_m, errors.size_ulps)
         for one in objects:

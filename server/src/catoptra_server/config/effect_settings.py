@@ -24,12 +24,24 @@ _BASES = [basis.value for basis in DecisionBasis]
 _DEFAULT_BASIS = DecisionBasis.MEASURED.value
 
 
-def read_effect_settings(section: SectionReader) -> EffectSettings:
+def read_effect_settings(section: SectionReader, *, has_viewpoint: bool = True) -> EffectSettings:
     """Settings of the effects that a capture camera's section gives a mode, in optical order.
 
+    Args:
+        section: the capture camera's section.
+        has_viewpoint: whether the mirror has a single viewpoint.
+
     Raises:
-        ConfigError: for a parameter outside its range or an unknown mode.
+        ConfigError: for an effect that a mirror without a viewpoint cannot have, a parameter
+            outside its range or an unknown mode.
     """
+    for kind in EFFECT_TYPES:
+        if kind.needs_viewpoint and not has_viewpoint and section.has_key(kind.name):
+            expected = (
+                "no such effect of a mirror without a single viewpoint: its virtual image is "
+                "astigmatic, which is not simulated"
+            )
+            raise section.make_error(kind.name, expected=expected)
     return _read_effect_settings(section, EFFECT_TYPES)
 
 

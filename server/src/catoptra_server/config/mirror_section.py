@@ -1,12 +1,28 @@
 """The mirror of an omnidirectional camera: its class with parameters, and the mesh drawn for it.
 
-A new mirror is a case of `read_mirror`.
+A new mirror is a reader, with its line in `_READERS`.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.mirrors import HyperbolicMirror, Mirror, ParabolicMirror
+from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, near_limit_m
+from catoptra_protocol.optics.mirrors import (
+    ConicalMirror,
+    EquiangularMirror,
+    HyperbolicMirror,
+    Mirror,
+    ParabolicMirror,
+    ProfileMirror,
+    SphericalMirror,
+)
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.mirror_mesh import (
@@ -41,24 +57,111 @@ def read_mirror(item: SectionReader, settings: SectionReader) -> Mirror:
         )
     item.get_vector("Direction", (0.0, 0.0, 0.0))
     item.get_str("ItemName")
-    metres = settings.get_float("MetresPerUnit", 0.1, min_value=1e-9)
-    match settings.name.rpartition(".")[2].lower():
-        case "hyperbolicmirror":
-            k = settings.get_float("K", min_value=2.0)
-            c_m = settings.get_float("C", min_value=0.0) * metres
-            # The bounds above are closed, the mirror's domain is open: K=2 and C=0 fail here.
-            try:
-                return HyperbolicMirror(k, c_m)
-            except DomainError as error:
-                raise settings.make_error(
-                    "K" if k <= 2.0 else "C", expected=f"a possible value: {error}"
-                ) from error
-        case "parabolicmirror":
-            radius = settings.get_float("HorizonRadius", min_value=1e-9)
-            return ParabolicMirror(radius * metres)
-    raise item.make_error(
-        "ItemClass", expected="Catoptra.HyperbolicMirror or Catoptra.ParabolicMirror with a section"
+    reader = _READERS.get(settings.name.rpartition(".")[2].lower())
+    if reader is None:
+        names = ", ".join(f"Catoptra.{name}" for name in _CLASS_NAMES)
+        raise item.make_error("ItemClass", expected=f"a mirror with a section: {names}")
+    return reader(settings)
+
+
+def _read_hyperbolic(settings: SectionReader) -> Mirror:
+    metres = _read_unit_m(settings, 0.1)
+    k = settings.get_float("K", min_value=2.0)
+    c_m = settings.get_float("C", min_value=0.0) * metres
+    # The bounds above are closed, the mirror's domain is open: K=2 and C=0 fail here.
+    try:
+        return HyperbolicMirror(k, c_m)
+    except DomainError as error:
+        raise settings.make_error(
+            "K" if k <= 2.0 else "C", expected=f"a possible value: {error}"
+        ) from error
+
+
+def _read_parabolic(settings: SectionReader) -> Mirror:
+    radius = settings.get_float("HorizonRadius", min_value=1e-9)
+    return ParabolicMirror(radius * _read_unit_m(settings, 0.1))
+
+
+def _read_spherical(settings: SectionReader) -> Mirror:
+    metres = _read_unit_m(settings, 1.0)
+    radius_m = settings.get_float("Radius", min_value=1e-9) * metres
+    distance_m = settings.get_float("CentreDistance", min_value=1e-9) * metres
+    return _make(settings, "CentreDistance", lambda rim: SphericalMirror(radius_m, distance_m, rim))
+
+
+def _read_conical(settings: SectionReader) -> Mirror:
+    half_rad = math.radians(settings.get_float("HalfAngle", min_value=0.1, max_value=89.9))
+    distance_m = settings.get_float("ApexDistance", min_value=1e-9) * _read_unit_m(settings, 1.0)
+    return _make(settings, "HalfAngle", lambda rim: ConicalMirror(half_rad, distance_m, rim))
+
+
+def _read_equiangular(settings: SectionReader) -> Mirror:
+    gain = settings.get_float("Gain", min_value=1.0, max_value=1000.0)
+    distance_m = settings.get_float("VertexDistance", min_value=1e-9) * _read_unit_m(settings, 1.0)
+    return _make(settings, "Gain", lambda rim: EquiangularMirror(gain, distance_m, rim))
+
+
+def _read_profile(settings: SectionReader) -> Mirror:
+    metres = _read_unit_m(settings, 1.0)
+    radii_m, sags_m = (
+        tuple(value * metres for value in settings.get_floats(key)) for key in ("Radii", "Sags")
     )
+    distance_m = settings.get_float("VertexDistance", min_value=1e-9) * metres
+    return _make(settings, "Sags", lambda rim: ProfileMirror(radii_m, sags_m, distance_m, rim))
+
+
+def _read_unit_m(settings: SectionReader, default: float) -> float:
+    return settings.get_float("MetresPerUnit", default, min_value=1e-9)
+
+
+def _make(settings: SectionReader, key: str, make: Callable[[float], Mirror]) -> Mirror:
+    """Mirror up to its rim; an impossible one is an error at the key, or at the rim."""
+    rim_rad = math.radians(read_rim_deg(settings))
+    try:
+        return make(rim_rad)
+    except DomainError as error:
+        where = "RimAngle" if str(error).startswith("a rim") else key
+        raise settings.make_error(where, expected=f"a possible value: {error}") from error
+
+
+_CLASS_NAMES = (
+    "HyperbolicMirror",
+    "ParabolicMirror",
+    "SphericalMirror",
+    "ConicalMirror",
+    "EquiangularMirror",
+    "ProfileMirror",
+)
+_READERS: dict[str, Callable[[SectionReader], Mirror]] = {
+    "hyperbolicmirror": _read_hyperbolic,
+    "parabolicmirror": _read_parabolic,
+    "sphericalmirror": _read_spherical,
+    "conicalmirror": _read_conical,
+    "equiangularmirror": _read_equiangular,
+    "profilemirror": _read_profile,
+}
+
+
+def read_rim_deg(settings: SectionReader) -> float:
+    """Angle at the rim of a mirror, degrees."""
+    return settings.get_float("RimAngle", 120.0, min_value=1.0, max_value=179.0)
+
+
+def approximate_viewpoint(settings: SectionReader, camera: OmniCamera) -> OmniCamera:
+    """The camera with rays that meet in one viewpoint, where its mirror's section wants that.
+
+    `auto` approximates where no point outside the mirror errs by more than CentralErrorPx, which
+    holds for measured hyperboloids; `always` everywhere, and each frame states the error.
+    """
+    mode = settings.get_choice("Central", ("auto", "always", "never"), "auto")
+    error_px = settings.get_float("CentralErrorPx", CENTRAL_ERROR_PX, min_value=1e-6)
+    if camera.is_central or mode == "never":
+        return camera
+    r, z = camera.mirror.surface_point(np.linspace(camera.projection.t_min, camera.rim_t, 65))
+    nearest_m = float(np.hypot(r, z).min())
+    if mode == "auto" and near_limit_m(camera, error_px) > nearest_m:
+        return camera
+    return replace(camera, is_approximated=True)
 
 
 def read_surface(mirror: SectionReader) -> MirrorSurface:

@@ -25,12 +25,19 @@ from catoptra_server.config.capture_section import (
 from catoptra_server.config.effect_settings import read_effect_settings
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.lens_camera_items import is_lens_camera
-from catoptra_server.config.mirror_section import PINHOLE_TOLERANCE_M, read_mirror, read_surface
+from catoptra_server.config.mirror_section import (
+    PINHOLE_TOLERANCE_M,
+    approximate_viewpoint,
+    read_mirror,
+    read_rim_deg,
+    read_surface,
+)
 from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.texture_client_sections import read_texture_clients
 from catoptra_server.config.unknown_names import is_own_section
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.robot.robot_description import OmniCameraDescription
 
 # Directions in real files have four digits: 1.5708 for a right angle.
@@ -79,13 +86,13 @@ def read_omni_camera(
         texture_clients=texture_clients,
         render_settings=read_render_settings(
             capture,
-            surface=read_surface(mirror_settings),
+            surface=_read_surface(mirror, mirror_settings),
             # Faces share an atlas and one size.
             face_size_px=max(client.size_px for client in texture_clients),
         ),
         min_frame_interval_s=read_min_frame_interval_s(capture),
         capture_fov_rad=_capture_fov(camera),
-        effects=read_effect_settings(capture),
+        effects=read_effect_settings(capture, has_viewpoint=mirror.is_central),
     )
     reserve_view(description, capture, MemoryBudget(limit_bytes))
     return description
@@ -116,6 +123,16 @@ def _find_child(section: SectionReader, key: str, viewpoint: SectionReader) -> S
     )
 
 
+def _read_surface(mirror: Mirror, settings: SectionReader) -> MirrorSurface:
+    surface = read_surface(settings)
+    if isinstance(surface, PerPixel) or mirror.is_central:
+        return surface
+    key = "Polygons" if settings.has_key("Polygons") else "Sectors"
+    raise settings.make_error(
+        key, expected="0: a mesh looks up directions at one viewpoint, which this mirror has not"
+    )
+
+
 def _read_viewpoint_pose(viewpoint: SectionReader) -> Pose:
     direction = viewpoint.get_vector("Direction", (0.0, 0.0, 0.0))
     position = viewpoint.get_vector("Position")
@@ -127,9 +144,9 @@ def _read_camera_model(
     mirror: Mirror, settings: SectionReader, capture: SectionReader, item: SectionReader
 ) -> OmniCamera:
     _require_at_pinhole(mirror, item)
-    rim = settings.get_float("RimAngle", 120.0, min_value=1.0, max_value=179.0)
+    rim = read_rim_deg(settings)
     try:
-        return camera_with_inscribed_rim(
+        camera = camera_with_inscribed_rim(
             mirror,
             width_px=capture.get_int("ResolutionX", 360, min_value=1, max_value=MAX_SIDE_PX),
             height_px=capture.get_int("ResolutionY", 360, min_value=1, max_value=MAX_SIDE_PX),
@@ -139,6 +156,7 @@ def _read_camera_model(
         )
     except DomainError as error:
         raise settings.make_error("RimAngle", expected=f"a possible value: {error}") from error
+    return approximate_viewpoint(settings, camera)
 
 
 def _require_at_pinhole(mirror: Mirror, item: SectionReader) -> None:

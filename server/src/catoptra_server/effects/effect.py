@@ -184,6 +184,8 @@ class EffectType:
     parameters: tuple[EffectParameter, ...] = ()
     needs_mirror: bool = False
     """Whether only a camera with a mirror can have the effect; others have all the rest."""
+    needs_viewpoint: bool = False
+    """Whether behind a mirror only one with a single viewpoint can have the effect."""
     find_fault: Callable[[Any], ParameterFault | None] | None = None
     """Finds what parameters ask for together that cannot be drawn; None: each alone is enough."""
 

@@ -205,7 +205,9 @@ class ViewCache:
         """Add to the bound what the scene's coordinates contribute in a camera state."""
         if planned.bounds is None:
             return
-        errors = coordinate_errors(cast(RenderPlan, planned.plan))
+        errors = coordinate_errors(
+            cast(OmniCameraSpec, planned.spec).camera, cast(RenderPlan, planned.plan)
+        )
         angle_rad = self._summarizer.max_rounding_angle_rad(camera_state, errors)
         self._plans.bound_frame(planned, angle_rad)
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.explicit_plan import needs_exact_rays, plan_from_settings
 from catoptra_server.planning.view_size import plan_view_size
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
@@ -36,6 +36,8 @@ def generate_candidate_plans(
 ) -> Iterator[RenderPlan]:
     """Yield all plans by which some renderers can render a camera."""
     for kind in kinds:
+        if needs_exact_rays(camera, kind):
+            continue
         for settings in _candidate_settings(surface, kind):
             # Faces and mesh limits depend on all numbers but the samples: computed once for eight.
             plan = plan_from_settings(settings, camera, kind=kind, reason="candidate")

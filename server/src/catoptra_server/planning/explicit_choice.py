@@ -6,10 +6,11 @@ import logging
 from collections.abc import Collection
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, max_miss_m, near_limit_m
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.explicit_plan import needs_exact_rays, plan_from_settings
 from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
@@ -36,24 +37,44 @@ def choose_by_settings(
         DomainError: The renderer cannot show the image, and no other may replace it.
     """
     choice = _bound_plan(camera, kind, reason)
-    faces_px = _unusable_faces_px(camera, choice.bound)
-    if not faces_px:
+    what = _find_fault(camera, kind, choice.bound)
+    if not what:
         return choice
-    what = (
-        f"the faces of {kind.value} would displace this camera's image by {faces_px:.0f} of "
-        f"{camera.camera.width_px} px"
-    )
     without_faces = [one for one in RendererKind if not one.uses_faces]
     other = next((one for one in without_faces if one in usable), None)
     if other is None or camera.render_settings.renderer:
         names = " or ".join(one.value for one in without_faces)
-        raise DomainError(f"{what}: choose the renderer {names}, or a mirror with K farther from 2")
+        raise DomainError(f"{what}: choose the renderer {names}, {_other_remedy(camera)}")
     return _bound_plan(camera, other, what)
 
 
 def can_follow_settings(camera: OmniCameraSpec, kind: RendererKind) -> bool:
     """Whether a renderer can show a camera's image by the configured numbers."""
-    return not _unusable_faces_px(camera, _bound_plan(camera, kind, "").bound)
+    return not _find_fault(camera, kind, _bound_plan(camera, kind, "").bound)
+
+
+def _find_fault(camera: OmniCameraSpec, kind: RendererKind, bound: ErrorBound | None) -> str:
+    """Why a renderer cannot show a camera's image; empty if it can."""
+    if needs_exact_rays(camera.camera, kind):
+        miss_mm = 1e3 * max_miss_m(camera.camera)
+        return (
+            f"rays of this mirror miss one viewpoint by up to {miss_mm:.2g} mm, and faces of "
+            f"{kind.value} have one: what is nearer than {near_limit_m(camera.camera):.3g} m would "
+            f"be displaced by more than {CENTRAL_ERROR_PX:g} px"
+        )
+    faces_px = _unusable_faces_px(camera, bound)
+    if not faces_px:
+        return ""
+    return (
+        f"the faces of {kind.value} would displace this camera's image by {faces_px:.0f} of "
+        f"{camera.camera.width_px} px"
+    )
+
+
+def _other_remedy(camera: OmniCameraSpec) -> str:
+    if camera.camera.is_central:
+        return "or a mirror with K farther from 2"
+    return "or state Central=always for the mirror"
 
 
 def _bound_plan(camera: OmniCameraSpec, kind: RendererKind, reason: str) -> PlanChoice:

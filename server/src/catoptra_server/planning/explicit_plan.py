@@ -71,3 +71,8 @@ def max_incidence_rad(camera: OmniCamera, surface: MirrorSurface) -> float:
         return camera.rim_rad
     highest = math.atan(math.tan(elevation) / math.cos(math.pi / surface.sectors))
     return 0.5 * math.pi + highest
+
+
+def needs_exact_rays(camera: OmniCamera, kind: RendererKind) -> bool:
+    """Whether a renderer's faces have a viewpoint that the camera's rays miss."""
+    return kind.uses_faces and not camera.is_central

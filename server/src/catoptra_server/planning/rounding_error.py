@@ -12,7 +12,9 @@ is near: `bounds/coordinate_rounding` finds the angle for each frame.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+from catoptra_protocol.optics.camera_rays import max_miss_m
 from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.bounds.coordinate_rounding import UNIT_ROUNDOFF, CoordinateErrors
@@ -51,9 +53,12 @@ _TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
 _RASTER_COORDINATES = CoordinateErrors(position_ulps=0.0, size_ulps=32.0)
 
 
-def coordinate_errors(plan: RenderPlan) -> CoordinateErrors:
-    """Errors of the coordinates of a plan's renderer."""
-    return _RASTER_COORDINATES if plan.renderer.uses_faces else _TRACE_COORDINATES
+def coordinate_errors(camera: OmniCamera, plan: RenderPlan) -> CoordinateErrors:
+    """Errors of the coordinates of a plan's renderer, and the miss of an approximated viewpoint."""
+    if plan.renderer.uses_faces:
+        return replace(_RASTER_COORDINATES, miss_m=max_miss_m(camera))
+    miss_m = max_miss_m(camera) if camera.is_approximated else 0.0
+    return replace(_TRACE_COORDINATES, miss_m=miss_m)
 
 
 def scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.camera_rays import pixel_from_point
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
@@ -42,7 +42,7 @@ def compute_landmark_visibility(
     # z points down, and landmarks are given in heights above the floor.
     centres = np.array([(mark.x_m, mark.y_m, -mark.band_centre_m) for mark in landmarks])
     displacements = centres - world_from_camera.translation
-    pixels, inside = _project_directions(camera, displacements @ world_from_camera.rotation)
+    pixels, inside = _project_points(camera, displacements @ world_from_camera.rotation)
     free = _has_line_of_sight(world_from_camera.translation, displacements, landmarks, environment)
     return tuple(
         LandmarkVisibility(
@@ -52,12 +52,12 @@ def compute_landmark_visibility(
     )
 
 
-def _project_directions(camera_spec: CameraSpec, directions: Floats) -> tuple[Floats, Bools]:
-    """Pixels (n, 2) of directions in the camera frame, and whether each lies in the image."""
+def _project_points(camera_spec: CameraSpec, points: Floats) -> tuple[Floats, Bools]:
+    """Pixels (n, 2) of points in the camera frame, and whether each lies in the image."""
     if not isinstance(camera_spec, OmniCameraSpec):
-        return camera_spec.camera.pixel_from_direction(directions)
+        return camera_spec.camera.pixel_from_direction(points)
     camera = camera_spec.camera
-    pixels, valid = pixel_from_direction(camera, directions)
+    pixels, valid = pixel_from_point(camera, points)
     # The model's domain reaches to the mirror's rim, which may lie outside a cropped image.
     u, v = pixels.T
     within = (u >= 0.0) & (u <= camera.width_px) & (v >= 0.0) & (v <= camera.height_px)

@@ -1,16 +1,35 @@
 """Mirror models by name, as robot files name them.
 
 To add a mirror: write `<name>.py` beside the others (frozen parameters, image radius and its
-inverse in the half-angle tangent, slope, surface, domain, source) and add its line to `MIRRORS`.
+inverse in the half-angle tangent, slope, surface, domain, source; without a single viewpoint a
+`reflect` suffices, see `non_central`) and add its line to `MIRRORS`.
 """
 
+from catoptra_protocol.optics.mirrors.conical import ConicalMirror
+from catoptra_protocol.optics.mirrors.equiangular import EquiangularMirror
 from catoptra_protocol.optics.mirrors.hyperbolic import PAPER_MIRROR, HyperbolicMirror
 from catoptra_protocol.optics.mirrors.mirror import Mirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
+from catoptra_protocol.optics.mirrors.profile import ProfileMirror
+from catoptra_protocol.optics.mirrors.spherical import SphericalMirror
 
 MIRRORS: dict[str, type[Mirror]] = {
     "hyperbolic": HyperbolicMirror,
     "parabolic": ParabolicMirror,
+    "spherical": SphericalMirror,
+    "conical": ConicalMirror,
+    "equiangular": EquiangularMirror,
+    "profile": ProfileMirror,
 }
 
-__all__ = ["MIRRORS", "PAPER_MIRROR", "HyperbolicMirror", "Mirror", "ParabolicMirror"]
+__all__ = [
+    "MIRRORS",
+    "PAPER_MIRROR",
+    "ConicalMirror",
+    "EquiangularMirror",
+    "HyperbolicMirror",
+    "Mirror",
+    "ParabolicMirror",
+    "ProfileMirror",
+    "SphericalMirror",
+]

@@ -153,4 +153,4 @@ def _create_effect(f_number: float, pixel_pitch_m: float, focus_distance_m: floa
     return Defocus(Aperture(f_number, pixel_pitch_m, focus_distance_m))
 
 
-EFFECT_TYPE = EffectType("Defocus", _create_effect, APERTURE_PARAMETERS)
+EFFECT_TYPE = EffectType("Defocus", _create_effect, APERTURE_PARAMETERS, needs_viewpoint=True)

@@ -180,4 +180,6 @@ def _create_effect(
     return DefocusByDepth(Aperture(f_number, pixel_pitch_m, focus_distance_m))
 
 
-EFFECT_TYPE = EffectType("DefocusByDepth", _create_effect, APERTURE_PARAMETERS)
+EFFECT_TYPE = EffectType(
+    "DefocusByDepth", _create_effect, APERTURE_PARAMETERS, needs_viewpoint=True
+)

@@ -147,4 +147,5 @@ EFFECT_TYPE = EffectType(
         EffectParameter("MisalignmentPitch", "pitch_rad", 0.0, -0.1, 0.1),
     ),
     needs_mirror=True,
+    needs_viewpoint=True,
 )

@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera_rays import rays_from_pixel_grid
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.pixel_grid import ImageSize
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -40,8 +41,9 @@ _SAMPLES_PER_BATCH = 2**16
 
 Float32s = npt.NDArray[np.float32]
 Element = TypeVar("Element", bound=np.generic)
-# (w,) columns and (h,) rows to (h, w, 3) unit directions in the mirror frame, and (h, w) validity.
-GridLookup = Callable[[Floats, Floats], tuple[Floats, Bools]]
+# (w,) columns and (h,) rows to (h, w, 3) origins in the mirror frame or None, (h, w, 3) unit
+# directions, and (h, w) validity.
+GridLookup = Callable[[Floats, Floats], tuple[Floats | None, Floats, Bools]]
 # The same of (..., 2) pixel positions.
 PixelLookup = Callable[[Floats], tuple[Floats, Bools]]
 
@@ -85,7 +87,7 @@ class RayTable:
 def omni_ray_table(camera: OmniCamera, plan: RenderPlan) -> RayTable:
     """Rays of an omnidirectional camera, by the camera model or by the plan's mirror mesh."""
     if isinstance(plan.surface, PerPixel):
-        return build_ray_table(camera, plan.samples, partial(direction_from_pixel_grid, camera))
+        return build_ray_table(camera, plan.samples, partial(rays_from_pixel_grid, camera))
     # Loaded with embreex where a plan has a mesh: see deferred_modules.
     from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 
@@ -111,7 +113,7 @@ def lens_ray_table(
 
 def _grid_lookup(look_up: PixelLookup) -> GridLookup:
     """Directions of a grid by those of pixel positions."""
-    return lambda u, v: look_up(np.stack(np.meshgrid(u, v), axis=-1))
+    return lambda u, v: (None, *look_up(np.stack(np.meshgrid(u, v), axis=-1)))
 
 
 def face_ray_table(camera: FaceCamera, samples: int) -> RayTable:
@@ -135,8 +137,12 @@ def build_ray_table(camera: ImageSize, samples: int, look_up: GridLookup) -> Ray
     batches = [
         _build_tile_rows(camera, samples, look_up, rows) for rows in _split_rows(camera, samples)
     ]
-    tiles, directions, valid = (np.concatenate(parts) for parts in zip(*batches, strict=True))
-    return RayTable(camera.width_px, camera.height_px, samples, tiles, directions, valid)
+    tiles, directions, valid = (
+        np.concatenate(parts) for parts in zip(*(batch[:3] for batch in batches), strict=True)
+    )
+    starts = [batch[3] for batch in batches if batch[3] is not None]
+    origins = np.concatenate(starts) if starts else None
+    return RayTable(camera.width_px, camera.height_px, samples, tiles, directions, valid, origins)
 
 
 def _split_rows(camera: ImageSize, samples: int) -> Iterator[range]:
@@ -150,27 +156,35 @@ def _split_rows(camera: ImageSize, samples: int) -> Iterator[range]:
 
 def _build_tile_rows(
     camera: ImageSize, samples: int, look_up: GridLookup, rows: range
-) -> tuple[npt.NDArray[np.int32], Float32s, npt.NDArray[np.uint16]]:
-    """Tiles, directions and validity of some rows of tiles."""
+) -> tuple[npt.NDArray[np.int32], Float32s, npt.NDArray[np.uint16], Float32s | None]:
+    """Tiles, directions, validity and origins of some rows of tiles."""
     columns = -(-camera.width_px // TILE_PX)
     v = _grid_positions(rows.start * TILE_PX, rows.stop * TILE_PX, samples)
     u = _grid_positions(0, columns * TILE_PX, samples)
     # Tiles of the last column and row may reach beyond the image: those rays are invalid.
     within = (v < camera.height_px)[:, None] & (u < camera.width_px)
-    directions, valid = look_up(u, v)
+    origins, directions, valid = look_up(u, v)
     if not within.all():
         valid = valid & within
         directions = np.where(within[..., None], directions, (0.0, 0.0, 1.0))
-    blocks = np.zeros((len(rows) * columns, samples**2, 3, BLOCK_RAYS), dtype=np.float32)
-    split = blocks.reshape(len(rows), columns, samples, samples, 3, TILE_PX, TILE_PX)
-    for component in range(3):
-        # Rounded to float32 on the way, without an array of float64 in this order.
-        split[..., component, :, :] = _split_blocks(directions[..., component], samples)
+    blocks = _blocks_of_vectors(directions, samples)
     rays = _split_blocks(valid, samples).reshape(-1, samples**2, BLOCK_RAYS)
     bits = np.packbits(rays, axis=-1, bitorder="little").view("<u2")[..., 0]
     # Tiles off the mirror stay black without a ray: 1 - pi/4 of a square image with inscribed rim.
     shown = np.flatnonzero(bits.any(axis=-1))
-    return (shown + rows.start * columns).astype(np.int32), blocks[shown], bits[shown]
+    starts = None if origins is None else _blocks_of_vectors(origins, samples)[shown]
+    return (shown + rows.start * columns).astype(np.int32), blocks[shown], bits[shown], starts
+
+
+def _blocks_of_vectors(vectors: Floats, samples: int) -> Float32s:
+    """(tiles, samples^2, 3, 16) blocks of (rows, columns, 3) vectors of the sample grid."""
+    num_rows, num_columns = (side // (TILE_PX * samples) for side in vectors.shape[:2])
+    blocks = np.zeros((num_rows * num_columns, samples**2, 3, BLOCK_RAYS), dtype=np.float32)
+    split = blocks.reshape(num_rows, num_columns, samples, samples, 3, TILE_PX, TILE_PX)
+    for component in range(3):
+        # Rounded to float32 on the way, without an array of float64 in this order.
+        split[..., component, :, :] = _split_blocks(vectors[..., component], samples)
+    return blocks
 
 
 def _grid_positions(first_px: int, stop_px: int, samples: int) -> Floats:
