@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,8 +17,16 @@ from catoptra_protocol.camera_conf import (
     pairs_from_perspective_camera,
 )
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.optics.mirrors import MIRRORS, HyperbolicMirror, Mirror
-from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    MIRRORS,
+    ConicalMirror,
+    EquiangularMirror,
+    HyperbolicMirror,
+    Mirror,
+    ParabolicMirror,
+    ProfileMirror,
+    SphericalMirror,
+)
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
@@ -154,9 +163,18 @@ def test_pairs_of_the_same_camera_are_formatted_once(monkeypatch: pytest.MonkeyP
 
 
 def test_every_mirror_can_be_sent() -> None:
-    examples: dict[str, Mirror] = {"hyperbolic": PAPER, "parabolic": ParabolicMirror(0.03)}
+    examples: dict[str, Mirror] = {
+        "hyperbolic": PAPER,
+        "parabolic": ParabolicMirror(0.03),
+        "spherical": SphericalMirror(0.03, 0.2),
+        "conical": ConicalMirror(0.8, 0.2, 1.6),
+        "equiangular": EquiangularMirror(11.0, 0.1),
+        "profile": ProfileMirror((0.0, 0.01, 0.02, 0.03), (0.0, 0.002, 0.008, 0.018), 0.2, 1.5),
+    }
     assert set(examples) == set(MIRRORS)
-    assert all(
-        omni_camera_from_pairs(pairs_from_omni_camera(make_camera(m), 0.0))
-        for m in examples.values()
-    )
+    for mirror in examples.values():
+        rim_rad = getattr(mirror, "rim_rad", math.radians(110.0))
+        sent = camera_with_inscribed_rim(mirror, width_px=64, height_px=48, rim_rad=rim_rad)
+        received, _ = omni_camera_from_pairs(pairs_from_omni_camera(sent, 0.0))
+        # The rim passes through degrees.
+        assert replace(received, rim_rad=rim_rad) == sent

@@ -157,7 +157,7 @@ def omni_camera_from_pairs(pairs: Pairs) -> tuple[OmniCamera, float]:
             image_up_azimuth_rad=_parse_number(pairs, "UpAzimuth"),
             picture=_parse_picture(pairs),
             plane=_plane_from_pairs(pairs),
-            is_approximated=any(key.lower() == "central" for key, _ in pairs),
+            is_approximated=_parse_central(pairs),
         )
     except DomainError as error:
         raise RemoteProtocolError(f"CONF of an impossible camera: {error}") from error
@@ -245,6 +245,13 @@ def _parse_picture(pairs: Pairs) -> Picture:
     except ValueError:
         expected = " or ".join(picture.value for picture in Picture)
         raise _field_error("Picture", value, expected) from None
+
+
+def _parse_central(pairs: Pairs) -> bool:
+    values = [value for key, value in pairs if key.lower() == "central"]
+    if values and values[0].lower() != "approximated":
+        raise _field_error("Central", values[0], "approximated, or no such field")
+    return bool(values)
 
 
 def _capture_fov_deg(camera: OmniCamera) -> float:

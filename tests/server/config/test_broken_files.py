@@ -66,7 +66,7 @@ ROBOT_CASES = [
     ("ResolutionX=32", "Vigneting=auto", None, "did you mean Vignetting?"),
     ("[Catoptra.OmniCapt", "[Catoptra.OmnCapt", None, "Catoptra.OmniCaptureCamera"),
     ("[Catoptra.Hyper", "[Catoptra.Hyber", None, "is [Catoptra.HyberbolicMirror] meant to be it?"),
-    ("'Catoptra.Hyperbolic", "'Catoptra.Hyper", None, "or Catoptra.ParabolicMirror"),
+    ("'Catoptra.Hyperbolic", "'Catoptra.Hyper", None, "Catoptra.ParabolicMirror"),
     ("CamTexActors=", "CamTexActor=", "[USARBot.Mine]", 'such as (ItemName="Eye",'),
     ('(ItemName="Eye"', '(ItemName="Eyes"', "StaticMeshes=", 'an item with Parent="Eyes"'),
     ("StaticMeshes=", "StaticMesh=", "[USARBot.Mine]", "is StaticMesh meant to be it?"),

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from pathlib import Path
 
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_protocol.optics.mirrors import HyperbolicMirror, Mirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    ConicalMirror,
+    EquiangularMirror,
+    HyperbolicMirror,
+    Mirror,
+    ParabolicMirror,
+    ProfileMirror,
+    SphericalMirror,
+)
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mirror_section import read_mirror, read_surface
+from catoptra_server.config.robot_file import read_robot
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
+from helpers.configs import ROBOTS, write_edited_copy
 
 
 def read_from(folder: Path, class_name: str, *lines: str) -> tuple[Mirror, MirrorSurface]:
@@ -61,5 +74,81 @@ def test_surface_of_one_ring_by_a_prime_number_is_refused_with_the_size_of_a_gri
 
 
 def test_class_that_is_no_mirror_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"Catoptra.HyperbolicMirror or Catoptra.ParabolicMirror"):
+    with pytest.raises(ConfigError, match=r"Catoptra\.HyperbolicMirror, .*Catoptra\.ProfileMirror"):
         read_from(tmp_path, "Cone", "K=3")
+
+
+WITHOUT_VIEWPOINT = [
+    ("SphericalMirror", ("Radius=0.03", "CentreDistance=0.2"), SphericalMirror(0.03, 0.2)),
+    (
+        "SphericalMirror",
+        ("Radius=30", "CentreDistance=200", "MetresPerUnit=0.001", "RimAngle=100"),
+        SphericalMirror(0.03, 0.2, math.radians(100.0)),
+    ),
+    (
+        "ConicalMirror",
+        ("HalfAngle=45", "ApexDistance=0.2", "RimAngle=97"),
+        ConicalMirror(math.radians(45.0), 0.2, math.radians(97.0)),
+    ),
+    ("EquiangularMirror", ("Gain=11", "VertexDistance=0.1"), EquiangularMirror(11.0, 0.1)),
+    (
+        "ProfileMirror",
+        ("Radii=0,0.01,0.02,0.03", "Sags=0,0.002,0.008,0.018", "VertexDistance=0.2", "RimAngle=90"),
+        ProfileMirror((0.0, 0.01, 0.02, 0.03), (0.0, 0.002, 0.008, 0.018), 0.2, math.radians(90.0)),
+    ),
+]
+
+
+@pytest.mark.parametrize(("class_name", "lines", "mirror"), WITHOUT_VIEWPOINT)
+def test_mirror_without_a_viewpoint_is_read(
+    tmp_path: Path, class_name: str, lines: tuple[str, ...], mirror: Mirror
+) -> None:
+    read, _ = read_from(tmp_path, class_name, *lines)
+    assert type(read) is type(mirror)
+    for field in dataclasses.fields(mirror):  # type: ignore[arg-type]
+        assert getattr(read, field.name) == pytest.approx(getattr(mirror, field.name), rel=1e-12)
+
+
+BAD_WITHOUT_VIEWPOINT = [
+    (
+        "SphericalMirror",
+        ("Radius=0.3", "CentreDistance=0.2"),
+        "CentreDistance=.*outside the sphere",
+    ),
+    ("SphericalMirror", ("Radius=0.03", "CentreDistance=0.2", "RimAngle=175"), r"RimAngle=.*171"),
+    ("ConicalMirror", ("HalfAngle=45", "ApexDistance=0.2", "RimAngle=80"), "RimAngle=.*above 90"),
+    ("EquiangularMirror", ("Gain=1", "VertexDistance=0.1"), "Gain=.*gain > 1"),
+    ("ProfileMirror", ("Radii=0,1", "Sags=0,1", "VertexDistance=1"), "Sags=.*4 to 512"),
+]
+
+
+@pytest.mark.parametrize(("class_name", "lines", "message"), BAD_WITHOUT_VIEWPOINT)
+def test_impossible_mirror_without_a_viewpoint_is_rejected_at_its_key(
+    tmp_path: Path, class_name: str, lines: tuple[str, ...], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read_from(tmp_path, class_name, *lines)
+
+
+def ball_camera(folder: Path, *lines: str) -> OmniCamera:
+    """Camera of the bundled chrome ball, with further lines in its mirror's section."""
+    for name in ("p2at_omni.ini", "p2at_sphere.ini"):
+        write_edited_copy(ROBOTS / name, folder)
+    path = folder / "p2at_sphere.ini"
+    path.write_text(path.read_text().replace("Central=auto", "\n".join(lines)))
+    omni = read_robot(path)[0].omni_camera
+    assert omni is not None
+    return omni.camera
+
+
+def test_rays_are_exact_unless_nothing_can_be_near_enough(tmp_path: Path) -> None:
+    assert not ball_camera(tmp_path).is_central
+    assert not ball_camera(tmp_path, "Central=never", "CentralErrorPx=1000").is_central
+    assert ball_camera(tmp_path, "Central=always").is_central
+    # A ball's rays miss its viewpoint by millimetres: 46 px at the mirror itself.
+    assert ball_camera(tmp_path, "CentralErrorPx=60").is_approximated
+
+
+def test_mesh_of_a_mirror_without_a_viewpoint_is_rejected(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"Polygons=.256.*one viewpoint"):
+        ball_camera(tmp_path, "Polygons=256")

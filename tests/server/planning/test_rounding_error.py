@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,11 +12,12 @@ from catoptra_protocol.optics.mirrors import (
     HyperbolicMirror,
     Mirror,
     ParabolicMirror,
+    SphericalMirror,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.rounding_error import corner_error, rounding_error
+from catoptra_server.planning.rounding_error import coordinate_errors, corner_error, rounding_error
 from catoptra_server.planning.texel_footprint import texel_footprint
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, pack_atlas
 from catoptra_server.render.projection.lookup_map import atlas_coordinates
@@ -22,6 +25,7 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation
+from helpers.mirror_checks import make_camera as make_ball_camera
 from helpers.worlds import make_omni_camera
 
 
@@ -84,3 +88,15 @@ def test_corner_error_falls_with_more_samples() -> None:
     camera = make_omni_camera(width_px=360)
     assert corner_error(camera, 1).max_px == pytest.approx(2**0.5 / 512.0)
     assert corner_error(camera, 4).max_px == pytest.approx(2**0.5 / 2048.0)
+
+
+def test_miss_of_an_approximated_viewpoint_counts_where_a_renderer_has_one() -> None:
+    camera = make_ball_camera(SphericalMirror(0.03, 0.2))
+    trace, raster = (
+        plan_from_settings(RenderSettings(), camera, kind=kind, reason="")
+        for kind in (RendererKind.TRACE, RendererKind.RASTER)
+    )
+    assert coordinate_errors(camera, trace).miss_m == 0.0
+    approximated = replace(camera, is_approximated=True)
+    for plan in (trace, raster):
+        assert coordinate_errors(approximated, plan).miss_m == pytest.approx(7.5e-3, abs=1e-4)

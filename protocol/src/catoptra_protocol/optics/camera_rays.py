@@ -46,16 +46,33 @@ def rays_from_pixel_grid(
         return None, directions, valid
     mirror = _non_central(camera)
     rho = np.hypot(directions[..., 0], directions[..., 1])
-    # By the angle, not by the radius: the directions already include the image plane.
-    theta = np.arctan2(rho, directions[..., 2])
-    t = np.clip(np.tan(0.5 * theta), mirror.t_min, mirror.t_limit)
-    r, z = mirror.surface_point(np.where(valid, t, mirror.t_min))
+    if camera.plane.is_radial:
+        r, z = _surface_of_grid(camera, mirror, u, v)
+    else:
+        # By the angle, which includes the image plane, at the price of an inverse a sample.
+        theta = np.arctan2(rho, directions[..., 2])
+        t = np.clip(np.tan(0.5 * theta), mirror.t_min, mirror.t_limit)
+        r, z = mirror.surface_point(np.where(valid, t, mirror.t_min))
     scale = np.where(valid, r, 0.0) / np.where(rho > 0.0, rho, 1.0)
     origins = np.empty_like(directions)
     origins[..., 0] = scale * directions[..., 0]
     origins[..., 1] = scale * directions[..., 1]
     origins[..., 2] = np.where(valid, z, 0.0)
     return origins, directions, valid
+
+
+def _surface_of_grid(
+    camera: OmniCamera, mirror: NonCentralMirror, u: Floats, v: Floats
+) -> tuple[Floats, Floats]:
+    """(h, w) r and z of the mirror's points that pixels of a grid show.
+
+    As in `direction_from_pixel_grid`, once for all pixels at the same distances from the centre.
+    """
+    to_u, columns = np.unique(np.abs(u - camera.centre_px[0]), return_inverse=True)
+    to_v, rows = np.unique(np.abs(v - camera.centre_px[1]), return_inverse=True)
+    ratio = np.hypot(to_u, to_v[:, None]) / camera.scale_px
+    _, r, z = mirror.ray_from_radius_ratio(ratio)
+    return r[:, columns][rows], z[:, columns][rows]
 
 
 def pixel_from_point(camera: OmniCamera, point: Floats) -> tuple[Floats, Bools]:
@@ -94,7 +111,8 @@ def pixel_from_point(camera: OmniCamera, point: Floats) -> tuple[Floats, Bools]:
     across = sine / np.where(rho > 0.0, rho, 1.0)
     direction = np.stack((across * known[..., 0], across * known[..., 1], cosine), axis=-1)
     pixel, shown = pixel_from_direction(camera, direction)
-    valid = np.asarray(inside & shown)
+    # A cone shows a circle of directions at its axis: no pixel of a point there.
+    valid = np.asarray(inside & shown & ((rho > 0.0) | (mirror.t_min == 0.0)))
     return np.where(np.expand_dims(valid, -1), pixel, camera.centre_px), valid
 
 

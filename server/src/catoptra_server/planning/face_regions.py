@@ -180,7 +180,9 @@ def pixels_per_unit(camera: OmniCamera, face: Face, points: Floats) -> Floats:
 def _pixels_per_radian(camera: OmniCamera, incidence_rad: Floats) -> tuple[Floats, Floats]:
     """(n,) pixels a radian, radially and tangentially."""
     # On the axis both are equal; a millionth of a radian beside, their formulas have values.
-    theta = np.clip(incidence_rad, 1e-6, camera.rim_rad)
+    # A cone does not show its axis.
+    lowest = max(1e-6, 2.0 * math.atan(camera.projection.t_min))
+    theta = np.clip(incidence_rad, lowest, camera.rim_rad)
     t = np.tan(0.5 * theta)
     radial = camera.max_stretch * camera.radius_slope_px(t)
     tangential = camera.max_stretch * camera.radius_px_from_t(t) / np.sin(theta)

@@ -146,7 +146,7 @@ def check_rim(mirror: NonCentralMirror) -> None:
     """Raise DomainError for a rim that no ray of the mirror reaches."""
     if not math.isfinite(mirror.rim_rad):
         raise DomainError(f"a mirror needs a finite rim, not {mirror.rim_rad!r}")
-    within = mirror.psi_limit * (1.0 - 1e-9)
+    within = mirror.psi_limit * (1.0 - 1e-12)
     ends = mirror.reflect(np.array((0.0, within))).theta
     if not float(ends[0]) < mirror.rim_rad <= float(ends[1]):
         low, high = (math.degrees(float(end)) for end in ends)

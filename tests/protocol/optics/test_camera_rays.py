@@ -1,0 +1,99 @@
+"""Rays and points of cameras with and without a viewpoint."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera_rays import (
+    central_error_px_m,
+    max_miss_m,
+    near_limit_m,
+    pixel_from_point,
+    rays_from_pixel_grid,
+)
+from catoptra_protocol.optics.lenses import EquidistantLens
+from catoptra_protocol.optics.mirrors import (
+    PAPER_MIRROR,
+    ConicalMirror,
+    EquiangularMirror,
+    SphericalMirror,
+)
+from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
+from catoptra_protocol.optics.omni_camera import (
+    camera_with_inscribed_rim,
+    direction_from_pixel_grid,
+)
+from catoptra_protocol.optics.picture import Picture
+from helpers.mirror_checks import make_camera
+
+CENTRAL = camera_with_inscribed_rim(PAPER_MIRROR, width_px=64, height_px=48, rim_rad=2.0)
+MIRRORS: list[NonCentralMirror] = [
+    SphericalMirror(0.03, 0.2),
+    EquiangularMirror(11.0, 0.1),
+    ConicalMirror(math.radians(60.0), 0.1, math.radians(88.0)),
+]
+
+
+def test_rays_of_a_central_camera_begin_at_its_viewpoint() -> None:
+    u, v = np.arange(64) + 0.5, np.arange(48) + 0.5
+    origins, directions, valid = rays_from_pixel_grid(CENTRAL, u, v)
+    expected, expected_valid = direction_from_pixel_grid(CENTRAL, u, v)
+    assert origins is None
+    assert np.array_equal(directions, expected)
+    assert np.array_equal(valid, expected_valid)
+    assert (near_limit_m(CENTRAL), max_miss_m(CENTRAL)) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("mirror", MIRRORS, ids=lambda mirror: type(mirror).__name__)
+@pytest.mark.parametrize("picture", list(Picture))
+def test_point_on_a_pixel_s_ray_has_that_pixel(mirror: NonCentralMirror, picture: Picture) -> None:
+    camera = make_camera(mirror, 97).with_picture(picture)
+    centres = np.arange(97) + 0.5
+    origins, directions, valid = rays_from_pixel_grid(camera, centres, centres)
+    assert origins is not None
+    pixels = np.stack(np.meshgrid(centres, centres), axis=-1)[valid]
+    for distance_m in (0.05, 1.0, 100.0):
+        points = (origins + distance_m * directions)[valid]
+        found, shown = pixel_from_point(camera, points)
+        # Rays of pixels next to the rim and to a cone's apex may leave it by rounding.
+        assert shown.mean() > 0.999
+        assert found[shown] == pytest.approx(pixels[shown], abs=1e-8)
+
+
+@pytest.mark.parametrize("mirror", MIRRORS, ids=lambda mirror: type(mirror).__name__)
+def test_error_of_the_approximation_falls_with_the_distance(mirror: NonCentralMirror) -> None:
+    camera = make_camera(mirror, 360)
+    theta = np.linspace(2.0 * math.atan(mirror.t_min), mirror.rim_rad, 50)[1:-1]
+    direction = np.stack((np.sin(theta), np.zeros_like(theta), np.cos(theta)), axis=-1)
+    at_infinity, _ = camera.pixel_from_direction(direction)
+    for distance_m in (2.0, 20.0):
+        pixel, valid = pixel_from_point(camera, distance_m * direction)
+        error_px = np.linalg.norm(pixel - at_infinity, axis=-1)[valid].max()
+        # To first order; the largest ring may lie beside the grid or beyond the rim.
+        assert error_px <= 1.02 * central_error_px_m(camera) / distance_m
+        assert error_px >= 0.8 * central_error_px_m(camera) / distance_m
+
+
+def test_point_that_is_none_has_no_pixel() -> None:
+    camera = make_camera(SphericalMirror(0.03, 0.2))
+    points = np.array([[math.nan, 0.0, 1.0], [0.0, 0.0, -5.0], [math.inf, 0.0, 0.0]])
+    pixel, valid = pixel_from_point(camera, points)
+    assert not valid.any()
+    assert pixel == pytest.approx(np.tile(camera.centre_px, (3, 1)))
+
+
+def test_point_on_the_axis_is_the_centre_of_a_ball_and_nowhere_on_a_cone() -> None:
+    ball, _, cone = map(make_camera, MIRRORS)
+    point = np.array([0.0, 0.0, 2.0])
+    pixel, valid = pixel_from_point(ball, point)
+    assert valid
+    assert pixel == pytest.approx(ball.centre_px, abs=1e-9)
+    assert not pixel_from_point(cone, point)[1]
+
+
+def test_lens_has_a_viewpoint() -> None:
+    camera = camera_with_inscribed_rim(EquidistantLens(), width_px=9, height_px=9, rim_rad=2.0)
+    assert central_error_px_m(camera) == 0.0
