@@ -77,7 +77,9 @@ def test_mark_is_drawn_at_its_own_pixel(name: str, distance_m: float) -> None:
     camera = make_camera(mirror, 400)
     low, high = 2.0 * math.atan(mirror.t_min), mirror.rim_rad
     marks = []
-    for fraction, azimuth in ((0.15, 0.4), (0.6, 2.0), (0.9, -1.1)):
+    # Next to a cone's apex a mark is an arc, whose centroid lies inside of its middle.
+    first = 0.1 if mirror.t_min == 0.0 else 0.4
+    for fraction, azimuth in ((first, 0.4), (0.6, 2.0), (0.9, -1.1)):
         theta = low + fraction * (high - low)
         t = np.array(math.tan(0.5 * theta))
         r, z = mirror.surface_point(t)

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR, Mirror
+from catoptra_protocol.optics.image_plane import ImagePlane
+from catoptra_protocol.optics.lenses import EquidistantLens
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ConicalMirror, Mirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
@@ -16,6 +18,7 @@ from catoptra_protocol.optics.omni_camera import (
     camera_with_inscribed_rim,
     pixel_from_direction,
 )
+from catoptra_protocol.optics.picture import Picture
 from catoptra_server.transports.web.camera_table import camera_table
 
 # What the page may miss: a hundredth of what is seen, and more than interpolation costs.
@@ -80,3 +83,30 @@ def test_table_states_image_and_domain() -> None:
     assert radius_px[0] == 0.0
     assert radius_px[-1] == pytest.approx(camera.rim_radius_px, abs=1e-9)
     assert np.all(np.diff(radius_px) > 0.0)
+
+
+@pytest.mark.parametrize("picture", list(Picture))
+def test_table_of_a_stretched_lens_gives_its_pixels(picture: Picture) -> None:
+    plane = ImagePlane((1.0, 0.01, 0.0, 1.02))
+    lens = EquidistantLens()
+    camera = OmniCamera(lens, 640, 480, (310.0, 250.0), 120.0, math.pi, 0.4, picture, plane)
+    assert_table_projects(camera, np.radians([1.0, 45.0, 90.0, 170.0]))
+
+
+def test_table_of_a_cone_begins_at_its_apex() -> None:
+    cone = ConicalMirror(math.radians(60.0), 0.1, math.radians(88.0))
+    camera = camera_with_inscribed_rim(cone, width_px=360, height_px=360, rim_rad=cone.rim_rad)
+    assert_table_projects(camera, np.radians([61.0, 75.0, 87.0]))
+
+
+def assert_table_projects(camera: OmniCamera, theta_rad: Floats) -> None:
+    """Check pixels by the table against the model's."""
+    table: Any = camera_table(camera)
+    for azimuth in (0.0, 1.0, -2.5):
+        found = pixel_from_table(table, theta_rad, np.full_like(theta_rad, azimuth))
+        x, y = math.cos(azimuth), math.sin(azimuth)
+        sine = np.sin(theta_rad)
+        direction = np.stack((sine * x, sine * y, np.cos(theta_rad)), axis=-1)
+        expected, valid = pixel_from_direction(camera, direction)
+        assert valid.all()
+        assert found == pytest.approx(expected, abs=1e-3)
