@@ -23,7 +23,7 @@ def camera_table(camera: OmniCamera) -> dict[str, object]:
     lowest_t = camera.projection.t_min
     ratio = camera.projection.radius_ratio_from_t(np.maximum(np.tan(0.5 * theta_rad), lowest_t))
     # The image of the x axis and of the y axis, read from the model itself, over its radius: the
-    # stretch of a calibrated image plane is in the matrix. Its decentring, of a pixel or two, is not.
+    # stretch of a calibrated image plane is in the matrix, its decentring of a pixel or two is not.
     middle_rad = 0.5 * (2.0 * math.atan(lowest_t) + camera.rim_rad)
     sine, cosine = math.sin(middle_rad), math.cos(middle_rad)
     directions = np.array([[sine, 0.0, cosine], [0.0, sine, cosine]])
