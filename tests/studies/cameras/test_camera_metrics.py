@@ -13,7 +13,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_studies.cameras.camera_metrics import (
     covered_sphere,
     floor_view,
-    near_limit_m,
     resolution_at,
     resolution_curve,
 )
@@ -70,7 +69,3 @@ def test_floor_below_an_image_without_the_axis_is_blind() -> None:
     camera = replace(make_camera(180.0), centre_px=(100.0, -50.0))
     view = floor_view(camera, 0.6)
     assert (view.blind_radius_m, view.reach_m) == (math.inf, 0.0)
-
-
-def test_central_camera_has_no_near_limit() -> None:
-    assert near_limit_m(make_camera(180.0)) == 0.0

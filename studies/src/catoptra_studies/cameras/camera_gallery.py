@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from catoptra_protocol.optics.camera_rays import near_limit_m
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_studies import plot_style
@@ -18,7 +19,6 @@ from catoptra_studies.cameras.camera_metrics import (
     covered_sphere,
     limit_rad,
     min_angle_rad,
-    near_limit_m,
     resolution_curve,
     shows_direction,
 )

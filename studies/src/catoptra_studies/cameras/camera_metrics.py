@@ -152,10 +152,3 @@ def _bisect(sees_angle: Callable[[float], bool], *, inside: float, outside: floa
         else:
             outside = middle
     return inside
-
-
-def near_limit_m(camera: OmniCamera) -> float:
-    """Distance beyond which the central approximation holds: 0 for central cameras, nan where the
-    mirror does not state one.
-    """
-    return 0.0 if camera.is_central else math.nan
