@@ -42,7 +42,10 @@ def test_class_is_listed_with_every_file_that_serves_it() -> None:
 
 def test_class_is_described_by_cameras_and_sensors() -> None:
     described = {entry.description for entry in list_entries(["classes"])}
-    assert "--robot p2at_omni: mirror camera OmniCamPillar_Link4 360 x 360 px, Odometry, GroundTruth" in described
+    assert (
+        "--robot p2at_omni: mirror camera OmniCamPillar_Link4 360 x 360 px, Odometry, GroundTruth"
+        in described
+    )
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.image_plane import NO_CHANGE, ImagePlane, undo_distortion
+from catoptra_protocol.optics.image_plane import (
+    NO_CHANGE,
+    ImagePlane,
+    decentred_fold_rad,
+    undo_distortion,
+)
 from catoptra_protocol.optics.lenses import EquidistantLens, UnifiedLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
@@ -89,3 +94,37 @@ def test_plane_that_turns_round_or_collapses_is_rejected(
 ) -> None:
     with pytest.raises(DomainError, match="positive determinant"):
         ImagePlane(stretch)
+
+
+THETA_BACK = UnifiedLens(1.19807, -0.25709, 0.01283)
+
+
+def test_fold_of_a_decentred_lens_is_the_smallest_over_azimuths() -> None:
+    plane = ImagePlane(p1=1e-3, p2=-5e-4)
+    fold_rad = decentred_fold_rad(THETA_BACK, plane)
+    assert math.degrees(fold_rad) == pytest.approx(117.88, abs=0.01)
+    assert fold_rad < THETA_BACK.fold_rad
+    # A rotation of the decentring turns the fold, and does not move it.
+    turned = ImagePlane(p1=math.hypot(1e-3, 5e-4), p2=0.0)
+    assert decentred_fold_rad(THETA_BACK, turned) == pytest.approx(fold_rad, abs=1e-6)
+    assert math.isinf(decentred_fold_rad(UnifiedLens(2.0), plane))
+
+
+def test_rim_beyond_the_fold_of_an_azimuth_is_rejected_with_both_angles() -> None:
+    plane = ImagePlane(p1=1e-3, p2=-5e-4)
+    size, centre = (960, 1080), (480.0, 540.0)
+    message = r"turns back at 117\.88\d deg, although .* 118\.280 deg.* reaches 146\.6"
+    with pytest.raises(DomainError, match=message):
+        OmniCamera(THETA_BACK, *size, centre, 400.0, math.radians(118.2), plane=plane)
+    camera = OmniCamera(THETA_BACK, *size, centre, 400.0, math.radians(117.8), plane=plane)
+    # All directions up to there come back, where a solution beyond the fold was taken before.
+    rng = np.random.default_rng(4)
+    theta = np.radians(rng.uniform(116.8, 117.8, 20_000))
+    azimuth = rng.uniform(-math.pi, math.pi, 20_000)
+    sine = np.sin(theta)
+    direction = np.stack((sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(theta)), axis=-1)
+    pixel, valid = camera.pixel_from_direction(direction)
+    back, known = camera.direction_from_pixel(pixel)
+    assert valid.all()
+    assert known.mean() > 0.999
+    assert np.abs(back - direction)[known].max() < 1e-5

@@ -56,13 +56,12 @@ def test_view_when_requested_has_the_state_of_camera_and_robot() -> None:
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)
     scene = build_scene(make_walled_world())
     robot.step(0.02, 0.02, build_obstacle_grid(scene, low_m=0.1, high_m=0.5))
-    assert robot.omni_camera is not None
-    request = MountedCamera(robot, robot.omni_camera).request_view(TILE, visible_objects)
+    request = MountedCamera(robot, robot.omni_cameras[0]).request_view(TILE, visible_objects)
     state = request.camera_state
-    assert request.camera == robot.omni_camera.camera_spec(TILE)
-    expected = robot.world_from_robot @ robot.omni_camera.robot_from_camera({})
+    assert request.camera == robot.omni_cameras[0].camera_spec(TILE)
+    expected = robot.world_from_robot @ robot.omni_cameras[0].robot_from_camera({})
     np.testing.assert_array_equal(state.world_from_mirror.translation, expected.translation)
-    assert state.noise_seed == robot.noise_seed_for(robot.omni_camera.name)
+    assert state.noise_seed == robot.noise_seed_for(robot.omni_cameras[0].name)
     assert state.twist.linear_m_s == pytest.approx(robot.twist.linear_m_s)
     assert any(state.twist.linear_m_s)
 

@@ -80,7 +80,7 @@ def frame_bound_rad(world: World, kind: RendererKind, state: CameraState) -> flo
     """Bound of a frame, as the server states it."""
     plan = make_plan(kind)
     summarizer = SceneSummarizer(build_scene(world), world)
-    angle_rad = summarizer.max_rounding_angle_rad(state, coordinate_errors(plan))
+    angle_rad = summarizer.max_rounding_angle_rad(state, coordinate_errors(CAMERA, plan))
     return math.radians(add_scene(error_bound(CAMERA, plan), CAMERA, angle_rad).geometric.max_deg)
 
 
@@ -233,6 +233,6 @@ def test_shipped_scale_costs_thousandths_of_a_pixel() -> None:
     for kind, most_px in ((RendererKind.TRACE, 0.002), (RendererKind.RASTER, 0.02)):
         plan = make_plan(kind)
         summarizer = SceneSummarizer(build_scene(world), world)
-        angle_rad = summarizer.max_rounding_angle_rad(state, coordinate_errors(plan))
+        angle_rad = summarizer.max_rounding_angle_rad(state, coordinate_errors(CAMERA, plan))
         bound = add_scene(error_bound(CAMERA, plan), CAMERA, angle_rad)
         assert 0.0 < bound.as_dict()["scene_px"] < most_px

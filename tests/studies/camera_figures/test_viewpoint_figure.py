@@ -25,5 +25,5 @@ def test_rays_to_another_mirror_miss_its_pinhole(subject: StudySubject) -> None:
         pinhole_distance_m = subject.camera.mirror.pinhole_distance_m - 1e-3
 
     moved = dataclasses.replace(subject.camera)
-    object.__setattr__(moved, "mirror", MovedPinhole())
+    object.__setattr__(moved, "projection", MovedPinhole())
     assert reflection_miss_m(moved, THETA_RAD).max() > 1e-5

@@ -10,6 +10,7 @@ Source: Brown 1966; Mei & Rives 2007; documentation of cv2.omnidir.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -25,6 +26,10 @@ _MAX_STEPS = 12
 _TOLERANCE = 1e-13
 # At the fold itself Newton's method has no slope.
 _INSIDE_FOLD = 1.0 - 1e-3
+_INSIDE_LIMIT = 1.0 - 1e-9
+# A fold is found between angles 0.3 degrees apart, then to the last digits; the determinant varies
+# with the azimuth as a cosine, so 720 azimuths find its minimum to 1e-5 of its variation.
+_NUM_AZIMUTHS, _NUM_ANGLES, _FINE_AZIMUTHS, _BISECTIONS = 72, 513, 720, 40
 
 
 @runtime_checkable
@@ -131,15 +136,13 @@ def undo_distortion(
     error = np.full(radius.shape, math.inf)
     for _ in range(_MAX_STEPS):
         squared = px * px + py * py
-        gain, slope = projection.distortion_factor(squared)
+        gain, _ = projection.distortion_factor(squared)
         dx, dy = plane.decentre(px, py)
         ex, ey = gain * px + dx - x, gain * py + dy - y
         error = np.asarray(np.hypot(ex, ey))
         if not (error > _TOLERANCE).any():
             break
-        j11 = gain + 2.0 * slope * px * px + 2.0 * plane.p1 * py + 6.0 * plane.p2 * px
-        j12 = 2.0 * slope * px * py + 2.0 * plane.p1 * px + 2.0 * plane.p2 * py
-        j22 = gain + 2.0 * slope * py * py + 6.0 * plane.p1 * py + 2.0 * plane.p2 * px
+        j11, j12, j22 = _jacobian(projection, plane, px, py)
         determinant = j11 * j22 - j12 * j12
         determinant = np.where(np.abs(determinant) > 1e-12, determinant, 1.0)
         px = px - (j22 * ex - j12 * ey) / determinant
@@ -148,3 +151,49 @@ def undo_distortion(
     converged = error <= 10.0 * _TOLERANCE
     fold = float(projection.undistorted_ratio_from_t(np.array(projection.t_limit)))
     return px, py, np.asarray(converged & (np.hypot(px, py) <= fold))
+
+
+@lru_cache(maxsize=64)
+def decentred_fold_rad(projection: DistortedProjection, plane: ImagePlane) -> float:
+    """Smallest angle, over all azimuths, at which a decentred image turns back; inf if none does.
+
+    There the determinant of the distortion's Jacobian vanishes: tangential distortion moves the
+    fold by azimuth, by degrees for a published fish-eye.
+    """
+    last_rad = 2.0 * math.atan(projection.t_limit) * _INSIDE_LIMIT
+    azimuth = np.linspace(-math.pi, math.pi, _NUM_AZIMUTHS, endpoint=False)[:, None]
+    theta = np.linspace(0.0, last_rad, _NUM_ANGLES)
+    turns_back = _jacobian_determinant(projection, plane, theta, azimuth) <= 0.0
+    if not turns_back.any():
+        return math.inf
+    first = int(turns_back.any(axis=0).argmax())
+    # Of the azimuths, the one whose determinant falls lowest there; between, it varies as cos.
+    fine = np.linspace(-math.pi, math.pi, _FINE_AZIMUTHS, endpoint=False)[:, None]
+    low, high = float(theta[max(first - 1, 0)]), float(theta[first])
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        determinant = _jacobian_determinant(projection, plane, np.array([middle]), fine)
+        low, high = (middle, high) if (determinant > 0.0).all() else (low, middle)
+    return low
+
+
+def _jacobian_determinant(
+    projection: DistortedProjection, plane: ImagePlane, theta: Floats, azimuth: Floats
+) -> Floats:
+    """Determinant of the distortion's Jacobian at directions."""
+    radius = projection.undistorted_ratio_from_t(np.tan(0.5 * theta))
+    x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
+    j11, j12, j22 = _jacobian(projection, plane, x, y)
+    return j11 * j22 - j12 * j12
+
+
+def _jacobian(
+    projection: DistortedProjection, plane: ImagePlane, x: Floats, y: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Entries xx, xy and yy of the distortion's Jacobian, which is symmetric."""
+    gain, slope = projection.distortion_factor(x * x + y * y)
+    return (
+        gain + 2.0 * slope * x * x + 2.0 * plane.p1 * y + 6.0 * plane.p2 * x,
+        2.0 * slope * x * y + 2.0 * plane.p1 * x + 2.0 * plane.p2 * y,
+        gain + 2.0 * slope * y * y + 6.0 * plane.p1 * y + 2.0 * plane.p2 * x,
+    )

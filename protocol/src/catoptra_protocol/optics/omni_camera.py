@@ -23,6 +23,7 @@ from catoptra_protocol.optics.image_plane import (
     NO_CHANGE,
     DistortedProjection,
     ImagePlane,
+    decentred_fold_rad,
     undo_distortion,
 )
 from catoptra_protocol.optics.mirrors.mirror import Mirror
@@ -79,6 +80,19 @@ class OmniCamera:
                 f"p1 and p2 belong to a projection with radial distortion, not to {self.projection}"
             )
         _require_rim(self.projection, self.rim_rad)
+        if self.rim_rad > self.fold_rad:
+            raise DomainError(
+                f"a rim at {math.degrees(self.rim_rad):g} deg lies beyond the first fold of this "
+                f"lens: with p1 and p2 its image turns back at {math.degrees(self.fold_rad):.3f} "
+                f"deg, although without it ends at {describe_limit(self.projection)}"
+            )
+
+    @property
+    def fold_rad(self) -> float:
+        """Smallest angle, over all azimuths, at which the image turns back; inf if none does."""
+        if not self.plane.is_decentred:
+            return self.projection.fold_rad
+        return decentred_fold_rad(cast(DistortedProjection, self.projection), self.plane)
 
     @property
     def mirror(self) -> Mirror:

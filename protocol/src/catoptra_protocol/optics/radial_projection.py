@@ -53,4 +53,8 @@ def describe_limit(projection: RadialProjection) -> str:
     limit = math.degrees(2.0 * math.atan(projection.t_limit))
     if math.isinf(projection.fold_rad):
         return f"{limit:.3f} deg"
-    return f"{limit:.3f} deg, where its image radius turns back (its first fold)"
+    text = f"{limit:.3f} deg, where its image radius turns back (its first fold)"
+    formula_t = getattr(projection, "formula_t_limit", projection.t_limit)
+    if formula_t <= projection.t_limit:
+        return text
+    return f"{text}, although its formula reaches {math.degrees(2.0 * math.atan(formula_t)):.1f}"

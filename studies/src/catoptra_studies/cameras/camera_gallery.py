@@ -70,7 +70,7 @@ def draw_gallery(
 def describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
     """Numbers of a camera, as for JSON: None stands for nothing or unknown."""
     camera, file = staged.camera, staged.file
-    fold_rad, near_m = camera.projection.fold_rad, near_limit_m(camera)
+    fold_rad, near_m = camera.fold_rad, near_limit_m(camera)
     return {
         "name": file.name,
         "title": file.title,

@@ -48,8 +48,8 @@ class UnifiedLens(CentredLens):
             raise DomainError(f"k1 and k2 must be finite: {self.k1!r}, {self.k2!r}")
 
     @property
-    def _formula_limit(self) -> float:
-        """t at the limit of the sphere's formula."""
+    def formula_t_limit(self) -> float:
+        """Half-angle tangent at which the sphere's formula ends, whatever its distortion."""
         ratio = abs(1.0 - self.xi)
         return math.inf if ratio == 0.0 else math.sqrt((1.0 + self.xi) / ratio)
 
@@ -62,7 +62,9 @@ class UnifiedLens(CentredLens):
     def t_limit(self) -> float:
         """Half-angle tangent of the formula's limit or of the first fold."""
         fold_rad = self.fold_rad
-        limit = math.tan(0.5 * math.pi) if math.isinf(self._formula_limit) else self._formula_limit
+        limit = (
+            math.tan(0.5 * math.pi) if math.isinf(self.formula_t_limit) else self.formula_t_limit
+        )
         return limit if math.isinf(fold_rad) else math.tan(0.5 * fold_rad)
 
     def undistorted_ratio_from_t(self, t: Floats) -> Floats:
@@ -70,7 +72,7 @@ class UnifiedLens(CentredLens):
 
         Domain: 0 <= t < limit.
         """
-        inside = (t >= 0.0) & (t <= self._formula_limit) & has_finite_square(t)
+        inside = (t >= 0.0) & (t <= self.formula_t_limit) & has_finite_square(t)
         require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the limit")
         return 2.0 * t / ((1.0 + self.xi) + (self.xi - 1.0) * np.square(t))
 
