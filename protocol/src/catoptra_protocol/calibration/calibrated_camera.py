@@ -1,0 +1,119 @@
+"""A camera from a calibration's numbers: projection, matrix, image size; and back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from catoptra_protocol.calibration.fields import Fields
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.image_plane import ImagePlane
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.slotted_dataclass import dataclass
+
+# A rim just inside the first fold or the formula's limit, where the image radius stops growing.
+_WITHIN_LIMIT = 1.0 - 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """Camera matrix in pixels whose first centre is 0, as OpenCV has it."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    skew: float = 0.0
+
+
+def make_camera(
+    fields: Fields,
+    projection: Callable[[], RadialProjection],
+    matrix: Matrix,
+    size_px: tuple[int, int],
+    *,
+    p1: float = 0.0,
+    p2: float = 0.0,
+) -> OmniCamera:
+    """Camera of a calibration, flipped, up to the largest angle that its image shows.
+
+    Args:
+        fields: The file's object, for errors.
+        projection: Makes the projection.
+        matrix: Focal lengths and centre.
+        size_px: Width and height.
+        p1: Tangential distortion.
+        p2: Tangential distortion.
+
+    Raises:
+        ConfigError: The model is impossible, or its centre lies far outside the image.
+    """
+    try:
+        plane = ImagePlane((1.0, matrix.skew / matrix.fx, 0.0, matrix.fy / matrix.fx), p1, p2)
+        return place_camera(
+            projection(), size_px, (matrix.cx + 0.5, matrix.cy + 0.5), matrix.fx, plane
+        )
+    except DomainError as error:
+        raise fields.make_error("model", f"a possible camera: {error}") from error
+
+
+def place_camera(
+    projection: RadialProjection,
+    size_px: tuple[int, int],
+    centre_px: tuple[float, float],
+    scale_px: float,
+    plane: ImagePlane,
+) -> OmniCamera:
+    """Camera up to the angle of its farthest corner, or to the limit of its projection.
+
+    Raises:
+        DomainError: An impossible camera, or a centre farther off the image than its size.
+    """
+    width, height = size_px
+    if not (-width <= centre_px[0] <= 2 * width and -height <= centre_px[1] <= 2 * height):
+        raise DomainError(f"a centre at {centre_px} is far outside of {width} x {height} px")
+    corner_px = max(
+        math.hypot(u - centre_px[0], v - centre_px[1]) for u in (0, width) for v in (0, height)
+    )
+    ratio = corner_px / scale_px / plane.stretch_limits[0]
+    return OmniCamera(
+        projection,
+        width,
+        height,
+        centre_px,
+        scale_px,
+        largest_angle_rad(projection, ratio),
+        0.0,
+        Picture.FLIPPED,
+        plane,
+    )
+
+
+def largest_angle_rad(projection: RadialProjection, ratio: float) -> float:
+    """Angle of an image radius, or the limit of the projection where that is smaller."""
+    t = float(projection.t_from_radius_ratio(np.array(ratio)))
+    corner_rad = 2.0 * math.atan(t)
+    if math.isinf(projection.t_limit):
+        return min(corner_rad, math.pi)
+    return min(corner_rad, 2.0 * math.atan(projection.t_limit) * _WITHIN_LIMIT)
+
+
+def matrix_of(camera: OmniCamera, scale_px: float) -> Matrix:
+    """Camera matrix of a flipped camera whose projection has another unit.
+
+    Args:
+        camera: The camera.
+        scale_px: Pixels per unit of the projection that the format has.
+
+    Raises:
+        DomainError: The image plane is turned: the format has no entry below its diagonal.
+    """
+    a, b, c, d = camera.plane.stretch
+    if c != 0.0:
+        raise DomainError("a stretch with an entry below its diagonal has no camera matrix")
+    u, v = camera.with_picture(Picture.FLIPPED).centre_px
+    return Matrix(scale_px * a, scale_px * d, u - 0.5, v - 0.5, scale_px * b)

@@ -1,0 +1,60 @@
+"""Cameras from calibration files of other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from catoptra_protocol.calibration.formats import FORMATS
+from catoptra_protocol.calibration.json_text import MAX_BYTES
+from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.picture import Picture
+
+
+def camera_from_file(
+    path: Path | str, *, camera: str = "", picture: Picture = Picture.FLIPPED
+) -> OmniCamera:
+    """Camera of a calibration file of any format in `FORMATS`.
+
+    The camera ends at the largest angle that its image shows or, where that is smaller, at the
+    first fold of its model.
+
+    Args:
+        path: File, at most 1 MiB.
+        camera: Name of the camera in a file with several, such as cam1.
+        picture: Hand of the pictures that the camera delivers. Calibration files describe the
+            flipped one; a mirror's pictures are mirrored unless something has turned them round.
+
+    Raises:
+        ConfigError: No readable file, no known format, or a wrong field, with file, field, value
+            and expectation.
+    """
+    file = str(path)
+    try:
+        data = Path(path).read_bytes()
+        if len(data) > MAX_BYTES:
+            raise ConfigError(
+                SourceLocation(file),
+                key="size",
+                value=f"{len(data)} bytes",
+                expected=f"a calibration file of at most {MAX_BYTES} bytes",
+            )
+        text = data.decode()
+    except OSError as error:
+        raise ConfigError(
+            SourceLocation(file),
+            key="file",
+            value="",
+            expected=f"a readable file: {error.strerror}",
+        ) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            SourceLocation(file), key="file", value="", expected="a text in UTF-8"
+        ) from error
+    for each in FORMATS:
+        if each.is_format(text):
+            return each.read(text, file, camera).with_picture(picture)
+    names = ", ".join(each.NAME for each in FORMATS)
+    raise ConfigError(
+        SourceLocation(file), key="format", value=text[:40], expected=f"a file of {names}"
+    )

@@ -1,0 +1,127 @@
+"""Fields of a calibration file by path, with errors that name file, field and expectation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.limits import MAX_IMAGE_SIDE_PX
+from catoptra_protocol.slotted_dataclass import dataclass
+
+_MAX_NUMBERS = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Fields:
+    """An object of a file, or of an object in it."""
+
+    file: str
+    """Path of the file as the user gave it."""
+    values: Mapping[str, Any]
+    path: str = ""
+    """Path of this object in the file; empty for the whole file."""
+
+    def make_error(self, name: str, expected: str) -> ConfigError:
+        """Error about a field, whether it is there or not."""
+        value = repr(self.values[name]) if name in self.values else "missing"
+        return ConfigError(
+            SourceLocation(self.file), key=self._path_of(name), value=value, expected=expected
+        )
+
+    def has(self, name: str) -> bool:
+        """Whether a field is there."""
+        return name in self.values
+
+    def get_number(self, name: str, default: float | None = None) -> float:
+        """A finite number; a missing one without a default is an error."""
+        if default is not None and name not in self.values:
+            return default
+        number = _as_number(self.values.get(name))
+        if number is None:
+            raise self.make_error(name, "a finite number")
+        return number
+
+    def get_positive(self, name: str) -> float:
+        """A finite number above 0."""
+        number = self.get_number(name)
+        if number <= 0.0:
+            raise self.make_error(name, "a number above 0")
+        return number
+
+    def get_side_px(self, name: str) -> int:
+        """Pixels along an image's side."""
+        return self._side_px(name, self.get_number(name))
+
+    def get_size_px(self, name: str) -> tuple[int, int]:
+        """Width and height in one field."""
+        width, height = self.get_numbers(name, 2)
+        return self._side_px(name, width), self._side_px(name, height)
+
+    def _side_px(self, name: str, number: float) -> int:
+        if not (number.is_integer() and 1 <= number <= MAX_IMAGE_SIDE_PX):
+            raise self.make_error(name, f"whole numbers of pixels, 1 to {MAX_IMAGE_SIDE_PX}")
+        return int(number)
+
+    def get_numbers(self, name: str, count: int | None = None) -> tuple[float, ...]:
+        """A list of finite numbers, of a given length or of any up to 4096."""
+        expected = f"a list of {count if count is not None else ''} finite numbers".replace(
+            "  ", " "
+        )
+        values = self.values.get(name)
+        if not isinstance(values, Sequence) or isinstance(values, (str, bytes)):
+            raise self.make_error(name, expected)
+        if len(values) > _MAX_NUMBERS or (count is not None and len(values) != count):
+            raise self.make_error(name, expected)
+        numbers = [_as_number(value) for value in values]
+        if any(number is None for number in numbers):
+            raise self.make_error(name, expected)
+        return tuple(number for number in numbers if number is not None)
+
+    def get_text(self, name: str, default: str | None = None) -> str:
+        """A text."""
+        if default is not None and name not in self.values:
+            return default
+        value = self.values.get(name)
+        if not isinstance(value, str):
+            raise self.make_error(name, "a text")
+        return value
+
+    def get_choice(self, name: str, allowed: Sequence[str], default: str | None = None) -> str:
+        """One of some words."""
+        text = self.get_text(name, default)
+        if text not in allowed:
+            raise self.make_error(name, "one of " + ", ".join(allowed))
+        return text
+
+    def get_child(self, name: str) -> Fields:
+        """An object in this one."""
+        value = self.values.get(name)
+        if not isinstance(value, Mapping):
+            raise self.make_error(name, "an object with fields")
+        return Fields(self.file, value, self._path_of(name))
+
+    def get_item(self, name: str, index: int) -> Fields:
+        """An object of a list in this one."""
+        value = self.values.get(name)
+        if not isinstance(value, list) or len(value) <= index:
+            raise self.make_error(name, f"a list with at least {index + 1} objects")
+        if not isinstance(value[index], Mapping):
+            raise self.make_error(name, "a list of objects with fields")
+        return Fields(self.file, value[index], f"{self._path_of(name)}[{index}]")
+
+    def _path_of(self, name: str) -> str:
+        return f"{self.path}.{name}" if self.path else name
+
+
+def _as_number(value: object) -> float | None:
+    """A finite number of a file; None for anything else, booleans and 1x1 matrices excluded."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    # An int of a thousand digits is no float.
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
