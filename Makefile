@@ -48,8 +48,8 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 	  "ziglang; sys_platform == 'linux' and platform_machine == 'x86_64'")
 	@echo "2 of 3: Catoptra and the packages that it needs"
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt --no-build-isolation \
-	  --editable protocol --editable server --editable client --editable 'studies[server]' \
-	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff)
+	  --editable 'protocol[calibration]' --editable server --editable client --editable 'studies[server]' \
+	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff types-PyYAML)
 	touch $@
 
 demo: $(READY) ## Repeat the paper's experiment with servers as processes, 4 minutes on two cores with set-up; writes out/demo/report.html: [SEED=0]

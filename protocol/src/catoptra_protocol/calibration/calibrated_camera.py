@@ -5,18 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
-
 from catoptra_protocol.calibration.fields import Fields
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.image_plane import ImagePlane
+from catoptra_protocol.optics.image_plane import (
+    DistortedProjection,
+    ImagePlane,
+    decentred_fold_rad,
+)
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_projection import (
+    WITHIN_LIMIT,
+    RadialProjection,
+    largest_angle_rad,
+)
 from catoptra_protocol.slotted_dataclass import dataclass
-
-# A rim just inside the first fold or the formula's limit, where the image radius stops growing.
-_WITHIN_LIMIT = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,26 +83,13 @@ def place_camera(
         math.hypot(u - centre_px[0], v - centre_px[1]) for u in (0, width) for v in (0, height)
     )
     ratio = corner_px / scale_px / plane.stretch_limits[0]
+    rim_rad = largest_angle_rad(projection, ratio)
+    if plane.is_decentred and isinstance(projection, DistortedProjection):
+        rim_rad = min(rim_rad, decentred_fold_rad(projection, plane) * WITHIN_LIMIT)
+    size_px = (width, height)
     return OmniCamera(
-        projection,
-        width,
-        height,
-        centre_px,
-        scale_px,
-        largest_angle_rad(projection, ratio),
-        0.0,
-        Picture.FLIPPED,
-        plane,
+        projection, *size_px, centre_px, scale_px, rim_rad, 0.0, Picture.FLIPPED, plane
     )
-
-
-def largest_angle_rad(projection: RadialProjection, ratio: float) -> float:
-    """Angle of an image radius, or the limit of the projection where that is smaller."""
-    t = float(projection.t_from_radius_ratio(np.array(ratio)))
-    corner_rad = 2.0 * math.atan(t)
-    if math.isinf(projection.t_limit):
-        return min(corner_rad, math.pi)
-    return min(corner_rad, 2.0 * math.atan(projection.t_limit) * _WITHIN_LIMIT)
 
 
 def matrix_of(camera: OmniCamera, scale_px: float) -> Matrix:

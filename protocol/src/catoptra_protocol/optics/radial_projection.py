@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
+import numpy as np
+
 from catoptra_protocol.optics.numerics import Floats
 
 
@@ -47,6 +49,9 @@ class RadialProjection(Protocol):
 NO_FOLD = math.inf
 """`fold_rad` of a projection that never turns back."""
 
+WITHIN_LIMIT = 1.0 - 1e-9
+"""Of an angle at a fold or a formula's limit, where the image radius stops growing: a rim there."""
+
 
 def describe_limit(projection: RadialProjection) -> str:
     """Where the image of a projection ends, in words: for errors."""
@@ -58,3 +63,12 @@ def describe_limit(projection: RadialProjection) -> str:
     if formula_t <= projection.t_limit:
         return text
     return f"{text}, although its formula reaches {math.degrees(2.0 * math.atan(formula_t)):.1f}"
+
+
+def largest_angle_rad(projection: RadialProjection, ratio: float) -> float:
+    """Angle of an image radius, or the limit of the projection where that is smaller."""
+    t = float(projection.t_from_radius_ratio(np.array(ratio)))
+    corner_rad = 2.0 * math.atan(t)
+    if math.isinf(projection.t_limit):
+        return min(corner_rad, math.pi)
+    return min(corner_rad, 2.0 * math.atan(projection.t_limit) * WITHIN_LIMIT)

@@ -9,15 +9,13 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import numpy as np
-
 from catoptra_protocol.camera_conf import LENS_PARAMETERS
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.picture import Picture
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_projection import RadialProjection, largest_angle_rad
 from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR
 from catoptra_server.config.capture_section import (
     MAX_SIDE_PX,
@@ -33,9 +31,6 @@ from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.robot.render_settings import PerPixel
 from catoptra_server.robot.robot_description import OmniCameraDescription
-
-# A rim just inside the first fold or the formula's limit, where the image radius stops growing.
-_WITHIN_LIMIT = 1.0 - 1e-9
 
 
 def is_lens_camera(file: IniFile, item: SectionReader) -> bool:
@@ -109,7 +104,7 @@ def _read_camera(section: SectionReader) -> OmniCamera:
                 for v in (0.0, height_px)
             )
             ratio = corner_px / focal_length_px / plane.stretch_limits[0]
-            rim_rad = _largest_angle_rad(projection, ratio)
+            rim_rad = largest_angle_rad(projection, ratio)
         return OmniCamera(
             projection,
             width_px,
@@ -158,13 +153,3 @@ def _read_plane(section: SectionReader, focal_length_px: float) -> ImagePlane:
     skew = section.get_float("Skew", 0.0) / focal_length_px
     aspect = section.get_float("FocalLengthY", focal_length_px, min_value=1e-6) / focal_length_px
     return ImagePlane((1.0, skew, 0.0, aspect), p1, p2)
-
-
-def _largest_angle_rad(projection: RadialProjection, ratio: float) -> float:
-    """Angle that a lens shows in an image's farthest corner, within the lens's limit."""
-    limit_rad = 2.0 * math.atan(projection.t_limit)
-    t = float(projection.t_from_radius_ratio(np.array(ratio)))
-    corner_rad = 2.0 * math.atan(t)
-    if math.isinf(projection.t_limit):
-        return min(corner_rad, math.pi)
-    return min(corner_rad, limit_rad * _WITHIN_LIMIT)

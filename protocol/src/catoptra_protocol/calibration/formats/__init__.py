@@ -12,7 +12,7 @@ from catoptra_protocol.calibration.formats import (
     kalibr,
     ocamcalib,
     opencv_omnidir,
-    woodscape,
+    woodscape_json,
 )
 
 # In the order in which a file is tried.
@@ -22,6 +22,6 @@ FORMATS: tuple[CalibrationFormat, ...] = (
     boofcv,
     kalibr,
     basalt,
-    woodscape,
+    woodscape_json,
     ocamcalib,
 )

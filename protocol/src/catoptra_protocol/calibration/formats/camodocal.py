@@ -1,6 +1,6 @@
 """CamOdoCal's YAML of the MEI model, as VINS and KITTI-360 use it.
 
-Law and frame as OpenCV's omnidir module, without skew. Source: CamOdoCal, CataCamera.cc.
+Law and frame as OpenCV's omnidir module, without skew. Source: CamOdoCal, its CataCamera.
 """
 
 from __future__ import annotations

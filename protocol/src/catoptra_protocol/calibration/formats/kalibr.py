@@ -2,7 +2,7 @@
 
 Laws: omni x / (z + xi |X|) with radtan k1 k2 p1 p2 or none, fu = gamma; eucm and ds as published;
 equidistant is Kannala-Brandt with four terms. Frame: x right, y down, z forward. Source: Kalibr,
-aslam_cameras, kalibr_common/ConfigReader.py, which refuses whole focal lengths.
+its camera models and its reader of chains, which refuses whole focal lengths.
 """
 
 from __future__ import annotations

@@ -1,0 +1,54 @@
+"""Cameras from calibrations' numbers: rims by corners, limits and folds."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from catoptra_protocol.calibration.calibrated_camera import (
+    Matrix,
+    make_camera,
+    matrix_of,
+    place_camera,
+)
+from catoptra_protocol.calibration.fields import Fields
+from catoptra_protocol.errors import ConfigError, DomainError
+from catoptra_protocol.optics.image_plane import NO_CHANGE, ImagePlane
+from catoptra_protocol.optics.lenses import EquidistantLens, KannalaBrandtLens, UnifiedLens
+from catoptra_protocol.optics.picture import Picture
+from helpers.calibrated_cameras import PAPER
+
+FIELDS = Fields("f", {})
+
+
+def test_camera_ends_at_its_farthest_corner() -> None:
+    matrix = Matrix(100.0, 100.0, 99.5, 49.5)
+    camera = make_camera(FIELDS, EquidistantLens, matrix, (200, 120))
+    assert camera.rim_rad == pytest.approx(math.hypot(100.0, 70.0) / 100.0)
+    assert camera.centre_px == (100.0, 50.0)
+
+
+def test_camera_ends_at_its_first_fold_where_that_is_nearer() -> None:
+    lens = KannalaBrandtLens(-0.030687, -0.003343, -0.002882, -0.000592)
+    camera = place_camera(lens, (960, 540), (480.0, 270.0), 200.0, NO_CHANGE)
+    assert camera.rim_rad == pytest.approx(lens.fold_rad)
+    decentred = ImagePlane(p1=1e-3, p2=-5e-4)
+    back = UnifiedLens(1.19807, -0.25709, 0.01283)
+    camera = place_camera(back, (2000, 2000), (1000.0, 1000.0), 620.3, decentred)
+    assert math.degrees(camera.rim_rad) == pytest.approx(117.88, abs=0.01)
+
+
+def test_matrix_is_of_the_flipped_picture() -> None:
+    matrix = matrix_of(PAPER, 100.0)
+    assert (matrix.cx, matrix.cy, matrix.fx) == (179.5, 179.5, 100.0)
+    assert PAPER.picture is Picture.MIRRORED
+    plane = ImagePlane((1.0, 0.0, 0.1, 1.0))
+    turned = place_camera(PAPER.projection, (9, 9), (4.0, 4.0), 1.0, plane)
+    with pytest.raises(DomainError, match="below its diagonal"):
+        matrix_of(turned, 1.0)
+
+
+def test_impossible_model_is_an_error_of_the_file() -> None:
+    with pytest.raises(ConfigError, match=r"f: model=.*xi >= 0"):
+        make_camera(FIELDS, lambda: UnifiedLens(-1.0), Matrix(1.0, 1.0, 2.0, 2.0), (4, 4))

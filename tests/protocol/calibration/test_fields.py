@@ -1,0 +1,57 @@
+"""Fields of calibration files: types, paths, errors."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from catoptra_protocol.calibration.fields import Fields
+from catoptra_protocol.errors import ConfigError
+
+VALUES = {
+    "number": 2,
+    "text": "a",
+    "size": [640, 480],
+    "truth": True,
+    "nothing": math.nan,
+    "huge": 10**400,
+    "child": {"inner": -1.0},
+    "items": [{"x": 1.0}],
+}
+FIELDS = Fields("file.yaml", VALUES)
+
+
+def test_values_are_read_by_type() -> None:
+    assert FIELDS.get_number("number") == 2.0
+    assert FIELDS.get_number("missing", 3.0) == 3.0
+    assert FIELDS.get_positive("number") == 2.0
+    assert FIELDS.get_size_px("size") == (640, 480)
+    assert FIELDS.get_numbers("size") == (640.0, 480.0)
+    assert FIELDS.get_text("text") == FIELDS.get_choice("text", ("a", "b")) == "a"
+    assert FIELDS.get_child("child").get_number("inner") == -1.0
+    assert FIELDS.get_item("items", 0).get_number("x") == 1.0
+    assert FIELDS.has("text")
+    assert not FIELDS.has("missing")
+
+
+@pytest.mark.parametrize("name", ["text", "truth", "nothing", "huge", "missing", "size"])
+def test_value_that_is_no_finite_number_is_rejected(name: str) -> None:
+    with pytest.raises(ConfigError, match=rf"file\.yaml: {name}=.*a finite number"):
+        FIELDS.get_number(name)
+
+
+def test_error_in_an_object_has_its_path() -> None:
+    with pytest.raises(ConfigError, match=r"child\.inner='-1\.0': expected a number above 0"):
+        FIELDS.get_child("child").get_positive("inner")
+    with pytest.raises(ConfigError, match=r"items\[0\]\.y='missing'"):
+        FIELDS.get_item("items", 0).get_number("y")
+    with pytest.raises(ConfigError, match="at least 2"):
+        FIELDS.get_item("items", 1)
+
+
+def test_lists_of_another_length_and_long_ones_are_rejected() -> None:
+    with pytest.raises(ConfigError, match="a list of 3 finite numbers"):
+        FIELDS.get_numbers("size", 3)
+    with pytest.raises(ConfigError, match="a list of finite numbers"):
+        Fields("f", {"long": [0.0] * 5000}).get_numbers("long")
