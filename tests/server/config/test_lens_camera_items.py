@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from catoptra_protocol.calibration.formats import kalibr
+from catoptra_protocol.calibration.residual import compute_residual
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
 from catoptra_server.config.robot_file import read_robot, read_robots
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
+from helpers.calibrated_cameras import TUM_VI
 from helpers.configs import ROBOTS, Edit, write_edited_copy
 
 FISHEYE = ROBOTS / "p2at_fisheye.ini"
@@ -22,7 +25,10 @@ ITEM = "Cameras=(ItemClass=class'Catoptra.Eye',ItemName=\"Eye\",{mount})\n"
 
 
 def read_eye(
-    folder: Path, *lines: str, mount: str = "Position=(X=0,Y=0,Z=-0.5)"
+    folder: Path,
+    *lines: str,
+    mount: str = "Position=(X=0,Y=0,Z=-0.5)",
+    lens: str = "Lens=equidistant",
 ) -> OmniCameraDescription:
     """Camera of a robot file with these lines in the section of its lens camera."""
     write_edited_copy(ROBOTS / "p2at.ini", folder)
@@ -31,7 +37,7 @@ def read_eye(
     path.write_text(
         "[Configuration]\nBasedOn=p2at.ini\n[USARBot.P2AT]\n"
         + item
-        + "\n".join(("[Catoptra.Eye]", "Lens=equidistant", *lines, ""))
+        + "\n".join(("[Catoptra.Eye]", lens, *lines, ""))
     )
     robot, file = read_robot(path)
     assert file.unknown_names() == []
@@ -105,6 +111,34 @@ def test_lens_when_impossible_is_rejected_at_its_key(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         read_eye(tmp_path, *lines)
+
+
+def test_calibration_file_is_the_camera(tmp_path: Path) -> None:
+    (tmp_path / "chain.yaml").write_text(kalibr.write(TUM_VI, "left"))
+    lines = ("CalibrationFile=chain.yaml", "CalibrationCamera=cam0")
+    camera = read_eye(tmp_path, *lines, lens="").camera
+    assert camera.projection == TUM_VI.projection
+    assert (camera.width_px, camera.picture) == (512, Picture.FLIPPED)
+    assert compute_residual(TUM_VI, camera).max_px < 1e-9
+    narrow = read_eye(tmp_path, *lines, "FieldOfView=100", "Picture=mirrored", lens="").camera
+    assert narrow.rim_rad == pytest.approx(math.radians(50.0))
+    assert narrow.picture is Picture.MIRRORED
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (("CalibrationFile=none.yaml",), "none.yaml"),
+        (("CalibrationFile=chain.yaml", "CalibrationCamera=cam7"), r"cam7=.*missing"),
+        (("CalibrationFile=chain.yaml", "FieldOfView=300"), r"FieldOfView=.*first fold"),
+    ],
+)
+def test_calibration_file_that_does_not_fit_is_rejected(
+    tmp_path: Path, lines: tuple[str, ...], message: str
+) -> None:
+    (tmp_path / "chain.yaml").write_text(kalibr.write(TUM_VI, "left"))
+    with pytest.raises(ConfigError, match=message):
+        read_eye(tmp_path, *lines, lens="")
 
 
 def test_lens_when_larger_than_the_memory_limit_is_rejected(tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
-"""Wide-angle cameras without a mirror: items of `Cameras=` whose class's section has a `Lens`.
+"""Wide-angle cameras without a mirror: items of `Cameras=` whose class's section has a `Lens`, or a
+`CalibrationFile` of another program.
 
 The camera looks along the item's x axis, as an ordinary camera does; its y axis is the right of the
 image. The lens's own keys are those of `LENS_PARAMETERS` without the prefix Lens.
@@ -9,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.camera_conf import LENS_PARAMETERS
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_plane import ImagePlane
@@ -35,7 +37,8 @@ from catoptra_server.robot.robot_description import OmniCameraDescription
 
 def is_lens_camera(file: IniFile, item: SectionReader) -> bool:
     """Whether the section of an item's class has a lens."""
-    return file.get_section(item.get_str("ItemClass")).has_key("Lens")
+    section = file.get_section(item.get_str("ItemClass"))
+    return section.has_key("Lens") or section.has_key("CalibrationFile")
 
 
 def read_lens_camera(
@@ -52,7 +55,10 @@ def read_lens_camera(
             domain or first fold, or a view that takes more than `limit_bytes`.
     """
     section = file.get_section(item.get_str("ItemClass"))
-    camera = _read_camera(section)
+    if section.has_key("CalibrationFile"):
+        camera = _read_calibrated_camera(file, section)
+    else:
+        camera = _read_camera(section)
     mount = read_mount(robot, item)
     description = OmniCameraDescription(
         name=item.get_wire_name("ItemName"),
@@ -71,6 +77,24 @@ def read_lens_camera(
     )
     reserve_view(description, section, MemoryBudget(limit_bytes))
     return description
+
+
+def _read_calibrated_camera(file: IniFile, section: SectionReader) -> OmniCamera:
+    """Camera of a calibration file, in a narrower field of view if the section has one."""
+    path = section.get_path("CalibrationFile", file.path.parent)
+    name = section.get_str("CalibrationCamera", "")
+    camera = camera_from_file(path, camera=name, picture=read_picture(section, Picture.FLIPPED))
+    field_deg = section.get_float("FieldOfView", 0.0, min_value=0.1, max_value=360.0)
+    rim_rad = math.radians(0.5 * field_deg)
+    if not field_deg:
+        return camera
+    if rim_rad > camera.rim_rad:
+        reach = math.degrees(2.0 * camera.rim_rad)
+        raise section.make_error(
+            "FieldOfView",
+            expected=f"at most {reach:.3f} deg: the calibration's image or first fold",
+        )
+    return dataclasses.replace(camera, rim_rad=rim_rad)
 
 
 def _read_camera(section: SectionReader) -> OmniCamera:
