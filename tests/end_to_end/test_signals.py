@@ -141,7 +141,8 @@ def test_server_ends_under_load_with_a_log_that_nobody_reads(
             control.read_until("STA")
             control.send(*(10 * ["STEP {Time 60}"]))
             other.send(*(1000 * ["GETSTARTPOSES"]))
-            assert terminate(process, *numbers) == 0
+            # Of two signals pending at once Python handles the lower number first: SIGINT's status.
+            assert terminate(process, *numbers) in ((0,) if len(numbers) == 1 else (0, 130))
 
 
 def test_server_ends_while_a_frame_takes_long_and_leaves_no_file(
