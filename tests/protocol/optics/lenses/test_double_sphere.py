@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -35,6 +36,35 @@ def test_radius_is_that_of_the_published_formula() -> None:
     d2 = math.sqrt(rho**2 + (xi + z) ** 2)
     expected = rho / (alpha * d2 + (1.0 - alpha) * (xi + z))
     assert radii(TUM_VI, 110.0) == pytest.approx(expected, rel=1e-14)
+
+
+def test_limit_is_where_the_published_formula_ends_or_turns_back() -> None:
+    def radius(lens: DoubleSphereLens, theta: float) -> mpmath.mpf:
+        rho, z = mpmath.sin(theta), mpmath.cos(theta)
+        d2 = mpmath.hypot(rho, lens.xi + z)
+        return rho / (lens.alpha * d2 + (1 - mpmath.mpf(lens.alpha)) * (lens.xi + z))
+
+    lenses = [TUM_VI]
+    for xi, alpha in np.random.default_rng(3).uniform((-0.95, 0.01), (2.5, 0.98), (60, 2)):
+        lenses.append(DoubleSphereLens(float(xi), float(alpha)))
+    with mpmath.workdps(50):
+        for lens in lenses:
+            limit = limit_rad(lens)
+            inside = [radius(lens, limit * (1 - mpmath.mpf(f))) for f in (0.1, 1e-3, 1e-9)]
+            assert 0 < inside[0] < inside[1] < inside[2]
+            beyond = limit * (1 + mpmath.mpf(1e-9))
+            if beyond < math.pi:
+                # Behind a pole the radius is negative, after a fold it falls.
+                assert radius(lens, beyond * (1 + mpmath.mpf(1e-9))) < radius(lens, beyond) or (
+                    radius(lens, beyond) < 0
+                )
+
+
+@pytest.mark.parametrize("xi", [-0.9, -0.5, -0.17213, 0.3, 1.5])
+@pytest.mark.parametrize("alpha", [0.2, 0.5, 0.59312, 0.9])
+def test_lens_is_a_projection_for_spheres_on_either_side(xi: float, alpha: float) -> None:
+    lens = DoubleSphereLens(xi, alpha)
+    assert_is_projection(lens, to_rad=0.98 * limit_rad(lens))
 
 
 @pytest.mark.parametrize("parameters", [(-1.0, 0.5), (0.0, 1.0), (0.0, -0.1), (math.nan, 0.5)])

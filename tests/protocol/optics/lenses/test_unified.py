@@ -45,6 +45,32 @@ def test_published_lens_ends_at_its_first_fold_and_not_at_its_formula_s_limit() 
         assert limit_rad(lens) == pytest.approx(math.acos(-1.0 / lens.xi))
 
 
+def test_every_distorted_lens_inverts_up_to_its_end() -> None:
+    # Of 400 lenses with xi > 1, 65 had a limit that rounding placed beyond itself.
+    for xi, k1, k2 in np.random.default_rng(1).uniform(
+        (0.0, -0.6, -1.0), (4.0, 0.6, 1.0), (400, 3)
+    ):
+        lens = UnifiedLens(float(xi), float(k1), float(k2))
+        radius = np.linspace(0.0, 3.0, 200)
+        t = lens.t_from_radius_ratio(radius)
+        inside = np.isfinite(t)
+        assert lens.radius_ratio_from_t(t[inside]) == pytest.approx(radius[inside], abs=1e-11)
+        assert (t[inside] <= lens.t_limit * (1.0 + 1e-12)).all()
+
+
+@pytest.mark.parametrize("xi", [0.0, 0.6, 1.0, 1.3, 2.2])
+def test_decentred_lens_without_a_fold_inverts_up_to_its_rim(xi: float) -> None:
+    lens, plane = UnifiedLens(xi), ImagePlane(p1=1e-4, p2=-2e-4)
+    rim = 0.97 * limit_rad(lens)
+    camera = OmniCamera(lens, 640, 640, (320.0, 320.0), 60.0, rim, 0.0, Picture.FLIPPED, plane)
+    direction = np.random.default_rng(2).normal(size=(2000, 3))
+    pixel, valid = pixel_from_direction(camera, direction)
+    back, known = direction_from_pixel(camera, pixel[valid])
+    again, _ = pixel_from_direction(camera, back)
+    assert known.mean() > 0.99
+    assert again[known] == pytest.approx(pixel[valid][known], abs=1e-8)
+
+
 def test_pixels_with_skew_and_tangential_distortion_are_opencv_s() -> None:
     plane = ImagePlane((1.0, 0.002, 0.0, 1.01), 1e-3, -5e-4)
     rim, hand = math.radians(112.0), Picture.FLIPPED

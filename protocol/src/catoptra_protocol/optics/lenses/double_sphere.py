@@ -1,8 +1,9 @@
 """Double sphere lens: m = rho / (alpha d2 + (1 - alpha) (xi + z)), d2 = |(rho, xi + z)|.
 
 Of a unit direction (rho, z). Source: Usenko, Demmel & Cremers, 3DV 2018; Basalt's "ds". The focal
-length is the scale. Domain: z > -w2 of that paper, or 1 + xi z > 0 for xi > 1, where the image
-radius turns back.
+length is the scale. Domain: (xi + z) > -w1 d2 with w1 of that paper, beyond which no point of the
+image lies or its radius turns back, and 1 + xi z > 0 for xi > 1. The paper's own limit z > -w2
+takes d2 for 1: for xi < 0 it lies beyond the true one.
 """
 
 from __future__ import annotations
@@ -39,11 +40,13 @@ class DoubleSphereLens(CentredLens):
 
     @property
     def t_limit(self) -> float:
-        """Half-angle tangent at z = -w2, or where 1 + xi z = 0."""
+        """Half-angle tangent at xi + z = -w1 d2, or where 1 + xi z = 0."""
         low, high = sorted((self.alpha, 1.0 - self.alpha))
         w1 = low / high
-        w2 = (w1 + self.xi) / math.sqrt(2.0 * w1 * self.xi + self.xi**2 + 1.0)
-        lowest = max(-w2, -1.0 / self.xi if self.xi > 1.0 else -1.0, -1.0)
+        # (xi + z)^2 = w1^2 (1 + xi^2 + 2 xi z), its solution with xi + z < 0. For xi > 1 none.
+        rest = (1.0 - w1) * (1.0 + w1) * self.xi
+        square = 1.0 - rest * self.xi
+        lowest = -rest - w1 * math.sqrt(square) if self.xi <= 1.0 else -1.0 / self.xi
         if lowest <= -1.0:
             return math.tan(0.5 * math.pi)
         return math.sqrt((1.0 - lowest) / (1.0 + lowest))

@@ -70,11 +70,15 @@ class UnifiedLens(CentredLens):
     def undistorted_ratio_from_t(self, t: Floats) -> Floats:
         """Radius m before the distortion: 2 t / ((1 + xi) + (xi - 1) t^2).
 
-        Domain: 0 <= t < limit.
+        Domain: 0 <= t <= limit; inf at the limit for xi < 1.
         """
-        inside = (t >= 0.0) & (t <= self.formula_t_limit) & has_finite_square(t)
-        require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) within the limit")
-        return 2.0 * t / ((1.0 + self.xi) + (self.xi - 1.0) * np.square(t))
+        inside = (t >= 0.0) & has_finite_square(t)
+        require_domain(inside, t, "an image radius needs t = tan(theta / 2) >= 0")
+        require_angle(t, self.formula_t_limit)
+        denominator = (1.0 + self.xi) + (self.xi - 1.0) * np.square(t)
+        # At the limit of xi < 1 rounding alone decides the sign.
+        grows = denominator > 0.0
+        return np.where(grows, 2.0 * t / np.where(grows, denominator, 1.0), math.inf)
 
     def t_from_undistorted_ratio(self, ratio: Floats) -> Floats:
         """Half-angle tangent of a radius m; inf where none has it. Domain: ratio >= 0."""
