@@ -53,6 +53,9 @@ def compute_image_scale(camera: RadialCamera) -> ImageScale:
     """Scales on the rings that the image of a camera shows."""
     min_radius_px, max_radius_px = visible_radii_px(camera)
     radius_px = np.linspace(min_radius_px, max_radius_px, _NUM_RINGS)
+    if min_radius_px == 0.0 and camera.t_from_radius_px(np.array(0.0)) > 0.0:
+        # A cone's apex shows a circle of directions, on which the scale across the radius is 0.
+        radius_px[0] = 0.5 * radius_px[1]
     t = np.minimum(camera.t_from_radius_px(radius_px), _MAX_T)
     horizon_px = camera.horizon_radius_px
     if min_radius_px < horizon_px < max_radius_px:

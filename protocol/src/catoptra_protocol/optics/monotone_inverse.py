@@ -38,23 +38,30 @@ def solve_increasing(
         table: Arguments and values from `tabulate`.
     """
     arguments, known = table
-    clipped = np.clip(values, known[0], known[-1])
-    after = np.clip(np.searchsorted(known, clipped), 1, len(known) - 1)
+    wanted = np.clip(np.ravel(values), known[0], known[-1])
+    after = np.clip(np.searchsorted(known, wanted), 1, len(known) - 1)
     low, high = arguments[after - 1], arguments[after]
-    x = low + (high - low) * _fraction(clipped, known[after - 1], known[after])
+    x = low + (high - low) * _fraction(wanted, known[after - 1], known[after])
+    solution, place = x.copy(), np.arange(x.size)
     for _ in range(_MAX_STEPS):
-        error = function(x) - clipped
+        error = function(x) - wanted
         low, high = np.where(error <= 0.0, x, low), np.where(error >= 0.0, x, high)
         steepness = slope(x)
         step = error / np.where(steepness > 0.0, steepness, 1.0)
         following = x - step
         is_outside = ~((following >= low) & (following <= high)) | (steepness <= 0.0)
         following = np.where(is_outside, 0.5 * (low + high), following)
+        # Next to a fold, where the slope vanishes, arguments have fewer digits than values.
+        following = np.where(np.abs(error) <= np.spacing(wanted), x, following)
         # Equal to the last bit or nearly: a further step would jump between neighbours.
-        if (np.abs(following - x) <= 2.0 * np.spacing(np.abs(x))).all():
-            return following
-        x = following
-    return x
+        is_solved = np.abs(following - x) <= 2.0 * np.spacing(np.abs(x))
+        solution[place] = following
+        left = ~is_solved
+        if not left.any():
+            break
+        x, place, wanted = following[left], place[left], wanted[left]
+        low, high = low[left], high[left]
+    return solution.reshape(np.shape(values))
 
 
 def _fraction(values: Floats, low: Floats, high: Floats) -> Floats:

@@ -169,8 +169,10 @@ class OmniCamera:
         return wide_angle_illumination(self.projection, t)
 
     def t_from_radius_px(self, radius_px: Floats) -> Floats:
-        """tan(theta / 2) of image radii."""
-        return self.projection.t_from_radius_ratio(radius_px / self.scale_px)
+        """tan(theta / 2) of image radii; never above the rim's for radii up to the rim's."""
+        t = self.projection.t_from_radius_ratio(radius_px / self.scale_px)
+        # Next to a fold the inverse has half the digits.
+        return np.where(radius_px <= self.rim_radius_px, np.minimum(t, self.rim_t), t)
 
     def radius_px_from_t(self, t: Floats) -> Floats:
         """Image radii of t = tan(theta / 2), before the stretch of the image plane."""

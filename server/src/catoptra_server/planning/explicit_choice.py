@@ -72,6 +72,8 @@ def _find_fault(camera: OmniCameraSpec, kind: RendererKind, bound: ErrorBound | 
 
 
 def _other_remedy(camera: OmniCameraSpec) -> str:
+    if not camera.camera.has_mirror:
+        return "or a smaller FieldOfView"
     if camera.camera.is_central:
         return "or a mirror with K farther from 2"
     return "or state Central=always for the mirror"
