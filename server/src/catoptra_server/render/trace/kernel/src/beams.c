@@ -1,6 +1,7 @@
 /* Construction of a view's beams: tiles from their rays, larger parts from four smaller ones. */
 #include "beams.h"
 
+#include "beam_origins.h"
 #include "device.h"
 
 #include <math.h>
@@ -107,7 +108,9 @@ static void enclose_tile(const RayTable *rays, int tile, Beam *beam, Vec3 *direc
     enclose(beam, directions, count);
 }
 
-static void enclose_children(const BeamLevel *children, int row, int column, Beam *beam) {
+static void enclose_children(const BeamLevel *children, int row, int column, Beam *beam,
+                             BeamOrigin *origin) {
+    const BeamOrigin *origins[4] = {NULL, NULL, NULL, NULL};
     Vec3 edges[16];
     int count = 0, is_wide = 0;
     beam->across = beam->down = (Vec3){0, 0, 0};
@@ -115,41 +118,67 @@ static void enclose_children(const BeamLevel *children, int row, int column, Bea
         int child_row = 2 * row + child / 2, child_column = 2 * column + child % 2;
         if (child_row >= children->rows || child_column >= children->columns)
             continue;
-        const Beam *part = &children->beams[child_row * children->columns + child_column];
+        int at = child_row * children->columns + child_column;
+        const Beam *part = &children->beams[at];
         is_wide |= part->kind == BEAM_WIDE;
         if (part->kind != BEAM_NARROW)
             continue;
         beam->across = add(beam->across, part->across);
         beam->down = add(beam->down, part->down);
         count += list_beam_edges(part, edges + count);
+        origins[child] = children->origins ? children->origins + at : NULL;
     }
     enclose(beam, edges, count);
     if (is_wide)
         beam->kind = BEAM_WIDE;
+    if (origin && beam->kind == BEAM_NARROW)
+        enclose_part_origins(origins, beam, origin);
+}
+
+static int allocate_level(const View *view, int rows, int columns, BeamLevel *level) {
+    size_t count = (size_t)rows * (size_t)columns;
+    *level = (BeamLevel){rows, columns, calloc(count, sizeof(Beam)), NULL};
+    if (view->rays.origins)
+        level->origins = calloc(count, sizeof(BeamOrigin));
+    return level->beams && (level->origins || !view->rays.origins);
 }
 
 static int build_levels(View *view) {
     Vec3 *directions = malloc(sizeof(Vec3) * BLOCK_RAYS * MAX_SAMPLES * MAX_SAMPLES);
     if (!directions)
         return 0;
-    int rows = view->tile_rows, columns = view->rays.tile_columns;
-    for (int level = 0; level < BEAM_LEVELS; level++) {
+    int rows = view->tile_rows, columns = view->rays.tile_columns, is_whole = 1;
+    for (int level = 0; level < BEAM_LEVELS && is_whole; level++) {
         BeamLevel *parts = &view->levels[level];
-        *parts = (BeamLevel){rows, columns, calloc((size_t)rows * columns, sizeof(Beam))};
-        if (!parts->beams)
-            break;
-        for (int part = 0; part < rows * columns; part++) {
+        is_whole = allocate_level(view, rows, columns, parts);
+        for (int part = 0; is_whole && part < rows * columns; part++) {
             Beam *beam = &parts->beams[part];
+            BeamOrigin *origin = parts->origins ? parts->origins + part : NULL;
             if (level)
-                enclose_children(parts - 1, part / columns, part % columns, beam);
+                enclose_children(parts - 1, part / columns, part % columns, beam, origin);
             else if (view->tile_at[part] >= 0)
                 enclose_tile(&view->rays, view->tile_at[part], beam, directions);
+            if (!level && origin && beam->kind == BEAM_NARROW)
+                enclose_tile_origins(&view->rays, view->tile_at[part], beam, origin);
         }
         rows = (rows + 1) / 2;
         columns = (columns + 1) / 2;
     }
     free(directions);
-    return view->levels[BEAM_LEVELS - 1].beams != NULL;
+    return is_whole;
+}
+
+/* Largest distance of a ray's origin from the viewpoint; those of invalid rays are at it. */
+static float find_max_origin(const RayTable *rays) {
+    size_t blocks = (size_t)rays->num_tiles * (size_t)rays->samples * (size_t)rays->samples;
+    float squared = 0.0f;
+    for (size_t block = 0; rays->origins && block < blocks; block++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+            Vec3 origin = get_lane(
+                (const float(*)[BLOCK_RAYS])(rays->origins + block * 3 * BLOCK_RAYS), lane);
+            squared = fmaxf(squared, dot(origin, origin));
+        }
+    return sqrtf(squared);
 }
 
 /* Columns and rows per change of the direction: the inverse of the mean differences between
@@ -194,7 +223,7 @@ static int build_pixel_scales(View *view) {
 
 /* What only rays from the viewpoint have. */
 static int build_central(View *view) {
-    return build_levels(view) && build_pixel_scales(view) &&
+    return build_pixel_scales(view) &&
            order_by_row(view->rays.samples, &view->by_row) &&
            order_by_cell(view->rays.samples, &view->by_cell);
 }
@@ -204,6 +233,7 @@ View *catoptra_prepare(Device *device, const RayTable *rays, char *error) {
     View *view = calloc(1, sizeof *view);
     if (view) {
         view->rays = *rays;
+        view->max_origin_m = find_max_origin(rays);
         view->tile_rows = (rays->height_px + TILE_PX - 1) / TILE_PX;
         size_t tiles = (size_t)view->tile_rows * (size_t)rays->tile_columns;
         view->tile_at = malloc(sizeof(int32_t) * tiles);
@@ -213,7 +243,8 @@ View *catoptra_prepare(Device *device, const RayTable *rays, char *error) {
             view->tile_at[rays->tiles[i]] = i;
     }
     int is_central = !rays->origins && !rays->times;
-    if (!view || !view->tile_at || (is_central && !build_central(view))) {
+    if (!view || !view->tile_at || (!rays->times && !build_levels(view)) ||
+        (is_central && !build_central(view))) {
         if (view)
             catoptra_release_view(view);
         snprintf(error, ERROR_SIZE, "out of memory");
@@ -224,17 +255,21 @@ View *catoptra_prepare(Device *device, const RayTable *rays, char *error) {
 
 int64_t catoptra_view_bytes(const View *view) {
     int64_t bytes = (int64_t)sizeof(int32_t) * view->tile_rows * view->rays.tile_columns;
-    for (int level = 0; level < BEAM_LEVELS; level++)
-        if (view->levels[level].beams)
-            bytes += (int64_t)sizeof(Beam) * view->levels[level].rows * view->levels[level].columns;
+    for (int level = 0; level < BEAM_LEVELS; level++) {
+        const BeamLevel *parts = &view->levels[level];
+        size_t part = (parts->beams ? sizeof(Beam) : 0) + (parts->origins ? sizeof(BeamOrigin) : 0);
+        bytes += (int64_t)part * parts->rows * parts->columns;
+    }
     if (view->pixel_scales)
         bytes += (int64_t)sizeof(float) * 6 * view->rays.num_tiles;
     return bytes;
 }
 
 void catoptra_release_view(View *view) {
-    for (int level = 0; level < BEAM_LEVELS; level++)
+    for (int level = 0; level < BEAM_LEVELS; level++) {
         free(view->levels[level].beams);
+        free(view->levels[level].origins);
+    }
     free(view->by_row.source);
     free(view->by_cell.source);
     free(view->pixel_scales);

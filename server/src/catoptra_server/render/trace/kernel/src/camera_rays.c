@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-/* World directions and origins of rays with origins or times of their own. */
+/* World directions and origins of rays with times of their own. */
 static void place_rays_singly(const FrameState *state, size_t block, RayBlock *rays) {
     const RayTable *table = state->rays;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
@@ -24,6 +24,7 @@ static void place_rays_singly(const FrameState *state, size_t block, RayBlock *r
         set_lane(rays->direction, lane, direction);
         set_lane(rays->origin, lane, origin);
     }
+    rays->has_origins = 1;
 }
 
 /* Sum of the steps between neighbours in a row or column that are both valid; 1 or TILE_PX lanes
@@ -71,7 +72,7 @@ RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays) {
     }
     /* A camera turns by little within an exposure: the first ray's pose serves all of a block. */
     Pose pose = state->camera;
-    if (!state->has_one_origin)
+    if (!state->has_one_pose)
         pose_at(state->frame->camera, state->frame->num_poses, 1, rays->time[0], &pose);
     for (int i = 0; i < 2; i++)
         steps.step[i] = rotate(pose.rotation, steps.step[i]);
@@ -92,6 +93,18 @@ static void turn_rays(const FrameState *state, const float *from, RayBlock *rays
             rays->origin[axis][lane] = pose->translation[axis];
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         rays->time[lane] = state->time;
+    rays->has_origins = 0;
+}
+
+/* Origins in the world of origins in the mirror frame. */
+static void place_origins(const FrameState *state, const float *from, RayBlock *rays) {
+    const float *r = state->camera.rotation, *t = state->camera.translation;
+    for (int axis = 0; axis < 3; axis++)
+        for (int lane = 0; lane < BLOCK_RAYS; lane++)
+            rays->origin[axis][lane] = t[axis] + (r[3 * axis] * from[lane] +
+                                                  r[3 * axis + 1] * from[BLOCK_RAYS + lane] +
+                                                  r[3 * axis + 2] * from[2 * BLOCK_RAYS + lane]);
+    rays->has_origins = 1;
 }
 
 void load_ordered(const FrameState *state, int tile, const uint16_t *source, RayBlock *rays) {
@@ -116,10 +129,13 @@ void load_ordered(const FrameState *state, int tile, const uint16_t *source, Ray
 }
 
 void load_block(const FrameState *state, size_t block, RayBlock *rays) {
-    if (state->rays->origins || state->rays->times)
+    size_t first = block * 3 * BLOCK_RAYS;
+    if (state->rays->times)
         place_rays_singly(state, block, rays);
     else
-        turn_rays(state, state->rays->directions + block * 3 * BLOCK_RAYS, rays);
+        turn_rays(state, state->rays->directions + first, rays);
+    if (state->rays->origins && !state->rays->times)
+        place_origins(state, state->rays->origins + first, rays);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         rays->limit[lane] = INFINITY;
     rays->active = state->rays->valid[block];

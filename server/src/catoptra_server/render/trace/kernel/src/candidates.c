@@ -49,6 +49,10 @@ Vec3 candidate_corner(const CandidateList *list, int at, int corner) {
                   list->corner[3 * corner + 2][at]};
 }
 
+Vec3 corner_from_apex(const CandidateList *list, int at, int corner, const BeamSides *sides) {
+    return subtract(candidate_corner(list, at, corner), sides->apex);
+}
+
 void candidate_copy(const CandidateList *from, int at, CandidateList *to) {
     int next = to->count++;
     for (int component = 0; component < 9; component++)
@@ -86,14 +90,20 @@ static void find_box_corners(const Pose *pose, const float *box, Vec3 viewpoint,
     }
 }
 
-/* Bit mask of the sides that face the viewpoint: -x, +x, -y, +y, -z, +z. All, if it is within. */
-static uint32_t find_facing_sides(const Pose *pose, const float *box, Vec3 viewpoint) {
+/* Bit mask of the sides that face a point within `radius` of the viewpoint: -x, +x, -y, +y, -z, +z.
+ * All, if one is within. */
+static uint32_t find_facing_sides(const Pose *pose, const float *box, Vec3 viewpoint,
+                                  float radius) {
     Vec3 seen_from = rotate_back(pose->rotation, subtract(viewpoint, vec3(pose->translation)));
     Vec3 offset = subtract(seen_from, vec3(box));
-    uint32_t facing = (uint32_t)(offset.x < -box[3]) | (uint32_t)(offset.x > box[3]) << 1 |
-                      (uint32_t)(offset.y < -box[4]) << 2 | (uint32_t)(offset.y > box[4]) << 3 |
-                      (uint32_t)(offset.z < -box[5]) << 4 | (uint32_t)(offset.z > box[5]) << 5;
-    return facing ? facing : 0x3f;
+    Vec3 from_centre = absolute(offset), half = vec3(box + 3), r = {radius, radius, radius};
+    Vec3 outside = subtract(from_centre, add(half, r));
+    if (!(outside.x > 0.0f || outside.y > 0.0f || outside.z > 0.0f))
+        return 0x3f;
+    half = subtract(half, r);
+    return (uint32_t)(offset.x < -half.x) | (uint32_t)(offset.x > half.x) << 1 |
+           (uint32_t)(offset.y < -half.y) << 2 | (uint32_t)(offset.y > half.y) << 3 |
+           (uint32_t)(offset.z < -half.z) << 4 | (uint32_t)(offset.z > half.z) << 5;
 }
 
 /* Largest displacement of a box's corners in the world while a proof has to hold: at all poses of
@@ -126,7 +136,8 @@ static void append_box(const FrameState *state, CandidateList *list, int box) {
     find_box_corners(&pose, shape, viewpoint, corners);
     /* A side that turns towards the viewpoint later faces it, too. */
     int is_moving = state->shift > 0.0f || state->turn > 0.0f;
-    uint32_t facing = is_moving ? 0x3f : find_facing_sides(&pose, shape, viewpoint);
+    uint32_t facing = is_moving ? 0x3f : find_facing_sides(&pose, shape, viewpoint,
+                                                          state->view->max_origin_m);
     float radius = is_moving ? find_box_displacement(state, box, corners) : 0.0f;
     for (int side = 0; side < 6; side++) {
         if (!(facing >> side & 1))
@@ -155,8 +166,19 @@ static Vec3 inward(const float *rotation, Vec3 side, float tangent, float sign, 
     return rotate(rotation, scale(1.0f / sqrtf(dot(normal, normal)), normal));
 }
 
-void find_sides(const FrameState *state, const Beam *beam, BeamSides *sides) {
+static void find_origin(const float *rotation, const BeamOrigin *origin, BeamSides *sides) {
+    sides->apex = rotate(rotation, origin->apex);
+    sides->centre = rotate(rotation, origin->centre);
+    sides->radius = origin->radius;
+}
+
+void find_sides(const FrameState *state, const BeamLevel *parts, int part, BeamSides *sides) {
     const float *rotation = state->camera.rotation;
+    const Beam *beam = &parts->beams[part];
+    sides->apex = sides->centre = (Vec3){0, 0, 0};
+    sides->radius = 0.0f;
+    if (parts->origins)
+        find_origin(rotation, &parts->origins[part], sides);
     sides->normal[0] = inward(rotation, beam->a, beam->a_min, 1.0f, beam->axis);
     sides->normal[1] = inward(rotation, beam->a, beam->a_max, -1.0f, beam->axis);
     sides->normal[2] = inward(rotation, beam->b, beam->b_min, 1.0f, beam->axis);
@@ -169,14 +191,18 @@ void find_sides(const FrameState *state, const Beam *beam, BeamSides *sides) {
 }
 
 /* Mark the candidates that lie on the outer side of one of the beam's sides. */
-static void mark_outside(const CandidateList *list, const BeamSides *sides,
-                         uint8_t *restrict marks) {
+static inline __attribute__((always_inline)) void
+mark_outside(const CandidateList *list, const BeamSides *sides, int has_apex,
+             uint8_t *restrict marks) {
     const float *restrict x0 = list->corner[0], *restrict y0 = list->corner[1];
     const float *restrict z0 = list->corner[2], *restrict x1 = list->corner[3];
     const float *restrict y1 = list->corner[4], *restrict z1 = list->corner[5];
     const float *restrict x2 = list->corner[6], *restrict y2 = list->corner[7];
     const float *restrict z2 = list->corner[8], *restrict reach = list->reach;
     const Vec3 n[4] = {sides->normal[0], sides->normal[1], sides->normal[2], sides->normal[3]};
+    const float at_apex[4] = {
+        has_apex ? dot(n[0], sides->apex) : 0.0f, has_apex ? dot(n[1], sides->apex) : 0.0f,
+        has_apex ? dot(n[2], sides->apex) : 0.0f, has_apex ? dot(n[3], sides->apex) : 0.0f};
     for (int i = 0; i < list->count; i++) {
         int is_outside = 0;
         /* All sides in one pass: the coordinates are loaded once. */
@@ -186,7 +212,7 @@ static void mark_outside(const CandidateList *list, const BeamSides *sides,
             float third = n[side].x * x2[i] + n[side].y * y2[i] + n[side].z * z2[i];
             float nearer = first > second ? first : second;
             float nearest = nearer > third ? nearer : third;
-            is_outside |= nearest < -reach[i];
+            is_outside |= nearest < at_apex[side] - reach[i];
         }
         marks[i] = (uint8_t)is_outside;
     }
@@ -198,8 +224,9 @@ static void mark_outside(const CandidateList *list, const BeamSides *sides,
 
 /* Mark the triangles that a plane through the viewpoint and one of their sides separates from the
  * beam: with the beam's own sides, all planes that can separate two pyramids of one apex. */
-static void mark_beside(const CandidateList *list, const BeamSides *sides, int side,
-                        uint8_t *restrict marks) {
+static inline __attribute__((always_inline)) void
+mark_beside(const CandidateList *list, const BeamSides *sides, int has_apex, int side,
+            uint8_t *restrict marks) {
     int next = (side + 1) % 3, opposite = (side + 2) % 3;
     const float *restrict ax = list->corner[3 * side], *restrict ay = list->corner[3 * side + 1];
     const float *restrict az = list->corner[3 * side + 2], *restrict bx = list->corner[3 * next];
@@ -208,19 +235,23 @@ static void mark_beside(const CandidateList *list, const BeamSides *sides, int s
     const float *restrict cx = list->corner[3 * opposite];
     const float *restrict cy = list->corner[3 * opposite + 1];
     const float *restrict cz = list->corner[3 * opposite + 2], *restrict reach = list->reach;
+    const Vec3 apex = has_apex ? sides->apex : (Vec3){0, 0, 0};
     const Vec3 e0 = sides->edge[0], e1 = sides->edge[1], e2 = sides->edge[2], e3 = sides->edge[3];
     for (int i = 0; i < list->count; i++) {
-        float x = ay[i] * bz[i] - az[i] * by[i];
-        float y = az[i] * bx[i] - ax[i] * bz[i];
-        float z = ax[i] * by[i] - ay[i] * bx[i];
-        float height = x * cx[i] + y * cy[i] + z * cz[i];
+        float px = ax[i] - apex.x, py = ay[i] - apex.y, pz = az[i] - apex.z;
+        float qx = bx[i] - apex.x, qy = by[i] - apex.y, qz = bz[i] - apex.z;
+        float ox = cx[i] - apex.x, oy = cy[i] - apex.y, oz = cz[i] - apex.z;
+        float x = py * qz - pz * qy;
+        float y = pz * qx - px * qz;
+        float z = px * qy - py * qx;
+        float height = x * ox + y * oy + z * oz;
         float p0 = height * (x * e0.x + y * e0.y + z * e0.z);
         float p1 = height * (x * e1.x + y * e1.y + z * e1.z);
         float p2 = height * (x * e2.x + y * e2.y + z * e2.z);
         float p3 = height * (x * e3.x + y * e3.y + z * e3.z);
-        float aa = ax[i] * ax[i] + ay[i] * ay[i] + az[i] * az[i];
-        float bb = bx[i] * bx[i] + by[i] * by[i] + bz[i] * bz[i];
-        float cc = cx[i] * cx[i] + cy[i] * cy[i] + cz[i] * cz[i];
+        float aa = px * px + py * py + pz * pz;
+        float bb = qx * qx + qy * qy + qz * qz;
+        float cc = ox * ox + oy * oy + oz * oz;
         /* Corners that move by their reach change the normal by that times the other's length. */
         float a = sqrtf(aa), b = sqrtf(bb), c = sqrtf(cc), r = reach[i];
         float error = CROSS_ERROR * a * b + r * (a + b + r), square = height * height;
@@ -262,18 +293,30 @@ static void copy_unmarked(const CandidateList *from, const uint8_t *marks, Candi
     }
 }
 
-void keep_inside(const CandidateList *from, const BeamSides *sides, uint8_t *marks,
+static inline __attribute__((always_inline)) void
+keep_inside_from(const CandidateList *from, const BeamSides *sides, int has_apex, uint8_t *marks,
                  CandidateList *kept) {
-    mark_outside(from, sides, marks);
+    mark_outside(from, sides, has_apex, marks);
     copy_unmarked(from, marks, kept);
     memset(marks, 0, (size_t)kept->count);
     for (int side = 0; side < 3; side++)
-        mark_beside(kept, sides, side, marks);
+        mark_beside(kept, sides, has_apex, side, marks);
     copy_unmarked(kept, marks, kept);
 }
 
-/* Moeller and Trumbore 1997, from the origin. */
-void measure_distances(const CandidateList *list, Vec3 d, float *restrict distances) {
+void keep_inside(const CandidateList *from, const BeamSides *sides, uint8_t *marks,
+                 CandidateList *kept) {
+    /* Two loops each: beams from the viewpoint, which most cameras have, subtract nothing. */
+    if (sides->radius > 0.0f)
+        keep_inside_from(from, sides, 1, marks, kept);
+    else
+        keep_inside_from(from, sides, 0, marks, kept);
+}
+
+/* Moeller and Trumbore 1997, from the apex. */
+void measure_distances(const CandidateList *list, const BeamSides *sides,
+                       float *restrict distances) {
+    const Vec3 d = sides->axis, apex = sides->apex;
     const float *restrict x0 = list->corner[0], *restrict y0 = list->corner[1];
     const float *restrict z0 = list->corner[2], *restrict x1 = list->corner[3];
     const float *restrict y1 = list->corner[4], *restrict z1 = list->corner[5];
@@ -283,11 +326,12 @@ void measure_distances(const CandidateList *list, Vec3 d, float *restrict distan
         float ux = x1[i] - x0[i], uy = y1[i] - y0[i], uz = z1[i] - z0[i];
         float vx = x2[i] - x0[i], vy = y2[i] - y0[i], vz = z2[i] - z0[i];
         float px = d.y * vz - d.z * vy, py = d.z * vx - d.x * vz, pz = d.x * vy - d.y * vx;
-        float qx = uy * z0[i] - uz * y0[i], qy = uz * x0[i] - ux * z0[i];
-        float qz = ux * y0[i] - uy * x0[i];
+        float sx = x0[i] - apex.x, sy = y0[i] - apex.y, sz = z0[i] - apex.z;
+        float qx = uy * sz - uz * sy, qy = uz * sx - ux * sz;
+        float qz = ux * sy - uy * sx;
         /* A triangle without area, or seen as a line: divided by zero, and no comparison holds. */
         float inverse = 1.0f / (ux * px + uy * py + uz * pz);
-        float u = -(x0[i] * px + y0[i] * py + z0[i] * pz) * inverse;
+        float u = -(sx * px + sy * py + sz * pz) * inverse;
         float v = (d.x * qx + d.y * qy + d.z * qz) * inverse;
         float distance = (vx * qx + vy * qy + vz * qz) * inverse;
         int is_met = (u >= 0.0f) & (v >= 0.0f) & (u + v <= 1.0f) & (distance > 0.0f);

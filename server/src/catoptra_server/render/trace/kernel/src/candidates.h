@@ -30,6 +30,9 @@ typedef struct {
     Vec3 normal[4]; /* inward, unit */
     Vec3 edge[4];   /* between neighbouring sides */
     Vec3 axis;
+    Vec3 apex;    /* relative to the viewpoint */
+    Vec3 centre;  /* likewise: of a sphere that holds the origins of the rays */
+    float radius; /* of it; 0: all rays begin at the viewpoint */
 } BeamSides;
 
 int candidates_allocate(CandidateList *list, int capacity);
@@ -41,17 +44,22 @@ int candidates_collect(CandidateList *list, const FrameState *state);
 Vec3 candidate_corner(const CandidateList *list, int at, int corner);
 void candidate_copy(const CandidateList *from, int at, CandidateList *to);
 
-void find_sides(const FrameState *state, const Beam *beam, BeamSides *sides);
+/* Corner of a candidate relative to the apex of a beam. */
+Vec3 corner_from_apex(const CandidateList *list, int at, int corner, const BeamSides *sides);
+
+/* Sides of a part's narrow beam. */
+void find_sides(const FrameState *state, const BeamLevel *parts, int part, BeamSides *sides);
 
 /* Candidates of `from` that reach into a beam; `marks` has room for a byte each. */
 void keep_inside(const CandidateList *from, const BeamSides *sides, uint8_t *marks,
                  CandidateList *kept);
 
-/* Whether the beam lies wholly on one side of the plane through the viewpoint and two points, which
- * may move by `reach`. */
+/* Whether the beam lies wholly on one side of the plane through its apex and two points relative to
+ * it, which may move by `reach`. */
 int is_beam_beside(const BeamSides *sides, Vec3 from, Vec3 to, float reach);
 
-/* Distances along a ray from the viewpoint to each candidate's triangle, INFINITY where not met. */
-void measure_distances(const CandidateList *list, Vec3 direction, float *distances);
+/* Distances along a beam's axis from its apex to each candidate's triangle, INFINITY where not
+ * met. */
+void measure_distances(const CandidateList *list, const BeamSides *sides, float *distances);
 
 #endif

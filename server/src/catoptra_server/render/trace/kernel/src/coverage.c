@@ -33,7 +33,7 @@ typedef struct {
     int surface;
     int32_t triangle; /* the surface's representative */
     Vec3 normal;      /* of its plane, towards the viewpoint */
-    float distance;   /* of the viewpoint from the plane */
+    float distance;   /* of the beam's apex from the plane */
     Vec3 scale;       /* magnitudes of the coordinates that the distance results from */
 } Cover;
 
@@ -50,7 +50,7 @@ struct Search {
 };
 
 int can_prove_coverage(const FrameState *state) {
-    return state->scene->surfaces.num_surfaces && state->has_one_origin &&
+    return state->scene->surfaces.num_surfaces && state->has_beams &&
            state->frame->output != OUTPUT_HITS;
 }
 
@@ -78,13 +78,19 @@ void release_search(Search *search) {
     free(search);
 }
 
+/* Whether all rays begin on the viewpoint's side of the plane. */
+static int is_before_plane(const Cover *cover, const BeamSides *sides, float margin) {
+    Vec3 to_centre = subtract(sides->centre, sides->apex);
+    return dot(cover->normal, to_centre) + cover->distance > sides->radius + margin;
+}
+
 /* The surface that the axis meets first; 0 if none, or only at a grazing angle. */
-static int find_first_surface(const Search *search, const CandidateList *list, Vec3 axis,
-                              Cover *cover) {
+static int find_first_surface(const Search *search, const CandidateList *list,
+                              const BeamSides *sides, Cover *cover) {
     const Scene *scene = search->state->scene;
     float distances[MAX_SEARCHED], nearest = INFINITY;
     int first = -1;
-    measure_distances(list, axis, distances);
+    measure_distances(list, sides, distances);
     for (int i = 0; i < list->count; i++)
         if (list->id[i] >= 0 && distances[i] < nearest) {
             nearest = distances[i];
@@ -95,17 +101,18 @@ static int find_first_surface(const Search *search, const CandidateList *list, V
     cover->surface = scene->surfaces.surface[list->id[first]];
     cover->triangle = scene->surfaces.representative[cover->surface];
     Vec3 normal = vec3(scene->mesh->arrays.normals + 3 * (size_t)cover->triangle);
-    float sine = dot(normal, axis);
+    float sine = dot(normal, sides->axis);
     cover->normal = scale(sine < 0.0f ? 1.0f : -1.0f, normal);
-    Vec3 corner = candidate_corner(list, first, 0);
+    Vec3 corner = corner_from_apex(list, first, 0, sides);
     cover->distance = -dot(cover->normal, corner);
     cover->scale = add(absolute(corner), absolute(vec3(search->state->camera.translation)));
     float rounding = ON_PLANE * dot(absolute(normal), cover->scale);
-    return fabsf(sine) > MIN_PLANE_SINE &&
-           cover->distance > MIN_ROUNDINGS * rounding + search->state->shift;
+    float margin = MIN_ROUNDINGS * rounding + search->state->shift;
+    return fabsf(sine) > MIN_PLANE_SINE && cover->distance > margin &&
+           is_before_plane(cover, sides, margin);
 }
 
-/* Whether a side of the beam, or the plane of the edge and the viewpoint, separates both. */
+/* Whether a side of the beam, or the plane of the edge and the apex, separates both. */
 static int is_edge_outside(const BeamSides *sides, Vec3 from, Vec3 to, float reach) {
     for (int side = 0; side < 4; side++)
         if (dot(sides->normal[side], from) < -reach && dot(sides->normal[side], to) < -reach)
@@ -117,8 +124,8 @@ static int has_outer_edge_inside(const CandidateList *list, int at, uint8_t oute
                                  const BeamSides *sides) {
     for (int edge = 0; edge < 3; edge++)
         if (outer_edges >> edge & 1 &&
-            !is_edge_outside(sides, candidate_corner(list, at, edge),
-                             candidate_corner(list, at, (edge + 1) % 3), list->reach[at]))
+            !is_edge_outside(sides, corner_from_apex(list, at, edge, sides),
+                             corner_from_apex(list, at, (edge + 1) % 3, sides), list->reach[at]))
             return 1;
     return 0;
 }
@@ -135,9 +142,10 @@ static int covers(const Search *search, const CandidateList *list, const BeamSid
     return 1;
 }
 
-static int is_below_plane(const CandidateList *list, int at, const Cover *cover) {
+static int is_below_plane(const CandidateList *list, int at, const Cover *cover,
+                          const BeamSides *sides) {
     for (int i = 0; i < 3; i++) {
-        Vec3 corner = candidate_corner(list, at, i);
+        Vec3 corner = corner_from_apex(list, at, i, sides);
         float height = dot(cover->normal, corner) + cover->distance;
         Vec3 scale = add(absolute(corner), cover->scale);
         float on_plane = ON_PLANE * dot(absolute(cover->normal), scale);
@@ -151,9 +159,9 @@ static int is_below_plane(const CandidateList *list, int at, const Cover *cover)
  * inverse of a plane's distance is linear in the direction: the beam's edges decide. */
 static int is_farther(const CandidateList *list, int at, const Cover *cover,
                       const BeamSides *sides) {
-    Vec3 first = candidate_corner(list, at, 0);
-    Vec3 normal = cross(subtract(candidate_corner(list, at, 1), first),
-                        subtract(candidate_corner(list, at, 2), first));
+    Vec3 first = corner_from_apex(list, at, 0, sides);
+    Vec3 normal = cross(subtract(corner_from_apex(list, at, 1, sides), first),
+                        subtract(corner_from_apex(list, at, 2, sides), first));
     float height = dot(normal, first);
     for (int i = 0; i < 4; i++) {
         /* Both inverse distances, times two heights of which the cover's is above zero. */
@@ -169,7 +177,7 @@ static int is_farther(const CandidateList *list, int at, const Cover *cover,
 static int is_behind(const CandidateList *list, int at, const Cover *cover,
                      const BeamSides *sides) {
     /* Which of two planes is farther depends on the viewpoint: not while it moves. */
-    return is_below_plane(list, at, cover) ||
+    return is_below_plane(list, at, cover, sides) ||
            (list->reach[at] == 0.0f && is_farther(list, at, cover, sides));
 }
 
@@ -223,7 +231,7 @@ static int32_t find_cover(const Search *search, CandidateList *list, const BeamS
     Cover cover;
     if (!has_scene(list))
         return SURFACE_BACKGROUND;
-    if (list->count > MAX_SEARCHED || !find_first_surface(search, list, sides->axis, &cover) ||
+    if (list->count > MAX_SEARCHED || !find_first_surface(search, list, sides, &cover) ||
         !covers(search, list, sides, cover.surface))
         return SURFACE_UNKNOWN;
     return drop_hidden(search, list, &cover, sides) ? cover.triangle : SURFACE_UNKNOWN;
@@ -238,13 +246,14 @@ typedef struct {
 } Part;
 
 /* All that a part may show of the static scene. */
-static void list_triangles(Search *search, const CandidateList *kept, TileContent *content) {
+static void list_triangles(Search *search, const CandidateList *kept, const BeamSides *sides,
+                           TileContent *content) {
     /* Tiles of a moving frame list what they show during the exposure themselves, in
      * clear air. */
     if (search->blur && content->object == OBJECT_NONE && !has_fog(search->state) &&
         collect_triangles(search->state, kept, &search->triangles))
         content->triangles = &search->triangles;
-    else if (make_short_list(search->state, kept, &search->short_list))
+    else if (make_short_list(search->state, kept, sides, &search->short_list))
         content->short_list = &search->short_list;
 }
 
@@ -257,7 +266,7 @@ static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     int is_hopeless = part->level <= search->finest_proven || !has_surfaces(kept);
     part->candidates = is_hopeless ? NULL : kept;
     if (is_hopeless && part->content.triangle == SURFACE_UNKNOWN)
-        list_triangles(search, kept, &part->content);
+        list_triangles(search, kept, sides, &part->content);
 }
 
 static int is_unproven(const Part *part) {
@@ -277,11 +286,11 @@ static int is_unlit(const Search *search, const Part *part) {
 static void find_quad(const FrameState *state, const BeamSides *sides, int32_t triangle,
                       Vec3 corners[4]) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
-    Vec3 viewpoint = vec3(state->camera.translation);
+    Vec3 apex = add(vec3(state->camera.translation), sides->apex);
     Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
-    float height = dot(normal, subtract(vec3(mesh->corners + 9 * (size_t)triangle), viewpoint));
+    float height = dot(normal, subtract(vec3(mesh->corners + 9 * (size_t)triangle), apex));
     for (int i = 0; i < 4; i++)
-        corners[i] = add(viewpoint, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
+        corners[i] = add(apex, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
 }
 
 static int may_be_open(const Search *search, const Part *part) {
@@ -353,12 +362,13 @@ static void render_beam(Search *search, const View *view, Part part) {
     const BeamLevel *parts = &view->levels[part.level];
     if (part.row >= parts->rows || part.column >= parts->columns)
         return;
-    const Beam *beam = &parts->beams[part.row * parts->columns + part.column];
+    int at = part.row * parts->columns + part.column;
+    const Beam *beam = &parts->beams[at];
     if (beam->kind == BEAM_EMPTY || !is_wanted(search, &part))
         return;
     if (beam->kind == BEAM_NARROW && (is_unproven(&part) || is_dim(search, &part))) {
         BeamSides sides;
-        find_sides(search->state, beam, &sides);
+        find_sides(search->state, parts, at, &sides);
         if (is_unproven(&part))
             prove_part(search, &sides, &part);
         if (is_dim(search, &part))

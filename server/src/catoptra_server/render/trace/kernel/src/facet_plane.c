@@ -24,33 +24,57 @@ FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
     };
 }
 
-void find_distances(const FacetPlane *plane, const RayBlock *rays, float distances[BLOCK_RAYS]) {
-    Vec3 origin = {rays->origin[0][0], rays->origin[1][0], rays->origin[2][0]};
-    float height = dot(plane->normal, subtract(plane->first, origin));
-    Vec3 n = plane->normal;
-    for (int i = 0; i < BLOCK_RAYS; i++)
-        distances[i] = height / (n.x * rays->direction[0][i] + n.y * rays->direction[1][i] +
-                                 n.z * rays->direction[2][i]);
+/* Distance along the normal from a ray's origin to the plane. */
+static inline float height_above(const FacetPlane *plane, const RayBlock *rays, int lane) {
+    return dot(plane->normal, subtract(plane->first, get_lane(rays->origin, lane)));
 }
 
-/* Texture coordinates and footprints: all vector code. */
-static void find_coordinates(const FacetPlane *plane, const RayBlock *rays,
-                             const TextureLevel *image, const PlaneSteps *steps,
-                             TexturePoints *points) {
-    Vec3 origin = {rays->origin[0][0], rays->origin[1][0], rays->origin[2][0]};
-    Vec3 from_first = subtract(origin, plane->first);
-    float height = -dot(plane->normal, from_first);
-    float u_origin = plane->u_offset + dot(plane->u_gradient, from_first);
-    float v_origin = plane->v_offset + dot(plane->v_gradient, from_first);
+static inline __attribute__((always_inline)) void
+divide_heights(const FacetPlane *plane, const RayBlock *rays, int has_origins,
+               float distances[BLOCK_RAYS]) {
+    float common = height_above(plane, rays, 0);
+    Vec3 n = plane->normal;
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float height = has_origins ? height_above(plane, rays, i) : common;
+        distances[i] = height / (n.x * rays->direction[0][i] + n.y * rays->direction[1][i] +
+                                 n.z * rays->direction[2][i]);
+    }
+}
+
+void find_distances(const FacetPlane *plane, const RayBlock *rays, float distances[BLOCK_RAYS]) {
+    if (rays->has_origins)
+        divide_heights(plane, rays, 1, distances);
+    else
+        divide_heights(plane, rays, 0, distances);
+}
+
+/* A ray's origin in the coordinates of a plane. */
+typedef struct {
+    float height, u, v;
+} OnPlane;
+
+static inline OnPlane project_origin(const FacetPlane *plane, const RayBlock *rays, int lane) {
+    Vec3 from_first = subtract(get_lane(rays->origin, lane), plane->first);
+    return (OnPlane){-dot(plane->normal, from_first),
+                     plane->u_offset + dot(plane->u_gradient, from_first),
+                     plane->v_offset + dot(plane->v_gradient, from_first)};
+}
+
+/* Texture coordinates and footprints: all vector code, one for each of both kinds of rays. */
+static inline __attribute__((always_inline)) void
+find_coordinates(const FacetPlane *plane, const RayBlock *rays, int has_origins,
+                 const TextureLevel *image, const PlaneSteps *steps, TexturePoints *points) {
+    OnPlane common = project_origin(plane, rays, 0);
     Vec3 n = plane->normal, gu = plane->u_gradient, gv = plane->v_gradient;
     float width = (float)image->width, rows = (float)image->height;
     for (int i = 0; i < BLOCK_RAYS; i++) {
         float x = rays->direction[0][i], y = rays->direction[1][i], z = rays->direction[2][i];
+        OnPlane origin = has_origins ? project_origin(plane, rays, i) : common;
         float inverse_cosine = 1.0f / (n.x * x + n.y * y + n.z * z);
-        float distance = height * inverse_cosine;
+        float distance = origin.height * inverse_cosine;
         float along_u = gu.x * x + gu.y * y + gu.z * z, along_v = gv.x * x + gv.y * y + gv.z * z;
-        points->u[i] = u_origin + distance * along_u;
-        points->v[i] = v_origin + distance * along_v;
+        points->u[i] = origin.u + distance * along_u;
+        points->v[i] = origin.v + distance * along_v;
         Footprint footprint =
             find_footprint(steps, distance, inverse_cosine, width * along_u, rows * along_v);
         points->squares[i] = footprint.squares;
@@ -87,7 +111,10 @@ void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *
     RaySteps ray_steps = find_ray_steps(state, rays);
     PlaneSteps steps = find_plane_steps(plane, &ray_steps, texture->levels);
     TexturePoints points;
-    find_coordinates(plane, rays, texture->levels, &steps, &points);
+    if (rays->has_origins)
+        find_coordinates(plane, rays, 1, texture->levels, &steps, &points);
+    else
+        find_coordinates(plane, rays, 0, texture->levels, &steps, &points);
     if (measure_footprints(&points))
         read_levels(texture, &points, radiance, result);
     else

@@ -1,4 +1,4 @@
-/* Rays that all meet one facet's plane from one origin: the radiance of whole blocks at once. */
+/* Rays that all meet one facet's plane: the radiance of whole blocks at once. */
 #ifndef CATOPTRA_FACET_PLANE_H
 #define CATOPTRA_FACET_PLANE_H
 
@@ -13,7 +13,7 @@ typedef struct {
 
 FacetPlane find_facet_plane(const FrameState *state, int32_t triangle);
 
-/* Distances at which rays from one origin meet the plane. */
+/* Distances at which rays meet the plane. */
 void find_distances(const FacetPlane *plane, const RayBlock *rays, float distances[BLOCK_RAYS]);
 
 /* One radiance times the facet's texture where the rays meet its plane, (3, 16). */

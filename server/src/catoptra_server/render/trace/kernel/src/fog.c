@@ -1,5 +1,6 @@
 #include "fog.h"
 
+#include "camera_rays.h"
 #include "facet_plane.h"
 #include "hit_points.h"
 #include "pixels.h"
@@ -63,9 +64,32 @@ void fog_block(const FrameState *state, const RayBlock *rays, const HitBlock *hi
     }
 }
 
+/* The same of rays with origins of their own, which are placed in the world. */
+static void measure_transmittances(const FrameState *state, int tile, int32_t triangle,
+                                   float means[TILE_PX * TILE_PX]) {
+    int samples = state->rays->samples, blocks = samples * samples;
+    FacetPlane plane = find_facet_plane(state, triangle);
+    memset(means, 0, sizeof(float) * TILE_PX * TILE_PX);
+    for (int block = 0; block < blocks; block++) {
+        RayBlock rays;
+        _Alignas(64) float distance[BLOCK_RAYS], transmittance[BLOCK_RAYS];
+        load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
+        find_distances(&plane, &rays, distance);
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            transmittance[i] = decay(distance[i], state->frame->fog_density);
+        add_lanes(samples, block, transmittance, means);
+    }
+    for (int pixel = 0; pixel < TILE_PX * TILE_PX; pixel++)
+        means[pixel] *= 1.0f / (float)blocks;
+}
+
 void find_plane_transmittances(const FrameState *state, int tile, int32_t triangle,
                                float means[TILE_PX * TILE_PX]) {
     int samples = state->rays->samples, blocks = samples * samples;
+    if (state->rays->origins) {
+        measure_transmittances(state, tile, triangle, means);
+        return;
+    }
     FacetPlane plane = find_facet_plane(state, triangle);
     /* The plane is turned instead of the rays. */
     Vec3 n = rotate_back(state->camera.rotation, plane.normal);

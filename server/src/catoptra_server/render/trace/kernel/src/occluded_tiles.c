@@ -107,8 +107,8 @@ static void write_factors(const FrameState *state, int tile, int32_t triangle,
 static int is_fillable(const FrameState *state, const TileContent *content, const Beam *beam,
                        PlaneLight *light) {
     int32_t triangle = content->triangle;
-    /* Samples differ by more than their factors. */
-    if (state->shift > 0.0f || state->turn > 0.0f || state->is_rolling || has_fog(state))
+    /* Samples differ by more than their factors; or the pyramid ends beyond the outermost. */
+    if (state->rays->origins || state->shift > 0.0f || state->turn > 0.0f || state->is_rolling || has_fog(state))
         return 0;
     return triangle >= 0 && !content->is_open && content->object == OBJECT_NONE &&
            beam->kind == BEAM_NARROW && has_occlusion(state->scene, triangle) &&

@@ -14,10 +14,16 @@ static float limit_inverse(float inverse) {
     return inverse >= 0.0f && inverse < MAX_INVERSE_RANGE ? inverse : MAX_INVERSE_RANGE;
 }
 
-/* One plane that all rays meet from one origin: the inverse of its distance is linear. */
+/* One plane that all rays meet: from one origin the inverse of its distance is linear. */
 static void invert_plane(const FrameState *state, int32_t triangle, const RayBlock *rays,
                          float inverse[BLOCK_RAYS]) {
     FacetPlane plane = find_facet_plane(state, triangle);
+    if (rays->has_origins) {
+        find_distances(&plane, rays, inverse);
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            inverse[i] = limit_inverse(1.0f / inverse[i]);
+        return;
+    }
     Vec3 origin = {rays->origin[0][0], rays->origin[1][0], rays->origin[2][0]};
     Vec3 n = scale(1.0f / dot(plane.normal, subtract(plane.first, origin)), plane.normal);
     for (int i = 0; i < BLOCK_RAYS; i++)

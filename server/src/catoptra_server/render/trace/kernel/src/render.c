@@ -1,5 +1,6 @@
 /* A frame: the work is handed out tile by tile, or part by part, to the device's threads. */
 #define _GNU_SOURCE
+#include "beam_origins.h"
 #include "beams.h"
 #include "blur.h"
 #include "blur_plan.h"
@@ -118,7 +119,8 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
         .frame = frame,
         .view = view,
         .camera = frame->camera[0],
-        .has_one_origin = is_central,
+        .has_one_pose = !view->rays.times,
+        .has_beams = has_beams(view, frame->camera),
         .plan_wanted = is_moving,
         .is_rolling = is_moving && frame->readout > 0.0f,
         .has_point_lights = has_point_lights,

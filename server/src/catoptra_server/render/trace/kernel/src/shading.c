@@ -153,7 +153,7 @@ static int32_t find_common_triangle(const HitBlock *hits, uint32_t computed) {
     return hits->triangle[0];
 }
 
-/* Points of rays from one origin on one plane: without a look at each ray's triangle. */
+/* Points of rays on one plane: without a look at each ray's triangle. */
 static void find_plane_points(const FacetPlane *plane, Vec3 normal, const RayBlock *rays,
                               HitPoints *points) {
     find_distances(plane, rays, points->distance);
@@ -248,7 +248,7 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
         hide_sky(state, surface.dim, rays, hits, radiance);
         return;
     }
-    if (triangle < 0 && state->has_one_origin)
+    if (triangle < 0 && state->has_one_pose)
         triangle = find_common_triangle(hits, surface.computed);
     int is_plane = triangle >= 0 &&
                    !(state->scene->mesh->arrays.flags[triangle] & FACET_CORNER_COLOURS);

@@ -8,6 +8,10 @@
 /* Volume of corners below which they are a plane through the viewpoint, relative to the product of
  * their distances. */
 #define MIN_VOLUME 1e-4f
+/* Largest ratio of the distance of a ray's origin to that of a triangle's plane. */
+#define MAX_NEARNESS 0.5f
+/* Rounding error of products with origins, relative to those of the lengths: a few times 2^-23. */
+#define ORIGIN_ERROR 2e-6f
 
 static int set_dual(const Vec3 corners[3], ShortTriangle *triangle) {
     float length[3];
@@ -28,9 +32,30 @@ static int set_dual(const Vec3 corners[3], ShortTriangle *triangle) {
     return 1;
 }
 
-int make_short_list(const FrameState *state, const CandidateList *candidates, ShortList *list) {
+static float length_of(Vec3 a) { return sqrtf(dot(a, a)); }
+
+/* Errors of rays that begin within a radius of the corners' origin; 0 if the plane is too near.
+ *
+ * The inverse distance of an origin o along d is S.d / (1 - S.o), S the sum of the duals; the
+ * components, dual.d + inverse dual.o. With |S.o| <= 1/2 the divisor is 1/2 at least: an error of
+ * the sum counts four times in the inverse distance, and |S| is known to a few roundings. */
+static int allow_origins(float radius, ShortTriangle *triangle) {
+    Vec3 sum = add(add(triangle->dual[0], triangle->dual[1]), triangle->dual[2]);
+    float length = length_of(sum);
+    if (!(length * radius <= MAX_NEARNESS))
+        return 0;
+    triangle->sum_error = 4.0f * triangle->sum_error + ORIGIN_ERROR * length;
+    for (int i = 0; i < 3; i++)
+        triangle->error[i] = 2.0f * triangle->error[i] +
+                             radius * length_of(triangle->dual[i]) *
+                                 (triangle->sum_error + ORIGIN_ERROR * length);
+    return 1;
+}
+
+int make_short_list(const FrameState *state, const CandidateList *candidates,
+                    const BeamSides *sides, ShortList *list) {
     list->count = 0;
-    list->viewpoint = vec3(state->camera.translation);
+    list->viewpoint = add(vec3(state->camera.translation), sides->centre);
     for (int i = 0; i < candidates->count; i++) {
         int32_t id = candidates->id[i];
         if (candidate_object(id) != OBJECT_STATIC)
@@ -39,10 +64,11 @@ int make_short_list(const FrameState *state, const CandidateList *candidates, Sh
             return 0;
         Vec3 *corners = list->corners[list->count];
         for (int corner = 0; corner < 3; corner++)
-            corners[corner] = candidate_corner(candidates, i, corner);
+            corners[corner] = subtract(candidate_corner(candidates, i, corner), sides->centre);
         ShortTriangle *triangle = &list->triangles[list->count++];
         triangle->triangle = state->scene->surfaces.triangles[id];
-        if (!set_dual(corners, triangle))
+        if (!set_dual(corners, triangle) ||
+            (sides->radius > 0.0f && !allow_origins(sides->radius, triangle)))
             return 0;
     }
     return 1;
@@ -82,12 +108,29 @@ typedef struct {
     Masks index;
 } Nearest;
 
-static inline void test_triangle(const ShortTriangle *t, int32_t index, Floats x, Floats y,
-                                 Floats z, Nearest *found) {
-    Floats first = t->dual[0].x * x + t->dual[0].y * y + t->dual[0].z * z;
-    Floats second = t->dual[1].x * x + t->dual[1].y * y + t->dual[1].z * z;
-    Floats third = t->dual[2].x * x + t->dual[2].y * y + t->dual[2].z * z;
+/* 16 vectors by component. */
+typedef struct {
+    Floats x, y, z;
+} Vectors;
+
+static inline __attribute__((always_inline)) Floats project(Vec3 onto, Vectors vectors) {
+    return onto.x * vectors.x + onto.y * vectors.y + onto.z * vectors.z;
+}
+
+static inline __attribute__((always_inline)) void
+test_triangle(const ShortTriangle *t, int32_t index, Vectors directions, int has_origins,
+              Vectors origins, Nearest *found) {
+    Floats first = project(t->dual[0], directions), second = project(t->dual[1], directions);
+    Floats third = project(t->dual[2], directions);
     Floats inverse = first + second + third;
+    if (has_origins) {
+        Floats u = project(t->dual[0], origins), v = project(t->dual[1], origins);
+        Floats w = project(t->dual[2], origins);
+        inverse = inverse / (1.0f - (u + v + w));
+        first += inverse * u;
+        second += inverse * v;
+        third += inverse * w;
+    }
     Masks is_inside = (first > t->error[0]) & (second > t->error[1]) & (third > t->error[2]);
     Masks is_outside = (first < -t->error[0]) | (second < -t->error[1]) | (third < -t->error[2]);
     Masks is_nearest = is_inside & (inverse > found->nearest);
@@ -101,11 +144,21 @@ static inline void test_triangle(const ShortTriangle *t, int32_t index, Floats x
     found->index = (is_nearest & index) | (~is_nearest & found->index);
 }
 
-int intersect_short_list(const ShortList *list, RayBlock *rays, HitBlock *hits) {
+static inline __attribute__((always_inline)) Nearest
+find_nearest(const ShortList *list, const RayBlock *rays, int has_origins) {
     Nearest found = {.index = (Masks){0} - 1};
-    Floats x = load(rays->direction[0]), y = load(rays->direction[1]), z = load(rays->direction[2]);
+    Vectors directions = {load(rays->direction[0]), load(rays->direction[1]),
+                          load(rays->direction[2])};
+    Vectors origins = {load(rays->origin[0]) - list->viewpoint.x,
+                       load(rays->origin[1]) - list->viewpoint.y,
+                       load(rays->origin[2]) - list->viewpoint.z};
     for (int i = 0; i < list->count; i++)
-        test_triangle(&list->triangles[i], i, x, y, z, &found);
+        test_triangle(&list->triangles[i], i, directions, has_origins, origins, &found);
+    return found;
+}
+
+int intersect_short_list(const ShortList *list, RayBlock *rays, HitBlock *hits) {
+    Nearest found = rays->has_origins ? find_nearest(list, rays, 1) : find_nearest(list, rays, 0);
     Masks is_uncertain = (found.rival > 0.0f) & (found.rival >= found.nearest - found.error);
     uint32_t uncertain = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++)

@@ -1,4 +1,4 @@
-/* Hits of rays from the viewpoint with a few triangles, all tested in vector code.
+/* Hits of the rays of a part of the image with a few triangles, all tested in vector code.
  *
  * What reaches into a narrow beam is mostly two or three surfaces and the edges between them: 16
  * rays take 0.2 us, a search through the scene's hierarchy 1 us. Only certain hits count. Where a
@@ -24,13 +24,14 @@ typedef struct {
 typedef struct {
     int count;
     ShortTriangle triangles[MAX_SHORT];
-    Vec3 viewpoint;
-    Vec3 corners[MAX_SHORT][3]; /* relative to the viewpoint */
+    Vec3 viewpoint; /* or the middle of the origins of the rays */
+    Vec3 corners[MAX_SHORT][3]; /* relative to it */
 } ShortList;
 
 /* Triangles of the static scene among candidates; 0 if there are too many, spheres around small
- * triangles, or one that is seen as a line. */
-int make_short_list(const FrameState *state, const CandidateList *candidates, ShortList *list);
+ * triangles, or one that is seen as a line, or as near as the origins of the rays. */
+int make_short_list(const FrameState *state, const CandidateList *candidates,
+                    const BeamSides *sides, ShortList *list);
 
 /* The same triangles from another viewpoint; 0 if one is seen as a line. */
 int move_short_list(const ShortList *list, Vec3 viewpoint, ShortList *moved);

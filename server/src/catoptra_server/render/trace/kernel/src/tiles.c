@@ -37,6 +37,9 @@ static void move_rays(const RayBlock *rays, const Pose *pose, RayBlock *moved) {
     Vec3 origin = rotate_back(r, subtract(get_lane(rays->origin, 0), vec3(pose->translation)));
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         set_lane(moved->origin, lane, origin);
+    for (int lane = 1; rays->has_origins && lane < BLOCK_RAYS; lane++)
+        set_lane(moved->origin, lane, rotate_back(r, subtract(get_lane(rays->origin, lane),
+                                                              vec3(pose->translation))));
     for (int axis = 0; axis < 3; axis++)
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             moved->direction[axis][lane] = r[axis] * rays->direction[0][lane] +

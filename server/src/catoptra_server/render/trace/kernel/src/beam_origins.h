@@ -1,0 +1,27 @@
+/* Beams of rays without a common viewpoint: an apex from which a pyramid holds all of a part's rays.
+ *
+ * A ray lies within a convex cone if its origin and its direction do. So the apex is moved back
+ * along the axis until the pyramid of the directions holds the origins, too: a proof about all
+ * that the pyramid holds is one about the rays, provided that nothing it relies on lies nearer
+ * than their origins. A parent holds its children's pyramids, as with one viewpoint.
+ */
+#ifndef CATOPTRA_BEAM_ORIGINS_H
+#define CATOPTRA_BEAM_ORIGINS_H
+
+#include "beams.h"
+
+/* Rays begin at most this far from their place in the mirror frame: what float32 rounds of a camera's
+ * position less than 256 m from the scene's centre. Farther ones are not proven. */
+#define ORIGIN_ROUNDING_M 2e-5f
+#define MAX_COORDINATE_M 256.0f
+
+/* Whether the rays of a frame lie within the view's beams. */
+int has_beams(const View *view, const Pose *camera);
+
+/* Apex and origins of a narrow tile's beam, whose sides may be moved outward. */
+void enclose_tile_origins(const RayTable *rays, int tile, Beam *beam, BeamOrigin *found);
+
+/* The same of the parts of a larger one; the empty ones among them are NULL. */
+void enclose_part_origins(const BeamOrigin *const parts[4], Beam *beam, BeamOrigin *found);
+
+#endif

@@ -1,0 +1,192 @@
+"""Beams of rays without a viewpoint: the same images as with every ray traced.
+
+C code: `src/beam_origins.c`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.mirrors import (
+    ConicalMirror,
+    EquiangularMirror,
+    ProfileMirror,
+    SphericalMirror,
+)
+from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.fog_medium import FogMedium
+from catoptra_server.config.world_file import read_world
+from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
+from catoptra_server.render.trace.trace_engine import TraceRequest
+from catoptra_server.scene.world_description import (
+    Box,
+    HemisphereLight,
+    Item,
+    Material,
+    PointLight,
+    Rectangle,
+    World,
+)
+from helpers.dynamic_objects import TWO_ROBOTS, place_cube
+from helpers.image_comparison import level_differences
+from helpers.mirror_checks import make_camera
+from helpers.random_worlds import make_random_exposure
+from helpers.trace_kernels import count_differences, open_kernel, render_filled_and_traced
+from helpers.worlds import (
+    CAMERA_STATE,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_plan,
+    make_test_world,
+    write_smooth_texture,
+)
+from measurements import scenes
+
+SAG_R = (0.0, 0.01, 0.02, 0.03, 0.05)
+MIRRORS: dict[str, NonCentralMirror] = {
+    "spherical": SphericalMirror(0.03, 0.2),
+    "conical": ConicalMirror(math.radians(60.0), 0.1, math.radians(100.0)),
+    "equiangular": EquiangularMirror(11.0, 0.1),
+    "profile": ProfileMirror(SAG_R, tuple(8.0 * r * r for r in SAG_R), 0.2, math.radians(70.0)),
+}
+SIZES = ((72, 1), (58, 2), (30, 4))
+WORLDS_PER_TABLE = 10
+GREY = Material((0.5, 0.5, 0.5))
+
+
+def make_table(name: str, *, width_px: int, samples: int) -> RayTable:
+    camera = make_camera(MIRRORS[name], width_px)
+    table = omni_ray_table(camera, make_plan(camera, samples=samples))
+    assert table.origins is not None
+    return table
+
+
+def make_near_world(distance_m: float) -> World:
+    """Bars and plates at one distance all around and below, over a floor."""
+    items = [Item("floor", Rectangle((20, 20)), Pose.identity(), Material((0.1, 0.3, 0.1)))]
+    rng = np.random.default_rng(7)
+    for index in range(60):
+        azimuth, elevation = rng.uniform(-math.pi, math.pi), rng.uniform(-0.4, 1.2)
+        point = distance_m * np.array(
+            [
+                math.cos(azimuth) * math.cos(elevation),
+                math.sin(azimuth) * math.cos(elevation),
+                math.sin(elevation),
+            ]
+        )
+        turn = tuple(rng.uniform(-3.0, 3.0, 3))
+        size = distance_m * rng.uniform(0.005, 0.3, 3)
+        colour = Material(tuple(rng.uniform(0.0, 1.0, 3)), unlit=True)
+        pose = Pose.from_rpy(tuple(point + CAMERA_STATE.world_from_mirror.translation), turn)
+        items.append(Item(f"bar {index}", Box(tuple(size)), pose, colour))
+    light = HemisphereLight((0.7, 0.7, 0.7), (0.3, 0.3, 0.3))
+    return World("near", tuple(items), lights=(light,), background=(0.3, 0.3, 0.35))
+
+
+@pytest.mark.parametrize(("width_px", "samples"), SIZES)
+@pytest.mark.parametrize("name", MIRRORS)
+def test_image_of_random_worlds_when_filled_is_the_traced_one(
+    name: str, width_px: int, samples: int
+) -> None:
+    table = make_table(name, width_px=width_px, samples=samples)
+    first = 1000 + list(MIRRORS).index(name) * 100 + samples * WORLDS_PER_TABLE
+    different, filled_tiles = [], 0.0
+    for seed in range(first, first + WORLDS_PER_TABLE):
+        world, state = make_random_exposure(seed)
+        with open_kernel(world) as engine:
+            filled, traced, share = render_filled_and_traced(engine, engine.prepare(table), state)
+        different += [seed] if (filled != traced).any() else []
+        filled_tiles += share
+    assert different == []
+    # Else the comparison would compare nothing.
+    assert filled_tiles / WORLDS_PER_TABLE > 0.2
+
+
+@pytest.mark.parametrize("distance_m", [0.12, 0.2, 0.5, 1.0, 5.0])
+@pytest.mark.parametrize("name", MIRRORS)
+def test_image_of_near_things_when_filled_is_the_traced_one(name: str, distance_m: float) -> None:
+    world = make_near_world(distance_m)
+    for width_px, samples in ((120, 1), (64, 2)):
+        table = make_table(name, width_px=width_px, samples=samples)
+        assert count_differences(world, CAMERA_STATE, table) == 0
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_image_of_objects_when_filled_is_the_traced_one(name: str) -> None:
+    table = make_table(name, width_px=72, samples=2)
+    world = scenes.make_worlds()["field"]
+    # The last one around the mirror, whose rays begin within it.
+    cubes = (place_cube(0.5, 0.3, -0.45, size_m=0.3), place_cube(0.5, 0.3, -0.6, size_m=0.3))
+    for objects in (TWO_ROBOTS, cubes[:1], cubes[1:]):
+        state = replace(scenes.CAMERA_STATE, objects=objects)
+        assert count_differences(world, state, table) == 0
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_image_far_from_the_scene_s_centre_when_filled_is_the_traced_one(name: str) -> None:
+    # Beyond 256 m float32 rounds origins by more than beams allow for: all rays are traced.
+    table = make_table(name, width_px=72, samples=1)
+    for centre_m, is_filled in ((200.0, True), (600.0, False)):
+        field = Item("far", Rectangle((2.0, 2.0)), Pose.from_rpy((2.0 * centre_m, 0.0, 0.0)), GREY)
+        world = make_test_world()
+        world = replace(world, items=(*world.items, field))
+        with open_kernel(world) as engine:
+            filled, traced, share = render_filled_and_traced(
+                engine, engine.prepare(table), CAMERA_STATE
+            )
+        assert (share > 0.0) == is_filled
+        assert not level_differences(filled, traced).any()
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_textures_and_lamps_when_filled_differ_by_one_level_from_the_traced_ones(
+    name: str, tmp_path: Path
+) -> None:
+    texture = write_smooth_texture(tmp_path / "waves.png")
+    worlds = (
+        make_test_world(texture=texture, lights=(HEMISPHERE_LIGHT, POINT_LIGHT)),
+        read_world(scenes.CORRIDOR)[0],
+    )
+    table = make_table(name, width_px=72, samples=2)
+    for world in worlds:
+        with open_kernel(world) as engine:
+            filled, traced, share = render_filled_and_traced(
+                engine, engine.prepare(table), CAMERA_STATE
+            )
+        assert level_differences(filled, traced).max() <= 1
+        assert share > 0.2
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_shadows_when_filled_differ_by_one_level_from_the_traced_ones(name: str) -> None:
+    table = make_table(name, width_px=72, samples=2)
+    lamp = PointLight((0.4, -0.5, -1.4), (0.9, 0.7, 0.4))
+    world = replace(make_test_world(), lights=(*make_test_world().lights, lamp))
+    for objects in ((), TWO_ROBOTS):
+        state = replace(CAMERA_STATE, objects=objects, has_shadows=True)
+        with open_kernel(world) as engine:
+            filled, traced, _ = render_filled_and_traced(engine, engine.prepare(table), state)
+        assert level_differences(filled, traced).max() <= 1
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_fog_and_ranges_when_filled_are_the_traced_ones(name: str) -> None:
+    table = make_table(name, width_px=72, samples=2)
+    state = replace(CAMERA_STATE, fog=FogMedium(0.2, (0.5, 0.5, 0.5)))
+    with open_kernel(make_test_world()) as engine:
+        rays = engine.prepare(table)
+        request = TraceRequest(is_linear=True, has_ranges=True)
+        filled = rays.render(state, request)
+        assert rays.last_counts.num_filled_tiles > 0
+        engine._scene.surfaces.num_surfaces = 0
+        traced = rays.render(state, request)
+    np.testing.assert_allclose(filled.image, traced.image, atol=2e-5)
+    assert filled.range_m is not None
+    assert traced.range_m is not None
+    np.testing.assert_allclose(filled.range_m, traced.range_m, rtol=1e-4)
