@@ -108,7 +108,8 @@ def test_image_of_random_worlds_when_filled_is_the_traced_one(
     assert filled_tiles / WORLDS_PER_TABLE > 0.2
 
 
-@pytest.mark.parametrize("distance_m", [0.12, 0.2, 0.5, 1.0, 5.0])
+# The nearest are behind some rays' origins, and before the apexes of others' beams.
+@pytest.mark.parametrize("distance_m", [0.02, 0.04, 0.07, 0.12, 0.2, 0.5, 1.0, 5.0])
 @pytest.mark.parametrize("name", MIRRORS)
 def test_image_of_near_things_when_filled_is_the_traced_one(name: str, distance_m: float) -> None:
     world = make_near_world(distance_m)
@@ -126,6 +127,22 @@ def test_image_of_objects_when_filled_is_the_traced_one(name: str) -> None:
     for objects in (TWO_ROBOTS, cubes[:1], cubes[1:]):
         state = replace(scenes.CAMERA_STATE, objects=objects)
         assert count_differences(world, state, table) == 0
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_image_of_an_object_beside_the_mirror_when_filled_is_the_traced_one(name: str) -> None:
+    # Between the viewpoint and the rays' origins: sides face these that do not face the former.
+    table = make_table(name, width_px=72, samples=1)
+    world, (x, y, z) = make_test_world(), CAMERA_STATE.world_from_mirror.translation
+    with open_kernel(world) as engine:
+        rays = engine.prepare(table)
+        for offset_m in np.linspace(-0.08, 0.08, 17):
+            for axis in range(3):
+                centre = np.array((x, y, z))
+                centre[axis] += offset_m
+                state = replace(CAMERA_STATE, objects=(place_cube(*centre, size_m=0.05),))
+                filled, traced, _ = render_filled_and_traced(engine, rays, state)
+                np.testing.assert_array_equal(filled, traced)
 
 
 @pytest.mark.parametrize("name", MIRRORS)
