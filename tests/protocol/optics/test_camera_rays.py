@@ -12,6 +12,7 @@ from catoptra_protocol.optics.camera_rays import (
     max_miss_m,
     near_limit_m,
     pixel_from_point,
+    ray_from_pixel,
     rays_from_pixel_grid,
 )
 from catoptra_protocol.optics.lenses import EquidistantLens
@@ -75,6 +76,24 @@ def test_error_of_the_approximation_falls_with_the_distance(mirror: NonCentralMi
         # To first order; the largest ring may lie beside the grid or beyond the rim.
         assert error_px <= 1.02 * central_error_px_m(camera) / distance_m
         assert error_px >= 0.8 * central_error_px_m(camera) / distance_m
+
+
+@pytest.mark.parametrize("mirror", MIRRORS, ids=lambda mirror: type(mirror).__name__)
+def test_ray_of_a_pixel_is_that_of_the_grid(mirror: NonCentralMirror) -> None:
+    camera = make_camera(mirror, 61)
+    centres = np.arange(61) + 0.5
+    expected = rays_from_pixel_grid(camera, centres, centres)
+    found = ray_from_pixel(camera, np.stack(np.meshgrid(centres, centres), axis=-1))
+    for one, other in zip(found, expected, strict=True):
+        assert other is not None
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12)
+
+
+def test_ray_of_a_pixel_of_a_central_camera_begins_at_its_viewpoint() -> None:
+    origin, direction, valid = ray_from_pixel(CENTRAL, np.array((40.0, 20.0)))
+    assert valid
+    assert not origin.any()
+    assert direction == pytest.approx(CENTRAL.direction_from_pixel(np.array((40.0, 20.0)))[0])
 
 
 def test_point_that_is_none_has_no_pixel() -> None:

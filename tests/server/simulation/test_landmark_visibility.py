@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR
+from catoptra_protocol.optics.camera_rays import ray_from_pixel
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, SphericalMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, direction_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -29,6 +30,7 @@ from catoptra_server.simulation.landmark_visibility import (
     LandmarkVisibility,
     compute_landmark_visibility,
 )
+from helpers.mirror_checks import make_camera
 
 BEACON = Landmark("b", "beacon", 2.0, 0.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 GOAL = Landmark("g", "goal", 2.7, 0.0, 0.8, 0.3, 0.0, 0.3, "cyan", "cyan")
@@ -113,6 +115,28 @@ def test_goal_from_behind_is_occluded_by_its_own_back(x_m: float, visible: bool)
         compute_visibility(OMNI, low, environment=environment_of_landmark(low), x_m=x_m).is_visible
         is visible
     )
+
+
+def test_landmark_is_seen_from_the_mirror_s_point_where_there_is_no_viewpoint() -> None:
+    # A ball of 0.2 m radius: seen from its surface, not from the viewpoint 0.1 m within.
+    camera = make_camera(SphericalMirror(0.2, 2.0), 400)
+    spec = OmniCameraSpec(camera, RenderSettings())
+    near = dataclasses.replace(BEACON, x_m=0.6, width_m=0.01)
+    found = compute_visibility(spec, near)
+    assert found.pixel is not None
+    assert found.is_visible
+    origin, direction, valid = ray_from_pixel(camera, np.array(found.pixel))
+    assert valid
+    band = np.array((0.6, 0.0, 0.2))
+    assert np.linalg.norm(np.cross(direction, band - origin)) < 1e-9
+    # A small box between the viewpoint and the landmark, which the ray passes; one on the ray.
+    for middle, visible in ((0.5 * band, True), (0.5 * (origin + band), False)):
+        centre = middle + np.array((0.0, 0.0, -HEIGHT_M))
+        box = OrientedBox(Pose.from_rpy(centre), (0.01, 0.01, 0.01))
+        seen = compute_visibility(
+            spec, near, environment=SensorEnvironment(EmptyScene(), (box,))
+        ).is_visible
+        assert seen is visible
 
 
 def test_landmarks_when_there_are_none_are_none() -> None:

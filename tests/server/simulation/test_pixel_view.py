@@ -7,23 +7,30 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR
+from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixel
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, EquiangularMirror, SphericalMirror
+from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, pixel_from_direction
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.error_bound import error_bound
+from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Item, Material, SphereBand, World
 from catoptra_server.simulation.pixel_view import (
     OUTSIDE,
     NamedScene,
     PixelView,
     look_through_pixel,
 )
+from helpers.mirror_checks import make_camera
 from helpers.room_ray_caster import make_room_world, oriented_box_at
 from helpers.worlds import make_plan
 
@@ -68,6 +75,51 @@ def test_nearer_robot_hides_the_wall() -> None:
     assert (view.object_name, view.range_m) == ("near", pytest.approx(1.3, abs=1e-6))
     behind = look(OMNI, point_px, {"behind": oriented_box_at(-2.0, 0.0)})
     assert behind.object_name == "wall 0 1"
+
+
+@pytest.mark.parametrize(
+    "mirror",
+    [SphericalMirror(0.03, 0.2), EquiangularMirror(11.0, 0.1)],
+    ids=lambda mirror: type(mirror).__name__,
+)
+def test_ball_next_to_a_mirror_without_a_viewpoint_is_where_it_is_drawn(
+    mirror: NonCentralMirror,
+) -> None:
+    # 0.2 m from the viewpoint, where rays of the best viewpoint err by pixels.
+    camera = make_camera(mirror, 400)
+    centre = 0.2 * np.array((math.sin(1.9), 0.0, math.cos(1.9)))
+    white = Material((1.0, 1.0, 1.0), unlit=True)
+    ball = Item("ball", SphereBand(0.006, 0.0, math.pi, 48, 24), Pose.from_rpy(centre), white)
+    world = World("ball", (ball,), background=(0.0, 0.0, 0.0))
+    scene = build_scene(world)
+    renderer = TraceRenderer(scene, world, threads=1)
+    light = renderer.prepare(camera, make_plan(camera, samples=4)).render_linear(
+        CameraState(Pose.identity())
+    )[..., 1]
+    renderer.close()
+    drawn_px = centroid_px(light)
+    things = NamedScene(scene, EmbreeRayCaster(scene), (), ())
+    spec = OmniCameraSpec(camera, RenderSettings())
+    left, top = (int(value) - 12 for value in drawn_px)
+    names = np.zeros((96, 96))
+    for row, column in np.ndindex(names.shape):
+        point = (left + (column + 0.5) / 4.0, top + (row + 0.5) / 4.0)
+        view = look_through_pixel(spec, Pose.identity(), point, things, None)
+        names[row, column] = view.object_name == "ball"
+    assert names.sum() > 100.0
+    found_px = centroid_px(names) / 4.0 + (left, top)
+    assert found_px == pytest.approx(drawn_px, abs=0.05)
+    # The range is that along the ray: to the ball's surface from the mirror's point.
+    seen, _ = pixel_from_point(camera, centre)
+    origin, _, _ = ray_from_pixel(camera, seen)
+    view = look_through_pixel(spec, Pose.identity(), (seen[0], seen[1]), things, None)
+    assert view.range_m == pytest.approx(np.linalg.norm(centre - origin) - 0.006, abs=1e-4)
+
+
+def centroid_px(image: Floats) -> Floats:
+    """(2,) centroid of light, px."""
+    v, u = np.indices(image.shape) + 0.5
+    return np.array([(image * u).sum(), (image * v).sum()]) / image.sum()
 
 
 @pytest.mark.parametrize("point_px", [(1.0, 1.0), (-1.0, 100.0), (100.0, 201.0), (math.inf, 0.0)])

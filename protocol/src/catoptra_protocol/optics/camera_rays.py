@@ -16,6 +16,7 @@ from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
+    direction_from_pixel,
     direction_from_pixel_grid,
     pixel_from_direction,
 )
@@ -45,20 +46,51 @@ def rays_from_pixel_grid(
     if camera.is_central:
         return None, directions, valid
     mirror = _non_central(camera)
-    rho = np.hypot(directions[..., 0], directions[..., 1])
     if camera.plane.is_radial:
         r, z = _surface_of_grid(camera, mirror, u, v)
     else:
         # By the angle, which includes the image plane, at the price of an inverse a sample.
-        theta = np.arctan2(rho, directions[..., 2])
-        t = np.clip(np.tan(0.5 * theta), mirror.t_min, mirror.t_limit)
-        r, z = mirror.surface_point(np.where(valid, t, mirror.t_min))
+        r, z = _surface_of_directions(mirror, directions, valid)
+    return _place_origins(directions, valid, r, z), directions, valid
+
+
+def ray_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Floats, Bools]:
+    """Rays of pixels in the mirror frame.
+
+    Args:
+        camera: the camera model.
+        pixel: (..., 2) pixels.
+
+    Returns:
+        (..., 3) origins, metres: the mirror's points, or the viewpoint of a central camera;
+            (..., 3) unit directions; a (...) mask. Invalid rays begin at the viewpoint.
+    """
+    directions, valid = direction_from_pixel(camera, pixel)
+    if camera.is_central:
+        return np.zeros_like(directions), directions, valid
+    r, z = _surface_of_directions(_non_central(camera), directions, valid)
+    return _place_origins(directions, valid, r, z), directions, valid
+
+
+def _surface_of_directions(
+    mirror: NonCentralMirror, directions: Floats, valid: Bools
+) -> tuple[Floats, Floats]:
+    """(...) r and z of the mirror's points that reflect unit (..., 3) directions."""
+    rho = np.hypot(directions[..., 0], directions[..., 1])
+    theta = np.arctan2(rho, directions[..., 2])
+    t = np.clip(np.tan(0.5 * theta), mirror.t_min, mirror.t_limit)
+    return mirror.surface_point(np.where(valid, t, mirror.t_min))
+
+
+def _place_origins(directions: Floats, valid: Bools, r: Floats, z: Floats) -> Floats:
+    """(..., 3) points of the mirror in the azimuths of directions; the viewpoint where invalid."""
+    rho = np.hypot(directions[..., 0], directions[..., 1])
     scale = np.where(valid, r, 0.0) / np.where(rho > 0.0, rho, 1.0)
     origins = np.empty_like(directions)
     origins[..., 0] = scale * directions[..., 0]
     origins[..., 1] = scale * directions[..., 1]
     origins[..., 2] = np.where(valid, z, 0.0)
-    return origins, directions, valid
+    return origins
 
 
 def _surface_of_grid(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.camera_rays import pixel_from_point
+from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixel
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -27,7 +27,7 @@ class LandmarkVisibility:
     """(u, v) of the centre of the landmark's band; None outside the image."""
     is_visible: bool
     """Whether the centre of the band lies in the image, and nothing but the landmark itself is
-    between the viewpoint and the centre."""
+    between the viewpoint, or the mirror's point, and the centre."""
 
 
 def compute_landmark_visibility(
@@ -41,9 +41,10 @@ def compute_landmark_visibility(
         return ()
     # z points down, and landmarks are given in heights above the floor.
     centres = np.array([(mark.x_m, mark.y_m, -mark.band_centre_m) for mark in landmarks])
-    displacements = centres - world_from_camera.translation
-    pixels, inside = _project_points(camera, displacements @ world_from_camera.rotation)
-    free = _has_line_of_sight(world_from_camera.translation, displacements, landmarks, environment)
+    in_camera = (centres - world_from_camera.translation) @ world_from_camera.rotation
+    pixels, inside = _project_points(camera, in_camera)
+    origins = world_from_camera.transform_points(_find_origins(camera, pixels))
+    free = _has_line_of_sight(origins, centres - origins, landmarks, environment)
     return tuple(
         LandmarkVisibility(
             mark, (float(u), float(v)) if is_inside else None, bool(is_inside and is_free)
@@ -64,17 +65,26 @@ def _project_points(camera_spec: CameraSpec, points: Floats) -> tuple[Floats, Bo
     return pixels, valid & within
 
 
+def _find_origins(camera_spec: CameraSpec, pixels: Floats) -> Floats:
+    """Where the rays of (n, 2) pixels begin, (n, 3) in the camera frame."""
+    if not isinstance(camera_spec, OmniCameraSpec):
+        return np.zeros((len(pixels), 3))
+    return ray_from_pixel(camera_spec.camera, pixels)[0]
+
+
 def _has_line_of_sight(
-    origin: Floats,
+    origins: Floats,
     displacements: Floats,
     landmarks: Sequence[Landmark],
     environment: SensorEnvironment,
 ) -> Bools:
-    """Whether each (n, 3) displacement ends before the first surface, except the landmark's own."""
+    """Whether each (n, 3) displacement from an origin ends before the first surface, except the
+    landmark's own.
+    """
     lengths = np.linalg.norm(displacements, axis=1)
     # A camera inside a landmark's centre has no direction; tiny keeps the quotient finite.
     directions = displacements / np.maximum(lengths, np.finfo(float).tiny)[:, None]
-    distances = environment.distances(origin, directions)
+    distances = environment.distances(origins, directions)
     free: Bools = distances >= lengths - _self_occlusion_margin_m(landmarks, directions)
     return free
 

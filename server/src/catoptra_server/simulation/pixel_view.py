@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
@@ -27,7 +27,8 @@ class PixelView:
     azimuth_rad: float | None = None
     """Azimuth in the camera frame, x towards y."""
     range_m: float | None = None
-    """Distance along the ray; None if it meets nothing."""
+    """Distance along the ray, from the viewpoint, or from the mirror's point of a mirror without
+    one; None if it meets nothing."""
     object_name: str = ""
     """Name of the world's item or of the robot; empty for none."""
     bound_px: float | None = None
@@ -81,17 +82,18 @@ def look_through_pixel(
         return OUTSIDE
     pixel = np.array(point_px)
     if isinstance(camera, OmniCameraSpec):
-        direction, is_valid = direction_from_pixel(camera.camera, pixel)
+        origin, direction, is_valid = ray_from_pixel(camera.camera, pixel)
         along, right, down = direction[2], direction[0], direction[1]
     else:
         # x along the axis of a pinhole camera; its azimuth turns from right to down.
+        origin = np.zeros(3)
         direction, is_valid = camera.camera.direction_from_pixel(pixel)
         along, right, down = direction[0], direction[1], direction[2]
     if not is_valid:
         return OUTSIDE
     theta_rad = math.atan2(math.hypot(right, down), along)
     ray = world_from_camera.rotation @ (direction / np.linalg.norm(direction))
-    range_m, name = things.find_first(world_from_camera.translation, ray)
+    range_m, name = things.find_first(world_from_camera.transform_points(origin), ray)
     return PixelView(
         theta_rad,
         math.atan2(down, right),
