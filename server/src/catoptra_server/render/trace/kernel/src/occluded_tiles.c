@@ -10,8 +10,9 @@
 #include <math.h>
 
 /* A factor at a pixel's centre is the mean of its samples where a pixel sees at most this much of a
- * grid, nodes along a side: factors change slowly from node to node. */
-#define MAX_NODES_PER_PIXEL 0.5f
+ * grid, nodes along a side: factors change slowly from node to node. Farther off, the mirror's curve
+ * within a tile is too many nodes. */
+#define MAX_NODES_PER_PIXEL 1.0f
 
 /* A quantity of the rays of a tile: linear in the two tangents of the tile's pyramid. */
 typedef struct {
@@ -58,9 +59,9 @@ static inline float at(Linear value, float a, float b) {
     return value.middle + a * value.per_a + b * value.per_b;
 }
 
-/* Columns and rows of the atlas that the pixels' centres show; 0 if they are too far apart. */
-static int find_positions(const FrameState *state, int32_t triangle, const PixelGrid *grid,
-                          float columns[BLOCK_RAYS], float rows[BLOCK_RAYS]) {
+/* Columns and rows of the atlas that the pixels' centres show. */
+static void find_positions(const FrameState *state, int32_t triangle, const PixelGrid *grid,
+                           float columns[BLOCK_RAYS], float rows[BLOCK_RAYS]) {
     const Scene *scene = state->scene;
     const OcclusionPatch *patch = patch_of(scene, triangle);
     Vec3 origin = vec3(state->camera.translation);
@@ -78,6 +79,10 @@ static int find_positions(const FrameState *state, int32_t triangle, const Pixel
         columns[i] = first_column + distance * at(to_column, a, b);
         rows[i] = first_row + distance * at(to_row, a, b);
     }
+}
+
+/* Whether factors at the centres of pixels are their means. */
+static int are_near(const float columns[BLOCK_RAYS], const float rows[BLOCK_RAYS]) {
     float limit = MAX_NODES_PER_PIXEL * (TILE_PX - 1);
     enum { LEFT = 0, RIGHT = TILE_PX - 1, LAST = BLOCK_RAYS - 1, BOTTOM = BLOCK_RAYS - TILE_PX };
     return fabsf(columns[LAST] - columns[LEFT]) + fabsf(rows[LAST] - rows[LEFT]) < limit &&
@@ -104,32 +109,42 @@ static void write_factors(const FrameState *state, int tile, int32_t triangle,
     note_means(state, tile, (const float(*)[BLOCK_RAYS])radiance);
 }
 
-static int is_fillable(const FrameState *state, const TileContent *content, const Beam *beam,
-                       PlaneLight *light) {
-    int32_t triangle = content->triangle;
-    /* Samples differ by more than their factors; or the pyramid ends beyond the outermost. */
-    if (state->rays->origins || state->shift > 0.0f || state->turn > 0.0f || state->is_rolling || has_fog(state))
-        return 0;
-    return triangle >= 0 && !content->is_open && content->object == OBJECT_NONE &&
-           beam->kind == BEAM_NARROW && has_occlusion(state->scene, triangle) &&
-           !(state->scene->mesh->arrays.flags[triangle] & FACET_TEXTURED) &&
-           find_plane_light(state, triangle, content->proof, light) &&
+/* Whether a tile's pixels differ by their factors at most, and by the texture. Where rays have
+ * origins of their own the pyramid ends beyond the outermost. */
+static int is_still(const FrameState *state, const TileContent *content, const Beam *beam) {
+    return content->triangle >= 0 && !content->is_open && content->object == OBJECT_NONE &&
+           beam->kind == BEAM_NARROW && has_occlusion(state->scene, content->triangle) &&
+           !(state->rays->origins || state->shift > 0.0f || state->turn > 0.0f || state->is_rolling);
+}
+
+static int is_fillable(const FrameState *state, const TileContent *content, PlaneLight *light) {
+    return !has_fog(state) &&
+           !(state->scene->mesh->arrays.flags[content->triangle] & FACET_TEXTURED) &&
+           find_plane_light(state, content->triangle, content->proof, light) &&
            /* What shadows change is measured by samples. */
            !(state->frame->measures_shadows && !light->is_table);
 }
 
 int fill_occluded_tile(const FrameState *state, int tile, const TileContent *content,
                        const Beam *beam) {
-    PlaneLight light;
-    if (state->frame->output == OUTPUT_HITS || !is_fillable(state, content, beam, &light) ||
+    if (state->frame->output == OUTPUT_HITS || !is_still(state, content, beam) ||
         !is_wholly_valid(state, tile))
         return 0;
+    PlaneLight light;
     PixelGrid grid;
+    int32_t triangle = content->triangle;
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[BLOCK_RAYS];
     find_grid(state, beam, &grid);
-    if (!find_positions(state, content->triangle, &grid, columns, rows))
+    find_positions(state, triangle, &grid, columns, rows);
+    if (is_sky_open(state->scene, triangle, columns, rows)) {
+        TileContent open = *content;
+        open.is_open = 1;
+        render_tile(state, tile, &open);
+        return 1;
+    }
+    if (!are_near(columns, rows) || !is_fillable(state, content, &light))
         return 0;
-    find_factors(state->scene, content->triangle, columns, rows, factors);
-    write_factors(state, tile, content->triangle, light.radiance, factors);
+    find_factors(state->scene, triangle, columns, rows, factors);
+    write_factors(state, tile, triangle, light.radiance, factors);
     return 1;
 }

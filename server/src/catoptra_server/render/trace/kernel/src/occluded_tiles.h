@@ -6,8 +6,9 @@
 #include "beams.h"
 #include "tiles.h"
 
-/* 0, and nothing done, unless the content is one facet without texture under constant lights, whose
- * factors vary little within a pixel. `beam`: the tile's. */
+/* Also tiles of open sky, whose content is rendered as such. 0, and nothing done, unless the sky is
+ * open or the content is one facet without texture under constant lights, whose factors vary little
+ * within a pixel. `beam`: the tile's. */
 int fill_occluded_tile(const FrameState *state, int tile, const TileContent *content,
                        const Beam *beam);
 

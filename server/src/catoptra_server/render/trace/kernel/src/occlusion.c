@@ -4,6 +4,11 @@
 
 /* Parts of a plane are widened by this much of themselves: the rays between their corners bulge. */
 #define BULGE 0.1f
+/* A tile's samples reach half a pixel beyond the centres of its pixels, which are three apart; and
+ * a bulge. */
+#define CENTRES_MARGIN 0.3f
+/* So many rays on one facet are faster looked up one by one than 16 at once. */
+enum { MAX_FEW = 6 };
 /* Float32's rounding of a position in the atlas, nodes. */
 #define TOLERANCE 0.01f
 
@@ -34,23 +39,45 @@ static inline float mix_nodes(const Occlusion *occlusion, int32_t column, int32_
     return (top + fy * (bottom - top)) * (1.0f / 255.0f);
 }
 
+/* Two nodes side by side: the first in the low byte. */
+static inline int32_t load_pair(const uint8_t *texels) {
+    return texels[0] | (int32_t)texels[1] << 8;
+}
+
+static inline float mix_pair(int32_t pair, float share) {
+    float first = (float)(pair & 255), second = (float)(pair >> 8);
+    return first + share * (second - first);
+}
+
+/* All vector code, but for the texels. */
 void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
                   const float rows[BLOCK_RAYS], float factors[BLOCK_RAYS]) {
     const OcclusionPatch *patch = patch_of(scene, triangle);
-    int32_t column[BLOCK_RAYS], row[BLOCK_RAYS];
-    float fx[BLOCK_RAYS], fy[BLOCK_RAYS];
-    for (int i = 0; i < BLOCK_RAYS; i++) {
-        column[i] = find_node(columns[i], patch->left, patch->right, &fx[i]);
-        row[i] = find_node(rows[i], patch->top, patch->bottom, &fy[i]);
-    }
+    int32_t width = scene->occlusion.width;
+    _Alignas(64) int32_t node[BLOCK_RAYS], upper[BLOCK_RAYS], lower[BLOCK_RAYS];
+    _Alignas(64) float fx[BLOCK_RAYS], fy[BLOCK_RAYS];
     for (int i = 0; i < BLOCK_RAYS; i++)
-        factors[i] = mix_nodes(&scene->occlusion, column[i], row[i], fx[i], fy[i]);
+        node[i] = find_node(rows[i], patch->top, patch->bottom, &fy[i]) * width +
+                  find_node(columns[i], patch->left, patch->right, &fx[i]);
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        const uint8_t *texels = scene->occlusion.texels + node[i];
+        upper[i] = load_pair(texels);
+        lower[i] = load_pair(texels + width);
+    }
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float top = mix_pair(upper[i], fx[i]);
+        factors[i] = (top + fy[i] * (mix_pair(lower[i], fx[i]) - top)) * (1.0f / 255.0f);
+    }
+    /* A product with 1 / 255 need not be 1. */
+    for (int i = 0; i < BLOCK_RAYS; i++)
+        factors[i] = (upper[i] & lower[i]) == 0xffff ? 1.0f : factors[i];
 }
 
-static float factor_at(const Scene *scene, const OcclusionPatch *patch, float column, float row) {
+static float factor_at(const Scene *scene, const OcclusionPatch *patch, Vec3 point) {
     float fx, fy;
-    int32_t left = find_node(column, patch->left, patch->right, &fx);
-    int32_t top = find_node(row, patch->top, patch->bottom, &fy);
+    int32_t left =
+        find_node(atlas_coordinate(patch->column, point), patch->left, patch->right, &fx);
+    int32_t top = find_node(atlas_coordinate(patch->row, point), patch->top, patch->bottom, &fy);
     return mix_nodes(&scene->occlusion, left, top, fx, fy);
 }
 
@@ -75,8 +102,22 @@ static int32_t count_dark(const Occlusion *occlusion, const OcclusionPatch *patc
     return lower[right] - lower[left] - upper[right] + upper[left];
 }
 
+/* What is known between two corners of an atlas that are moved apart by a share of themselves. */
+static SkyView find_view_between(const Scene *scene, const OcclusionPatch *patch,
+                                 const float low[2], const float high[2], float share) {
+    float first[2], last[2];
+    for (int axis = 0; axis < 2; axis++) {
+        float margin = share * (high[axis] - low[axis]) + TOLERANCE;
+        first[axis] = low[axis] - margin;
+        last[axis] = high[axis] + margin;
+    }
+    int32_t nodes, dark = count_dark(&scene->occlusion, patch, first, last, &nodes);
+    if (!dark)
+        return SKY_OPEN;
+    return dark == nodes ? SKY_HIDDEN : SKY_MIXED;
+}
+
 SkyView find_sky_view(const Scene *scene, int32_t triangle, const Vec3 corners[4]) {
-    const Occlusion *occlusion = &scene->occlusion;
     const OcclusionPatch *patch = patch_of(scene, triangle);
     float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
     for (int i = 0; i < 4; i++) {
@@ -87,16 +128,7 @@ SkyView find_sky_view(const Scene *scene, int32_t triangle, const Vec3 corners[4
         high[0] = fmaxf(high[0], x);
         high[1] = fmaxf(high[1], y);
     }
-    float dx = BULGE * (high[0] - low[0]) + TOLERANCE;
-    float dy = BULGE * (high[1] - low[1]) + TOLERANCE;
-    low[0] -= dx;
-    low[1] -= dy;
-    high[0] += dx;
-    high[1] += dy;
-    int32_t nodes, dark = count_dark(occlusion, patch, low, high, &nodes);
-    if (!dark)
-        return SKY_OPEN;
-    return dark == nodes ? SKY_HIDDEN : SKY_MIXED;
+    return find_view_between(scene, patch, low, high, BULGE);
 }
 
 /* Position in the atlas where each ray meets a facet's plane: all vector code. */
@@ -119,50 +151,111 @@ static void find_positions(const Scene *scene, int32_t triangle, const RayBlock 
     }
 }
 
-/* Whether the factors of a mask of positions are all 1: most are, even on facets with a grid. */
-static int shows_open_sky(const Scene *scene, const OcclusionPatch *patch, uint32_t mask,
-                          const float columns[BLOCK_RAYS], const float rows[BLOCK_RAYS]) {
-    float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
-    int32_t nodes;
+/* Least and largest of 16 values, pair by pair: vector code. */
+static void find_extremes(const float values[BLOCK_RAYS], float *least, float *largest) {
+    float low[BLOCK_RAYS], high[BLOCK_RAYS];
+    for (int i = 0; i < BLOCK_RAYS; i++)
+        low[i] = high[i] = values[i];
+    for (int half = BLOCK_RAYS / 2; half; half /= 2)
+        for (int i = 0; i < half; i++) {
+            low[i] = low[i] < low[i + half] ? low[i] : low[i + half];
+            high[i] = high[i] > high[i + half] ? high[i] : high[i + half];
+        }
+    *least = low[0];
+    *largest = high[0];
+}
+
+static int is_open_between(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
+                           const float rows[BLOCK_RAYS], float share) {
+    float low[2], high[2];
+    find_extremes(columns, &low[0], &high[0]);
+    find_extremes(rows, &low[1], &high[1]);
+    return find_view_between(scene, patch_of(scene, triangle), low, high, share) == SKY_OPEN;
+}
+
+int is_sky_open(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
+                const float rows[BLOCK_RAYS]) {
+    return is_open_between(scene, triangle, columns, rows, CENTRES_MARGIN);
+}
+
+/* Where rays end: their limits are the distances of their hits. */
+static void find_ends(const RayBlock *rays, float ends[3][BLOCK_RAYS]) {
+    for (int axis = 0; axis < 3; axis++)
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            ends[axis][i] = rays->origin[axis][i] + rays->limit[i] * rays->direction[axis][i];
+}
+
+/* Positions in the atlas of the ends of a mask of rays; those of its first elsewhere. */
+static void place_ends(const float row[4], const float ends[3][BLOCK_RAYS], uint32_t mask,
+                       float positions[BLOCK_RAYS]) {
+    int lane = __builtin_ctz(mask);
+    float first = row[0] * ends[0][lane] + row[1] * ends[1][lane] + row[2] * ends[2][lane];
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        float along = row[0] * ends[0][i] + row[1] * ends[1][i] + row[2] * ends[2][i];
+        positions[i] = row[3] + (mask >> i & 1 ? along : first);
+    }
+}
+
+/* Factors of a mask of rays that meet a facet, one by one; 0 if all are 1. */
+static int find_few_factors(const Scene *scene, uint32_t mask, int32_t triangle,
+                            const float ends[3][BLOCK_RAYS], float factors[BLOCK_RAYS]) {
+    const OcclusionPatch *patch = patch_of(scene, triangle);
+    int is_dark = 0;
     for (; mask; mask &= mask - 1) {
         int lane = __builtin_ctz(mask);
-        low[0] = columns[lane] < low[0] ? columns[lane] : low[0];
-        low[1] = rows[lane] < low[1] ? rows[lane] : low[1];
-        high[0] = columns[lane] > high[0] ? columns[lane] : high[0];
-        high[1] = rows[lane] > high[1] ? rows[lane] : high[1];
+        factors[lane] = factor_at(scene, patch, get_lane(ends, lane));
+        is_dark |= factors[lane] < 1.0f;
     }
-    return !count_dark(&scene->occlusion, patch, low, high, &nodes);
+    return is_dark;
+}
+
+/* The same, all 16 at once. */
+static int find_many_factors(const Scene *scene, uint32_t mask, int32_t triangle,
+                             const float ends[3][BLOCK_RAYS], float factors[BLOCK_RAYS]) {
+    const OcclusionPatch *patch = patch_of(scene, triangle);
+    _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS];
+    place_ends(patch->column, ends, mask, columns);
+    place_ends(patch->row, ends, mask, rows);
+    find_factors(scene, triangle, columns, rows, factors);
+    float least, largest;
+    find_extremes(factors, &least, &largest);
+    /* Most nodes are open, even of facets with a grid. */
+    return least < 1.0f;
 }
 
 static void hide_sky_from_facet(const FrameState *state, uint32_t mask, int32_t triangle,
-                                const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
+                                const float ends[3][BLOCK_RAYS], float radiance[3][BLOCK_RAYS]) {
     const Scene *scene = state->scene;
+    _Alignas(64) float factors[BLOCK_RAYS];
+    int is_few = __builtin_popcount(mask) <= MAX_FEW;
+    if (is_few ? !find_few_factors(scene, mask, triangle, ends, factors)
+               : !find_many_factors(scene, mask, triangle, ends, factors))
+        return;
     const float *ambient = scene->ambient_radiance + 3 * (size_t)triangle;
     /* So far all light of a facet whose colours vary is the sky's. */
     int is_all_sky = scene->mesh->arrays.flags[triangle] & FACET_CORNER_COLOURS;
-    _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS];
-    find_positions(scene, triangle, rays, columns, rows);
-    const OcclusionPatch *patch = patch_of(scene, triangle);
-    if (shows_open_sky(scene, patch, mask, columns, rows))
-        return;
     for (; mask; mask &= mask - 1) {
         int lane = __builtin_ctz(mask);
-        float hidden = 1.0f - factor_at(scene, patch, columns[lane], rows[lane]);
         for (int channel = 0; channel < 3; channel++)
-            radiance[channel][lane] -=
-                hidden * (is_all_sky ? radiance[channel][lane] : ambient[channel]);
+            radiance[channel][lane] -= (1.0f - factors[lane]) *
+                                       (is_all_sky ? radiance[channel][lane] : ambient[channel]);
     }
 }
 
 void hide_sky(const FrameState *state, uint32_t mask, const RayBlock *rays, const HitBlock *hits,
               float radiance[3][BLOCK_RAYS]) {
-    /* A block shows two or three facets: their planes once each. */
+    _Alignas(64) float ends[3][BLOCK_RAYS];
+    if (!mask)
+        return;
+    find_ends(rays, ends);
+    /* A block shows two or three facets. */
     while (mask) {
         int32_t triangle = hits->triangle[__builtin_ctz(mask)];
         uint32_t same = 0;
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             same |= (uint32_t)(hits->triangle[lane] == triangle) << lane;
-        hide_sky_from_facet(state, same & mask, triangle, rays, radiance);
+        hide_sky_from_facet(state, same & mask, triangle, (const float(*)[BLOCK_RAYS])ends,
+                            radiance);
         mask &= ~same;
     }
 }

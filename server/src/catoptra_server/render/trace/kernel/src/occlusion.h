@@ -33,8 +33,14 @@ void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOC
 /* Open: all points have the factor 1. Hidden: no part of it is open. */
 SkyView find_sky_view(const Scene *scene, int32_t triangle, const Vec3 corners[4]);
 
+/* Whether all that a tile shows of one facet's grid has the factor 1; positions of the centres of
+ * its pixels. */
+int is_sky_open(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
+                const float rows[BLOCK_RAYS]);
+
 /* Take from the (3, 16) radiance of a mask of rays what the scene hides of the sky where they meet
- * static facets that have grids: before textures, and before lights are added one by one. */
+ * static facets that have grids: before textures, and before lights are added one by one. The rays'
+ * limits are the distances of their hits. */
 void hide_sky(const FrameState *state, uint32_t mask, const RayBlock *rays, const HitBlock *hits,
               float radiance[3][BLOCK_RAYS]);
 

@@ -237,13 +237,15 @@ static void multiply_block(float values[3][BLOCK_RAYS], float factors[3][BLOCK_R
 }
 
 void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                 const LightProof *proof, float radiance[3][BLOCK_RAYS], LostLight *lost) {
+                 const LightProof *proof, int is_open, float radiance[3][BLOCK_RAYS],
+                 LostLight *lost) {
     SurfaceBlock surface = {.proof = {0, 0}};
     int32_t triangle = proof && rays->active == 0xffff ? hits->triangle[0] : -1;
     if (triangle >= 0)
         look_up_plane(state, triangle, &surface, radiance);
     else
         look_up(state, rays, hits, &surface, radiance);
+    surface.dim = is_open ? 0 : surface.dim;
     if (!surface.computed) {
         hide_sky(state, surface.dim, rays, hits, radiance);
         return;

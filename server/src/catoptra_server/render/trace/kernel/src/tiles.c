@@ -246,7 +246,8 @@ static void shade(const FrameState *state, const RayBlock *rays, const HitBlock 
     PlaneLight light;
     if (!is_known || rays->active != 0xffff ||
         !find_plane_light(state, content->triangle, content->proof, &light)) {
-        shade_block(state, rays, hits, is_known ? &content->proof : NULL, radiance, lost);
+        shade_block(state, rays, hits, is_known ? &content->proof : NULL,
+                    is_known && content->is_open, radiance, lost);
         return;
     }
     fill_block(state, content->triangle, rays, light.radiance, radiance);
