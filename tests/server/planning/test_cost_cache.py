@@ -13,6 +13,7 @@ from catoptra_server.planning.cost_cache import CostCache, default_cache_folder,
 from catoptra_server.robot.render_settings import PerPixel
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.scene_mesh import build_scene
+from helpers.standing_things import bake_scene, make_box_world
 from helpers.worlds import make_omni_camera, make_test_world
 
 SCENE = build_scene(make_test_world())
@@ -65,6 +66,12 @@ def test_digest_of_a_scene_follows_its_content() -> None:
 def test_digest_of_a_scene_follows_the_colours_of_its_corners() -> None:
     coloured = replace(SCENE, corner_albedo=np.zeros_like(SCENE.corners))
     assert hash_scene(coloured) != hash_scene(SCENE)
+
+
+def test_digest_of_a_scene_counts_its_ambient_occlusion() -> None:
+    occluded = bake_scene(make_box_world())
+    assert occluded.occlusion is not None
+    assert hash_scene(occluded) != hash_scene(replace(occluded, occlusion=None))
 
 
 def test_default_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -100,7 +100,8 @@ def hash_scene(scene: SceneMesh) -> str:
     """Digest of everything visible in a scene."""
     digest = hashlib.sha256()
     arrays = (scene.corners, scene.albedo, scene.unlit, scene.texture_index, *scene.textures)
-    for array in (*arrays, scene.corner_albedo):
+    occlusion = () if scene.occlusion is None else scene.occlusion.arrays
+    for array in (*arrays, scene.corner_albedo, *occlusion):
         if array is not None:
             digest.update(repr(array.shape).encode())
             digest.update(array.tobytes())

@@ -49,6 +49,12 @@ class OcclusionMap:
             array.setflags(write=False)
         self.texels.setflags(write=False)
 
+    @property
+    def arrays(self) -> tuple[npt.NDArray[np.generic], ...]:
+        """All that a map is made of."""
+        rows = self.columns_from_world, self.rows_from_world
+        return (self.patch_of, *rows, self.bounds, self.texels)
+
     def atlas_positions(self, triangles: npt.NDArray[np.integer], points: Floats) -> Floats:
         """(n, 2) columns and rows of (n, 3) points on triangles that have grids."""
         patch = self.patch_of[triangles]
