@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 
 from effect_costs import NEGLIGIBLE_PARAMETERS
 from interleaved import median_ms
@@ -90,10 +91,13 @@ def make_unneeded_settings(summary_names: frozenset[str]) -> EffectSettings:
 class Bench:
     """One world and robot, rendered through the server's own view cache."""
 
-    def __init__(self, world: str, renderer: str) -> None:
+    def __init__(self, world: str, renderer: str, *, is_occluded: bool = True) -> None:
         self.startup: StartupConfig = read_startup_config(
             [find_configuration("robots", "p2at_omni_real")], find_configuration("worlds", world)
         )
+        if not is_occluded:
+            scene = replace(self.startup.scene, occlusion=None)
+            self.startup = replace(self.startup, scene=scene)
         choice = choose_renderer(renderer, self.startup.scene, self.startup.world)
         summarizer = SceneSummarizer(self.startup.scene, self.startup.world)
         self.views = ViewCache(RenderPlanner(RendererPool(choice)), summarizer)

@@ -124,8 +124,8 @@ def test_second_robot_of_a_class_is_left_out_with_a_warning(
     assert "a second robot of class" in caplog.text
 
 
-@pytest.mark.parametrize(("words", "is_occluded"), [((), False), (("AmbientOcclusion=on",), True)])
-def test_world_has_ambient_occlusion_if_it_says_so(
+@pytest.mark.parametrize(("words", "is_occluded"), [((), True), (("AmbientOcclusion=off",), False)])
+def test_world_has_ambient_occlusion_unless_it_says_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], is_occluded: bool
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -1,7 +1,7 @@
 """World files: from `[Catoptra.World]` and its lists of structs to a World.
 
 Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
-Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on or off, the default. Positions
+Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off. Positions
 are in metres, SAE (z down: a table has its top at Z=-0.75), rotations in radians, colours in sRGB
 bytes (R=255,G=0,B=0), file names relative to the world file.
 """
@@ -75,7 +75,7 @@ def read_world(path: Path) -> tuple[World, IniFile]:
             Victim(s.get_wire_name("Name"), read_position(s, "Position")) for s in victims
         ),
         gps_origin=_read_gps_origin(section),
-        ambient_occlusion=section.get_choice("AmbientOcclusion", ["on", "off"], "off") == "on",
+        ambient_occlusion=section.get_choice("AmbientOcclusion", ["on", "off"], "on") == "on",
     )
     # Nothing but the background would be visible: more likely the name of a list is misspelt.
     if not world.items and not world.landmarks:

@@ -33,7 +33,7 @@ from catoptra_server.scene.occlusion_map import OPEN, OcclusionMap
 from catoptra_server.scene.scene_mesh import SceneMesh
 
 # Nodes near casters: 32 rays each take 0.1 to 0.2 s on two processors.
-MAX_NEAR_NODES = 60_000
+MAX_NEAR_NODES = 48_000
 MAX_TEXELS = 2_000_000
 # Between nodes: fine enough for the foot of a goal post.
 MIN_NODE_DISTANCE_M = 0.05
