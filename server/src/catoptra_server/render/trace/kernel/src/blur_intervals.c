@@ -187,13 +187,13 @@ static void find_planes(const TriangleSet *set, int at, const Instants *instants
     }
 }
 
-static Place find_place(const Planes *planes, const Instants *instants) {
+static Place find_place(const Planes *planes, const Instants *instants, uint8_t *across) {
     int count = instants->count, front = 0;
     for (int i = 0; i < count; i++)
         front += planes->volumes[i] > 0.0f;
     if (front && front < count)
         return UNKNOWN;
-    Place place = WITHIN;
+    *across = 0;
     for (int side = 0; side < 3; side++) {
         int inside = 0;
         for (int i = 0; i < count; i++)
@@ -202,10 +202,9 @@ static Place find_place(const Planes *planes, const Instants *instants) {
                           (front > 0);
         if (!inside)
             return BESIDE;
-        if (inside < 4 * count)
-            place = ACROSS;
+        *across |= (uint8_t)((inside < 4 * count) << side);
     }
-    return place;
+    return *across ? ACROSS : WITHIN;
 }
 
 /* Whether the triangle covers less than a tenth of a pixel at some instant. */
@@ -222,9 +221,7 @@ static int is_line(const TriangleSet *set, int at, const Planes *planes, int cou
 static int is_farther(const MovingTriangle *moving, const MovingTriangle *other, int parts,
                       const Vec3 edges[4]) {
     for (int i = 0; i <= parts; i++) {
-        Vec3 here = add(add(moving->dual[i][0], moving->dual[i][1]), moving->dual[i][2]);
-        Vec3 there = add(add(other->dual[i][0], other->dual[i][1]), other->dual[i][2]);
-        Vec3 difference = subtract(there, here);
+        Vec3 difference = subtract(other->sum[i], moving->sum[i]);
         for (int ray = 0; ray < 4; ray++)
             if (!(dot(difference, edges[ray]) > 0.0f))
                 return 0;
@@ -246,8 +243,9 @@ static void drop_hidden(MovingScene *scene, const MovingTriangle *cover, const V
 static int move_triangle(const TriangleSet *set, int at, const Instants *instants,
                          MovingScene *scene) {
     Planes planes;
+    uint8_t across;
     find_planes(set, at, instants, &planes);
-    Place place = find_place(&planes, instants);
+    Place place = find_place(&planes, instants, &across);
     if (place == UNKNOWN)
         return 0;
     if (place == BESIDE || is_line(set, at, &planes, instants->count))
@@ -255,11 +253,14 @@ static int move_triangle(const TriangleSet *set, int at, const Instants *instant
     MovingTriangle *moving = &scene->triangles[scene->count++];
     moving->triangle = set->triangle[at];
     moving->source = at;
-    for (int i = 0; i < instants->count; i++)
+    moving->across = across;
+    for (int i = 0; i < instants->count; i++) {
+        Vec3 *dual = moving->dual[i];
         for (int side = 0; side < 3; side++)
-            moving->dual[i][side] =
-                rotate_back(instants->poses[i].rotation,
-                            scale(1.0f / planes.volumes[i], planes.normals[i][side]));
+            dual[side] = rotate_back(instants->poses[i].rotation,
+                                     scale(1.0f / planes.volumes[i], planes.normals[i][side]));
+        moving->sum[i] = add(add(dual[0], dual[1]), dual[2]);
+    }
     if (place == WITHIN)
         drop_hidden(scene, moving, instants->mirror_edges);
     return 1;
@@ -325,9 +326,13 @@ static const Floats PHASES = {0.125f, 0.625f, 0.125f, 0.625f, 0.375f, 0.875f, 0.
 static inline Masks find_below(const Floats *values, int parts, int bins) {
     Masks bits = {0};
     for (int part = 0; part < parts; part++) {
-        Masks ends = (values[part] < 0.0f) | (values[part + 1] < 0.0f);
-        if (!any(ends))
+        Masks begin = values[part] < 0.0f, end = values[part + 1] < 0.0f;
+        if (!any(begin | end))
             continue;
+        if (!any(~(begin & end))) {
+            bits |= (int32_t)((0xffffffffu >> (32 - bins)) << (part * bins));
+            continue;
+        }
         Floats step = (values[part + 1] - values[part]) * (1.0f / (float)bins);
         Floats value = values[part] + PHASES * step;
         Masks bit = (Masks){0} + (int32_t)(1u << (part * bins));
@@ -337,47 +342,50 @@ static inline Masks find_below(const Floats *values, int parts, int bins) {
     return bits;
 }
 
+/* The directions of a block, and its times: all, of the rays that are there. */
+typedef struct {
+    Floats x, y, z;
+    Masks times;
+} Directions;
+
+static inline Floats project(const Directions *rays, Vec3 a) {
+    return a.x * rays->x + a.y * rays->y + a.z * rays->z;
+}
+
 /* A triangle that the rays of a block meet at some time. */
 typedef struct {
     Masks met, seen; /* bits of the times */
-    Floats inverse[MAX_PARTS + 1]; /* distances */
     const MovingTriangle *triangle;
 } Visible;
 
 /* Whether any of the rays meets a triangle, and when. */
-static int meet_triangle(const MovingScene *scene, const MovingTriangle *triangle, Floats x,
-                         Floats y, Floats z, Masks times, Visible *found) {
-    found->met = times;
-    found->triangle = triangle;
-    for (int i = 0; i <= scene->parts; i++)
-        found->inverse[i] = (Floats){0};
-    for (int edge = 0; edge < 3; edge++) {
+static inline int meet_triangle(const MovingScene *scene, const MovingTriangle *triangle,
+                                const Directions *rays, Visible *found) {
+    Masks met = rays->times;
+    for (int side = 0; side < 3; side++) {
         Floats sides[MAX_PARTS + 1];
-        Masks inside = {0}, outside = {0};
-        for (int i = 0; i <= scene->parts; i++) {
-            Vec3 dual = triangle->dual[i][edge];
-            sides[i] = dual.x * x + dual.y * y + dual.z * z;
-            inside |= sides[i] > 0.0f;
-            outside |= sides[i] < 0.0f;
-            found->inverse[i] += sides[i];
-        }
-        if (!any(inside & times))
+        if (!(triangle->across >> side & 1))
+            continue;
+        for (int i = 0; i <= scene->parts; i++)
+            sides[i] = project(rays, triangle->dual[i][side]);
+        met &= ~find_below(sides, scene->parts, scene->bins);
+        if (!any(met))
             return 0;
-        if (any(outside & times))
-            found->met &= ~find_below(sides, scene->parts, scene->bins);
     }
-    found->seen = found->met;
-    return any(found->met);
+    found->met = found->seen = met;
+    found->triangle = triangle;
+    return 1;
 }
 
 /* Take from two triangles what one hides of the other. */
-static void hide_farther(Visible *one, Visible *other, const MovingScene *scene) {
+static void hide_farther(Visible *one, Visible *other, const MovingScene *scene,
+                         const Directions *rays) {
     Masks both = one->met & other->met;
     if (!any(both))
         return;
     Floats nearer[MAX_PARTS + 1];
     for (int i = 0; i <= scene->parts; i++)
-        nearer[i] = one->inverse[i] - other->inverse[i];
+        nearer[i] = project(rays, subtract(one->triangle->sum[i], other->triangle->sum[i]));
     Masks is_farther = find_below(nearer, scene->parts, scene->bins);
     one->seen &= ~(other->met & is_farther);
     other->seen &= ~(one->met & ~is_farther);
@@ -402,21 +410,21 @@ static void add_times(Vec3 light, Floats weights, float radiance[3][BLOCK_RAYS])
 
 int integrate_block(const MovingScene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
     Visible visible[MAX_MOVING]; /* not initialized: mostly two or three are used */
-    Floats x = load(rays->direction[0]), y = load(rays->direction[1]), z = load(rays->direction[2]);
     int32_t all = (int32_t)(0xffffffffu >> (32 - scene->parts * scene->bins));
-    Masks times; /* all, of the rays that are there */
+    Directions directions = {load(rays->direction[0]), load(rays->direction[1]),
+                             load(rays->direction[2]), {0}};
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        times[lane] = rays->active >> lane & 1 ? all : 0;
+        directions.times[lane] = rays->active >> lane & 1 ? all : 0;
     int count = 0;
     for (int i = 0; i < scene->count; i++)
-        count += meet_triangle(scene, &scene->triangles[i], x, y, z, times, &visible[count]);
+        count += meet_triangle(scene, &scene->triangles[i], &directions, &visible[count]);
     for (int i = 1; i < count; i++)
         for (int k = 0; k < i; k++)
-            hide_farther(&visible[k], &visible[i], scene);
+            hide_farther(&visible[k], &visible[i], scene, &directions);
     for (int i = 0; i < count; i++)
         if (!visible[i].triangle->is_constant && any(visible[i].seen))
             return 0;
-    Masks left = times;
+    Masks left = directions.times;
     float weight = 1.0f / (float)(scene->parts * scene->bins);
     for (int i = 0; i < count; i++) {
         add_times(visible[i].triangle->radiance, count_bits(visible[i].seen, weight), radiance);

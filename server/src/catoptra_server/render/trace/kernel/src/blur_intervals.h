@@ -28,6 +28,8 @@ typedef struct TriangleSet {
  * zero where it is met, and their sum, the inverse distance. */
 typedef struct {
     Vec3 dual[MAX_PARTS + 1][3]; /* at the begin of the exposure, and at the end of each part */
+    Vec3 sum[MAX_PARTS + 1];     /* of the three */
+    uint8_t across;              /* bit mask of those that are below zero for some rays of the tile */
     Vec3 radiance;               /* as sensed */
     int is_constant;             /* it is the same all over the part of the image */
     int32_t triangle;
