@@ -55,6 +55,19 @@ def test_camera_without_effects_is_reported(capsys: pytest.CaptureFixture[str]) 
     assert "no effects: the robot file names none" in printed
 
 
+def test_mirror_without_a_viewpoint_has_its_near_limit_and_the_scene_s_clearance(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["--robot", "p2at_sphere", *QUESTION]) == 0
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert "exact rays while anything is nearer than 1.39 m" in first
+    assert re.fullmatch(
+        r"no single viewpoint: rays miss the best one by up to 7.5 mm; "
+        r"central to 0.25 px from 1.39 m; nothing is nearer than 0\.\d+ m here",
+        second,
+    )
+
+
 def test_every_camera_of_a_robot_is_explained_the_omnidirectional_one_first(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

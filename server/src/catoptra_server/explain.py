@@ -30,6 +30,7 @@ from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.planning.renderer_rule import largest_image
+from catoptra_server.planning.viewpoint_choice import explain_viewpoint, shows_ego_body
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
@@ -75,6 +76,8 @@ class CameraEffectReport:
     """Median milliseconds of each effect that the frame draws, of scene effects by difference."""
     other_ms: float
     """Median milliseconds of all else."""
+    viewpoint: str = ""
+    """Miss, near limit and clearance of a mirror without a single viewpoint; empty for others."""
 
     def __str__(self) -> str:
         # Sums of the numbers as they are printed, so that the lines agree to the last digit.
@@ -85,7 +88,9 @@ class CameraEffectReport:
             f"a frame takes {other_ms + effects_ms:.1f} ms: {effects_ms:.1f} ms for effects, "
             f"{other_ms:.1f} ms for all else"
         )
-        return "\n".join((head, format_decisions(self.effects, self.effect_ms), cost))
+        lines = (head, self.viewpoint, format_decisions(self.effects, self.effect_ms), cost)
+        # Only a mirror without a viewpoint has a line of it.
+        return "\n".join(lines if self.viewpoint else (head, *lines[2:]))
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -179,9 +184,8 @@ def _explain_views(
     choice = choose_renderer(renderer, startup.scene, startup.world, image=image)
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)
-    views = ViewCache(
-        RenderPlanner(RendererPool(choice), cache), SceneSummarizer(startup.scene, startup.world)
-    )
+    summarizer = SceneSummarizer(startup.scene, startup.world)
+    views = ViewCache(RenderPlanner(RendererPool(choice), cache), summarizer)
     try:
         for name, request in requests.items():
             times = measure_effect_times(views.render, request)
@@ -192,9 +196,20 @@ def _explain_views(
                 times.view.effect_decisions,
                 dict(times.effect_ms),
                 times.other_ms,
+                _explain_viewpoint(request, summarizer),
             )
     finally:
         views.close()
+
+
+def _explain_viewpoint(request: ViewRequest, summarizer: SceneSummarizer) -> str:
+    """Line of a camera whose mirror has no viewpoint; empty for others."""
+    if not isinstance(request.camera, OmniCameraSpec):
+        return ""
+    nearest_m = summarizer.min_distance_m(
+        request.camera_state, has_ego_body=shows_ego_body(request.camera)
+    )
+    return explain_viewpoint(request.camera, nearest_m)
 
 
 def _start_pose(startup: StartupConfig) -> PlanarPose:

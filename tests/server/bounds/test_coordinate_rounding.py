@@ -66,3 +66,19 @@ def test_object_counts_by_its_triangles_where_it_is_near_and_by_its_sphere_where
 def test_viewpoint_on_a_surface_has_an_angle_of_pi_at_most() -> None:
     rounding = floor_rounding(2e6)
     assert rounding.max_angle_rad(np.array((0.0, 0.0, 1.0)), (), ERRORS) == math.pi
+
+
+@pytest.mark.parametrize("height_m", [0.01, 0.3, 1.0, 4.0])
+def test_smallest_distance_is_a_lower_bound(height_m: float) -> None:
+    rounding = floor_rounding(20.0)
+    viewpoint = np.array((0.3, 0.2, 1.0 - height_m))
+    most = (1.0 + 1e-9) * height_m
+    assert 0.4 * height_m <= rounding.min_distance_m(viewpoint, ()) <= most
+    # A cube beside the viewpoint, nearer than the floor.
+    cube = place_cube(0.3 + 0.75 * height_m, 0.2, 1.0 - height_m, size_m=0.5 * height_m)
+    assert 0.2 * height_m <= rounding.min_distance_m(viewpoint, (cube,)) <= 0.5 * most
+
+
+def test_empty_scene_is_infinitely_far() -> None:
+    rounding = CoordinateRounding(build_scene(World("none", ())))
+    assert rounding.min_distance_m(np.zeros(3), ()) == math.inf

@@ -23,6 +23,7 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mirror_section import read_mirror, read_surface
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
+from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from helpers.configs import ROBOTS, write_edited_copy
 
@@ -130,7 +131,7 @@ def test_impossible_mirror_without_a_viewpoint_is_rejected_at_its_key(
         read_from(tmp_path, class_name, *lines)
 
 
-def ball_camera(folder: Path, *lines: str) -> OmniCamera:
+def read_ball(folder: Path, *lines: str) -> OmniCameraDescription:
     """Camera of the bundled chrome ball, with further lines in its mirror's section."""
     for name in ("p2at_omni.ini", "p2at_sphere.ini"):
         write_edited_copy(ROBOTS / name, folder)
@@ -138,7 +139,26 @@ def ball_camera(folder: Path, *lines: str) -> OmniCamera:
     path.write_text(path.read_text().replace("Central=auto", "\n".join(lines)))
     omni = read_robot(path)[0].omni_camera
     assert omni is not None
-    return omni.camera
+    return omni
+
+
+def ball_camera(folder: Path, *lines: str) -> OmniCamera:
+    return read_ball(folder, *lines).camera
+
+
+@pytest.mark.parametrize(
+    ("lines", "error_px"),
+    [
+        ((), 0.25),
+        (("CentralErrorPx=0.5",), 0.5),
+        (("Central=never",), 0.0),
+        (("Central=always",), 0.0),
+    ],
+)
+def test_auto_leaves_near_scenes_to_each_frame(
+    tmp_path: Path, lines: tuple[str, ...], error_px: float
+) -> None:
+    assert read_ball(tmp_path, *lines).render_settings.central_error_px == error_px
 
 
 def test_rays_are_exact_unless_nothing_can_be_near_enough(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -41,8 +42,9 @@ from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface
+from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.scene.twist import Twist
+from helpers.mirror_checks import make_camera
 from helpers.robots import CAMERA
 from helpers.worlds import make_omni_camera
 
@@ -54,17 +56,22 @@ class CountingRenderer:
 
     def __init__(self) -> None:
         self.log: list[str] = []
+        self.nearest_m = math.inf
+        self.drawn: list[PerspectiveCamera | OmniCamera] = []
+
+    def min_distance_m(self, camera_state: CameraState, *, has_ego_body: bool) -> float:
+        return self.nearest_m
 
     def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
         return 1e-6
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> Any:
         self.log.append(f"prepare {camera.width_px}")
-        return CountingView(self.log, camera)
+        return CountingView(self.log, camera, self.drawn)
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
         self.log.append(f"prepare omni {camera.width_px}")
-        return CountingView(self.log, camera)
+        return CountingView(self.log, camera, self.drawn)
 
     def describe(self) -> str:
         return "counting renderer"
@@ -76,10 +83,17 @@ class CountingRenderer:
 class CountingView:
     memory_bytes = 1000
 
-    def __init__(self, log: list[str], camera: PerspectiveCamera | OmniCamera) -> None:
+    def __init__(
+        self,
+        log: list[str],
+        camera: PerspectiveCamera | OmniCamera,
+        drawn: list[PerspectiveCamera | OmniCamera] | None = None,
+    ) -> None:
         self._log, self._camera = log, camera
+        self._drawn = [] if drawn is None else drawn
 
     def render(self, camera_state: CameraState) -> RenderedImage:
+        self._drawn.append(self._camera)
         shape = (self._camera.height_px, self._camera.width_px, 3)
         return RenderedImage(np.zeros(shape, dtype=np.uint8), {})
 
@@ -112,6 +126,29 @@ def test_equal_cameras_share_a_view() -> None:
     renderer = CountingRenderer()
     render(make_cache(renderer), 20, 20, 30, 20)
     assert renderer.log == ["prepare 20", "prepare 30"]
+
+
+def test_mirror_without_a_viewpoint_has_one_while_nothing_is_near() -> None:
+    renderer = CountingRenderer()
+    bounds = ErrorBoundTable()
+    views = ViewCache(
+        RenderPlanner(RendererPool(RendererChoice(renderer, RendererKind.TRACE, "test"))),
+        renderer,
+        error_bounds=bounds,
+    )
+    ball = make_camera(SphericalMirror(0.03, 0.2), 90)
+    spec = OmniCameraSpec(ball, RenderSettings(central_error_px=0.25))
+    request = ViewRequest(spec, CAMERA_STATE)
+    plans = []
+    for renderer.nearest_m in (0.1, 100.0, 0.1):
+        plans.append(views.render(request).plan)
+        assert renderer.drawn[-1].is_approximated == (renderer.nearest_m > 1.0)
+        assert bounds.get(spec) is not None
+    assert "exact rays while" in plans[0]
+    assert "one viewpoint for all rays" in plans[1]
+    assert plans[2] == plans[0]
+    # Both views are kept.
+    assert renderer.log == ["prepare omni 90"] * 2
 
 
 def test_view_rendered_longest_ago_is_closed_first() -> None:

@@ -65,6 +65,16 @@ class SceneSummarizer:
         )
         return round_outward.round_away_from_zero((angle_rad,))[0]
 
+    def min_distance_m(self, camera_state: CameraState, *, has_ego_body: bool) -> float:
+        """Lower bound of the distance of everything in view from the viewpoint, metres.
+
+        Args:
+            camera_state: State with all objects in view.
+            has_ego_body: Whether the own robot is in view, too.
+        """
+        shown = _objects_with_ego_body(camera_state) if has_ego_body else camera_state.objects
+        return self._rounding.min_distance_m(camera_state.world_from_mirror.translation, shown)
+
     def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
         """Summary of the radiance alone, of the scene and of the objects in view."""
         return SceneSummary(

@@ -27,7 +27,11 @@ def read_min_frame_interval_s(section: SectionReader) -> float:
 
 
 def read_render_settings(
-    section: SectionReader, *, surface: MirrorSurface, face_size_px: int
+    section: SectionReader,
+    *,
+    surface: MirrorSurface,
+    face_size_px: int,
+    central_error_px: float = 0.0,
 ) -> RenderSettings:
     """Settings of a camera's frames.
 
@@ -35,6 +39,7 @@ def read_render_settings(
         section: the capture camera's section.
         surface: the mirror's mesh, or the exact surface.
         face_size_px: texels along a cube face; 0 lets the plan choose sizes by density.
+        central_error_px: error up to which frames of a mirror without a viewpoint may have one.
     """
     return RenderSettings(
         surface=surface,
@@ -42,6 +47,7 @@ def read_render_settings(
         samples=section.get_int("Samples", 0, min_value=1, max_value=16),
         face_size_px=face_size_px,
         face_samples=section.get_int("FaceSamples", 0, min_value=1, max_value=8),
+        central_error_px=central_error_px,
         accuracy_target=AccuracyTarget(
             max_error_px=section.get_float("MaxErrorPx", 0.0, min_value=0.0, max_value=1000.0),
             budget_ms=section.get_float("BudgetMs", 0.0, min_value=0.0, max_value=60_000.0),

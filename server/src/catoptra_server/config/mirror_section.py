@@ -147,21 +147,25 @@ def read_rim_deg(settings: SectionReader) -> float:
     return settings.get_float("RimAngle", 120.0, min_value=1.0, max_value=179.0)
 
 
-def approximate_viewpoint(settings: SectionReader, camera: OmniCamera) -> OmniCamera:
+def approximate_viewpoint(settings: SectionReader, camera: OmniCamera) -> tuple[OmniCamera, float]:
     """The camera with rays that meet in one viewpoint, where its mirror's section wants that.
 
     `auto` approximates where no point outside the mirror errs by more than CentralErrorPx, which
-    holds for measured hyperboloids; `always` everywhere, and each frame states the error.
+    holds for measured hyperboloids, and leaves other mirrors to each frame; `always` everywhere,
+    and each frame states the error.
+
+    Returns:
+        The camera; the error up to which a frame may approximate it, px, 0 for none.
     """
     mode = settings.get_choice("Central", ("auto", "always", "never"), "auto")
     error_px = settings.get_float("CentralErrorPx", CENTRAL_ERROR_PX, min_value=1e-6)
     if camera.is_central or mode == "never":
-        return camera
+        return camera, 0.0
     r, z = camera.mirror.surface_point(np.linspace(camera.projection.t_min, camera.rim_t, 65))
     nearest_m = float(np.hypot(r, z).min())
     if mode == "auto" and near_limit_m(camera, error_px) > nearest_m:
-        return camera
-    return replace(camera, is_approximated=True)
+        return camera, error_px
+    return replace(camera, is_approximated=True), 0.0
 
 
 def read_surface(mirror: SectionReader) -> MirrorSurface:

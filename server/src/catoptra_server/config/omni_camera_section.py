@@ -77,7 +77,9 @@ def read_omni_camera(
     mirror_settings = file.get_section(mirror_item.get_str("ItemClass"))
     capture = file.get_section(capture_item.get_str("ItemClass"))
     mirror = read_mirror(mirror_item, mirror_settings)
-    camera = _read_camera_model(mirror, mirror_settings, capture, capture_item)
+    camera, central_error_px = approximate_viewpoint(
+        mirror_settings, _read_camera_model(mirror, mirror_settings, capture, capture_item)
+    )
     texture_clients = read_texture_clients(file)
     description = OmniCameraDescription(
         name=capture_item.get_wire_name("ItemName"),
@@ -89,6 +91,7 @@ def read_omni_camera(
             surface=_read_surface(mirror, mirror_settings),
             # Faces share an atlas and one size.
             face_size_px=max(client.size_px for client in texture_clients),
+            central_error_px=central_error_px,
         ),
         min_frame_interval_s=read_min_frame_interval_s(capture),
         capture_fov_rad=_capture_fov(camera),
@@ -156,7 +159,7 @@ def _read_camera_model(
         )
     except DomainError as error:
         raise settings.make_error("RimAngle", expected=f"a possible value: {error}") from error
-    return approximate_viewpoint(settings, camera)
+    return camera
 
 
 def _require_at_pinhole(mirror: Mirror, item: SectionReader) -> None:

@@ -103,6 +103,12 @@ class CameraPlans:
         if planned.bound_frame(scene_angle_rad) and planned.choice is not None:
             self._error_bounds.put(planned.spec, planned.choice.bound)
 
+    def publish_bound(self, camera: CameraSpec, choice: PlanChoice | None) -> None:
+        """Publish the bound of a camera whose last frame another one's plan drew."""
+        # Planned, so that its bound is removed with its plan.
+        if choice is not None and self.find(camera).choice is not None:
+            self._error_bounds.put(camera, choice.bound)
+
     def record_frame(
         self, planned: PlannedCamera, ms: float, stage_ms: Mapping[str, float]
     ) -> None:

@@ -39,6 +39,11 @@ from catoptra_server.planning.exposure_budget import explain_limit, limit_time_s
 from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.rounding_error import coordinate_errors
+from catoptra_server.planning.viewpoint_choice import (
+    choose_viewpoint,
+    leaves_choice,
+    shows_ego_body,
+)
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
 
@@ -131,9 +136,21 @@ class ViewCache:
         Raises:
             ViewFailedError: No renderer can draw the view.
         """
-        return self._recovery.work(
-            request.camera, partial(self._render_by_plan, request.camera_state)
+        camera = self._choose_viewpoint(request)
+        rendered = self._recovery.work(camera, partial(self._render_by_plan, request.camera_state))
+        if camera is not request.camera:
+            self._plans.publish_bound(request.camera, rendered.choice)
+        return rendered
+
+    def _choose_viewpoint(self, request: ViewRequest) -> CameraSpec:
+        """Camera of a frame: with one viewpoint where the scene is far enough."""
+        camera = request.camera
+        if not isinstance(camera, OmniCameraSpec) or not leaves_choice(camera):
+            return camera
+        nearest_m = self._summarizer.min_distance_m(
+            request.camera_state, has_ego_body=shows_ego_body(camera)
         )
+        return choose_viewpoint(camera, nearest_m)
 
     def _render_by_plan(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
         """Render a view by a plan."""

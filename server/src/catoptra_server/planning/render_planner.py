@@ -36,6 +36,7 @@ from catoptra_server.planning.plan_choice import (
 )
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.planning.renderer_preferences import RendererPreferences
+from catoptra_server.planning.viewpoint_choice import describe_viewpoint
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface
@@ -82,7 +83,9 @@ class RenderPlanner:
         """
         choice = self._choose_plan(camera, camera_states)
         device = self.renderers.describe(choice.plan.renderer)
-        return replace(choice, plan=replace(choice.plan, reason=f"{choice.plan.reason}; {device}"))
+        notes = [choice.plan.reason, describe_viewpoint(camera), device]
+        reason = "; ".join(note for note in notes if note)
+        return replace(choice, plan=replace(choice.plan, reason=reason))
 
     def _choose_plan(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]

@@ -72,5 +72,8 @@ class RenderSettings:
     """Density of the faces in their densest pixel, where no face size is set."""
     renderer: str = ""
     """`trace` or `raster`; empty for the server's choice."""
+    central_error_px: float = 0.0
+    """Error up to which rays of a mirror without a viewpoint are taken to meet in one, in frames
+    without anything nearer; 0 for exact rays in all frames."""
     accuracy_target: AccuracyTarget = AccuracyTarget()
     """Where set, the planner chooses all numbers, whatever is requested above."""
