@@ -106,33 +106,6 @@ static void find_corners(const Box *box, Vec3 first, Vec3 normal, Vec3 corners[4
     }
 }
 
-static void light_triangle(const FrameState *state, int tile, MovingTriangle *moving) {
-    int32_t triangle = moving->triangle;
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_CORNER_COLOURS));
-    int is_occluded = has_occlusion(state->scene, triangle);
-    LightProof proof = {0, 0};
-    if (moving->is_constant && (state->frame->has_shadows || is_occluded)) {
-        Vec3 corners[4];
-        Box box = enclose_visible(state, tile, triangle);
-        find_corners(&box, vec3(mesh->corners + 9 * (size_t)triangle),
-                     vec3(mesh->normals + 3 * (size_t)triangle), corners);
-        if (state->frame->has_shadows)
-            proof = prove_lights(state, triangle, corners);
-        if (is_occluded)
-            moving->is_constant = find_sky_view(state->scene, triangle, corners) == SKY_OPEN;
-    }
-    PlaneLight light = {.radiance = {0, 0, 0}};
-    moving->is_constant =
-        moving->is_constant && find_plane_light(state, triangle, proof, &light);
-    /* Rays measure what shadows take where the sharp frame shows none. */
-    if (state->measures->blurs_unseen_shadows && max_abs(light.lost) > 0.0f)
-        moving->is_constant = 0;
-    moving->radiance =
-        (Vec3){as_sensed(state, light.radiance.x), as_sensed(state, light.radiance.y),
-               as_sensed(state, light.radiance.z)};
-}
-
 static void light_background(const FrameState *state, MovingScene *scene) {
     const Scene *lit = state->scene;
     Vec3 light = vec3(lit->sharp_radiance + 3 * (size_t)lit->mesh->arrays.num_triangles);
@@ -147,6 +120,41 @@ typedef struct {
     Vec3 edges[MAX_PARTS + 1][4];
     Vec3 mirror_edges[4];
 } Instants;
+
+static void light_triangle(const FrameState *state, int tile, const Instants *instants,
+                           MovingTriangle *moving) {
+    int32_t triangle = moving->triangle;
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    moving->is_constant = !(mesh->flags[triangle] & (FACET_TEXTURED | FACET_CORNER_COLOURS));
+    int is_occluded = has_occlusion(state->scene, triangle);
+    moving->is_occluded = 0;
+    LightProof proof = {0, 0};
+    if (moving->is_constant && (state->frame->has_shadows || is_occluded)) {
+        Vec3 corners[4];
+        Box box = enclose_visible(state, tile, triangle);
+        find_corners(&box, vec3(mesh->corners + 9 * (size_t)triangle),
+                     vec3(mesh->normals + 3 * (size_t)triangle), corners);
+        if (state->frame->has_shadows)
+            proof = prove_lights(state, triangle, corners);
+        if (is_occluded)
+            moving->is_occluded = find_sky_view(state->scene, triangle, corners) != SKY_OPEN;
+    }
+    PlaneLight light = {.radiance = {0, 0, 0}};
+    moving->is_constant =
+        moving->is_constant && find_plane_light(state, triangle, proof, &light);
+    /* Rays measure what shadows take where the sharp frame shows none. */
+    if (state->measures->blurs_unseen_shadows && max_abs(light.lost) > 0.0f)
+        moving->is_constant = 0;
+    moving->radiance =
+        (Vec3){as_sensed(state, light.radiance.x), as_sensed(state, light.radiance.y),
+               as_sensed(state, light.radiance.z)};
+    if (!moving->is_constant || !moving->is_occluded)
+        return;
+    moving->light = light.radiance;
+    moving->ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
+    for (int i = 0; i < instants->count; i++)
+        moving->atlas[i] = find_atlas_rays(state->scene, triangle, &instants->poses[i]);
+}
 
 static int find_instants(const FrameState *state, int tile, float centre, int parts,
                          Instants *instants) {
@@ -279,12 +287,13 @@ int move_triangles(const FrameState *state, int tile, const TriangleSet *set, fl
     scene->parts = parts;
     scene->bins = (steps > 2 ? 32 : 16) / parts;
     scene->centre = centre;
+    scene->state = state;
     scene->count = 0;
     for (int at = 0; at < set->count; at++)
         if (!move_triangle(set, at, &instants, scene))
             return 0;
     for (int i = 0; i < scene->count; i++)
-        light_triangle(state, tile, &scene->triangles[i]);
+        light_triangle(state, tile, &instants, &scene->triangles[i]);
     light_background(state, scene);
     return 1;
 }
@@ -408,6 +417,30 @@ static void add_times(Vec3 light, Floats weights, float radiance[3][BLOCK_RAYS])
     }
 }
 
+/* The same of a triangle from which a part of the sky is hidden. */
+static void add_occluded_times(const MovingScene *scene, const Visible *visible,
+                               const RayBlock *rays, const Directions *directions, Floats weights,
+                               float radiance[3][BLOCK_RAYS]) {
+    const MovingTriangle *triangle = visible->triangle;
+    _Alignas(64) float inverse[MAX_PARTS + 1][BLOCK_RAYS], factors[BLOCK_RAYS];
+    _Alignas(64) int32_t seen[BLOCK_RAYS];
+    for (int i = 0; i <= scene->parts; i++) {
+        Floats sum = project(directions, triangle->sum[i]);
+        __builtin_memcpy(inverse[i], &sum, sizeof sum);
+    }
+    __builtin_memcpy(seen, &visible->seen, sizeof seen);
+    OcclusionTimes times = {scene->parts, scene->bins, triangle->atlas,
+                            (const float(*)[BLOCK_RAYS])inverse};
+    find_mean_factors(scene->state->scene, triangle->triangle, &times, rays, seen, factors);
+    float light[3] = {triangle->light.x, triangle->light.y, triangle->light.z};
+    float ambient[3] = {triangle->ambient.x, triangle->ambient.y, triangle->ambient.z};
+    for (int channel = 0; channel < 3; channel++)
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            radiance[channel][i] +=
+                weights[i] * as_sensed(scene->state,
+                                       light[channel] - (1.0f - factors[i]) * ambient[channel]);
+}
+
 int integrate_block(const MovingScene *scene, const RayBlock *rays, float radiance[3][BLOCK_RAYS]) {
     Visible visible[MAX_MOVING]; /* not initialized: mostly two or three are used */
     int32_t all = (int32_t)(0xffffffffu >> (32 - scene->parts * scene->bins));
@@ -427,7 +460,13 @@ int integrate_block(const MovingScene *scene, const RayBlock *rays, float radian
     Masks left = directions.times;
     float weight = 1.0f / (float)(scene->parts * scene->bins);
     for (int i = 0; i < count; i++) {
-        add_times(visible[i].triangle->radiance, count_bits(visible[i].seen, weight), radiance);
+        if (!any(visible[i].seen))
+            continue;
+        Floats weights = count_bits(visible[i].seen, weight);
+        if (visible[i].triangle->is_occluded)
+            add_occluded_times(scene, &visible[i], rays, &directions, weights, radiance);
+        else
+            add_times(visible[i].triangle->radiance, weights, radiance);
         left &= ~visible[i].seen;
     }
     if (any(left))

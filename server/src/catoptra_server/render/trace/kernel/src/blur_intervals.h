@@ -10,6 +10,7 @@
 #ifndef CATOPTRA_BLUR_INTERVALS_H
 #define CATOPTRA_BLUR_INTERVALS_H
 
+#include "blur_occlusion.h"
 #include "candidates.h"
 #include "ray_order.h"
 #include "short_list.h"
@@ -31,7 +32,10 @@ typedef struct {
     Vec3 sum[MAX_PARTS + 1];     /* of the three */
     uint8_t across;              /* bit mask of those that are below zero for some rays of the tile */
     Vec3 radiance;               /* as sensed */
-    int is_constant;             /* it is the same all over the part of the image */
+    int is_constant;             /* it is the same all over the part of the image, but for */
+    int is_occluded;             /* the sky's share, which differs from point to point: */
+    Vec3 light, ambient;         /* radiance under the open sky, before the sensor; its share */
+    AtlasRays atlas[MAX_PARTS + 1];
     int32_t triangle;
     int source; /* place in the set */
 } MovingTriangle;
@@ -40,6 +44,7 @@ typedef struct {
     int count, parts; /* parts of the exposure, 2 or more, of equal length */
     int bins;         /* times of a part */
     float centre;     /* time of its middle */
+    const FrameState *state;
     Vec3 background;
     MovingTriangle triangles[MAX_MOVING];
 } MovingScene;
