@@ -25,6 +25,7 @@ from catoptra_protocol.optics.mirrors import (
     Mirror,
     ParabolicMirror,
     ProfileMirror,
+    RadialTableMirror,
     SphericalMirror,
 )
 from catoptra_protocol.optics.omni_camera import (
@@ -170,6 +171,9 @@ def test_every_mirror_can_be_sent() -> None:
         "conical": ConicalMirror(0.8, 0.2, 1.6),
         "equiangular": EquiangularMirror(11.0, 0.1),
         "profile": ProfileMirror((0.0, 0.01, 0.02, 0.03), (0.0, 0.002, 0.008, 0.018), 0.2, 1.5),
+        "radial_table": RadialTableMirror(
+            (0.0, 30.0, 60.0, 90.0), (0.0, 0.1, 0.15, 0.18), 0.2, 1.5
+        ),
     }
     assert set(examples) == set(MIRRORS)
     for mirror in examples.values():

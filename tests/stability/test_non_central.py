@@ -23,7 +23,8 @@ def _subject(name: str) -> Subject:
     return subject
 
 
-SUBJECTS = {name: _subject(name) for name in ("spherical", "conical", "equiangular", "profile")}
+NAMES = ("spherical", "conical", "equiangular", "profile", "radial_table")
+SUBJECTS = {name: _subject(name) for name in NAMES}
 
 
 @pytest.mark.parametrize("case", load("non_central"), ids=str)

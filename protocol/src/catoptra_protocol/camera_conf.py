@@ -54,6 +54,12 @@ MIRROR_PARAMETERS: dict[str, Parameters] = {
         ("MirrorVertexDistance", "vertex_distance_m"),
         ("MirrorRim", "rim_rad"),
     ),
+    "radial_table": (
+        ("MirrorAngles", "angles_deg"),
+        ("MirrorImageRadii", "image_radii"),
+        ("MirrorVertexDistance", "vertex_distance_m"),
+        ("MirrorRim", "rim_rad"),
+    ),
 }
 LENS_PARAMETERS: dict[str, Parameters] = {
     "equidistant": (),

@@ -16,6 +16,7 @@ from catoptra_protocol.optics.mirrors import (
     Mirror,
     ParabolicMirror,
     ProfileMirror,
+    RadialTableMirror,
     SphericalMirror,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -97,6 +98,14 @@ WITHOUT_VIEWPOINT = [
         ("Radii=0,0.01,0.02,0.03", "Sags=0,0.002,0.008,0.018", "VertexDistance=0.2", "RimAngle=90"),
         ProfileMirror((0.0, 0.01, 0.02, 0.03), (0.0, 0.002, 0.008, 0.018), 0.2, math.radians(90.0)),
     ),
+    (
+        "RadialTableMirror",
+        (
+            *("Angles=0,30,60,90", "Radii=0,100,150,180", "FocalLength=1000"),
+            *("VertexDistance=0.2", "RimAngle=90"),
+        ),
+        RadialTableMirror((0.0, 30.0, 60.0, 90.0), (0.0, 0.1, 0.15, 0.18), 0.2, math.radians(90.0)),
+    ),
 ]
 
 
@@ -120,6 +129,16 @@ BAD_WITHOUT_VIEWPOINT = [
     ("ConicalMirror", ("HalfAngle=45", "ApexDistance=0.2", "RimAngle=80"), "RimAngle=.*above 90"),
     ("EquiangularMirror", ("Gain=1", "VertexDistance=0.1"), "Gain=.*gain > 1"),
     ("ProfileMirror", ("Radii=0,1", "Sags=0,1", "VertexDistance=1"), "Sags=.*4 to 512"),
+    (
+        "RadialTableMirror",
+        ("Angles=0,30,60,90", "Radii=0,100,150,180", "VertexDistance=0.2", "RimAngle=80"),
+        "Radii=.*is the focal length in the unit",
+    ),
+    (
+        "RadialTableMirror",
+        ("Angles=0,30,60,90", "Radii=0,.1,.15,.18", "VertexDistance=0.2", "RimAngle=91"),
+        "RimAngle=.*at most 90",
+    ),
 ]
 
 
@@ -129,6 +148,43 @@ def test_impossible_mirror_without_a_viewpoint_is_rejected_at_its_key(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         read_from(tmp_path, class_name, *lines)
+
+
+PROFILE = """# millimetres, of a measuring machine
+radius, height
+0, 5.0
+10, 5.8
+
+20, 8.2
+30; 12.2
+40\t17.8
+"""
+
+
+def test_profile_of_a_file_is_that_of_the_keys(tmp_path: Path) -> None:
+    (tmp_path / "ball.csv").write_text(PROFILE)
+    lines = ("Profile=ball.csv", "VertexDistance=200", "MetresPerUnit=0.001", "RimAngle=70")
+    mirror, _ = read_from(tmp_path, "ProfileMirror", *lines)
+    assert isinstance(mirror, ProfileMirror)
+    assert mirror.radii_m == pytest.approx((0.0, 0.01, 0.02, 0.03, 0.04))
+    assert mirror.sags_m == pytest.approx((0.0, 0.0008, 0.0032, 0.0072, 0.0128))
+
+
+def test_radial_table_of_a_file_is_that_of_the_keys(tmp_path: Path) -> None:
+    (tmp_path / "marks.csv").write_text("deg,px\n0,0\n30,100\n60,150\n90,180\n")
+    lines = ("Table=marks.csv", "FocalLength=1000", "VertexDistance=0.2", "RimAngle=90")
+    mirror, _ = read_from(tmp_path, "RadialTableMirror", *lines)
+    assert isinstance(mirror, RadialTableMirror)
+    assert mirror.angles_deg == (0.0, 30.0, 60.0, 90.0)
+    assert mirror.image_radii == (0.0, 0.1, 0.15, 0.18)
+
+
+@pytest.mark.parametrize("content", ["0, 0\n10, 0.8\n", ""])
+def test_profile_of_too_few_rows_is_rejected_at_its_key(tmp_path: Path, content: str) -> None:
+    (tmp_path / "ball.csv").write_text(content)
+    lines = ("Profile=ball.csv", "VertexDistance=200")
+    with pytest.raises(ConfigError, match=r"ProfileMirror\.Profile='ball\.csv'.*4 to 512"):
+        read_from(tmp_path, "ProfileMirror", *lines)
 
 
 def read_ball(folder: Path, *lines: str) -> OmniCameraDescription:

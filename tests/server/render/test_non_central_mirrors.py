@@ -14,6 +14,7 @@ from catoptra_protocol.optics.mirrors import (
     ConicalMirror,
     EquiangularMirror,
     ProfileMirror,
+    RadialTableMirror,
     SphericalMirror,
 )
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
@@ -38,6 +39,12 @@ MIRRORS: dict[str, NonCentralMirror] = {
     "spherical": BALL,
     "equiangular": EquiangularMirror(11.0, 0.1),
     "conical": ConicalMirror(math.radians(60.0), 0.1, math.radians(88.0)),
+    # 64 x - x^3 of 32 degrees.
+    "radial_table": RadialTableMirror(
+        (0.0, 32.0, 64.0, 96.0, 128.0),
+        tuple((64.0 * x - x**3) / 1024.0 for x in (0.0, 1.0, 2.0, 3.0, 4.0)),
+        0.15,
+    ),
     "profile": ProfileMirror((0.0, 0.01, 0.02, 0.03, 0.05), SAG, 0.2, math.radians(70.0)),
 }
 STILL = CameraState(Pose.identity())

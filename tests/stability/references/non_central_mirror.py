@@ -71,6 +71,21 @@ def profile(
     return r / (vertex_distance_m + a * r**2)
 
 
+def radial_table(
+    t: Any,
+    angles_deg: list[Any],
+    image_radii: list[Any],
+    vertex_distance_m: Any,
+    rim_rad: Any,
+) -> Any:
+    """Of a x + b x^3, x in degrees, which the spline is exactly."""
+    (low, high), (low_radius, high_radius) = angles_deg[-2:], image_radii[-2:]
+    b = (high_radius / high - low_radius / low) / (high**2 - low**2)
+    a = high_radius / high - b * high**2
+    x = 2 * atan(t) * 180 / pi
+    return a * x + b * x**3
+
+
 BALL: Parameters = {"radius_m": 0.03125, "centre_distance_m": 0.1875, "rim_rad": RIM}
 CONE: Parameters = {"half_angle_rad": 1.0, "apex_distance_m": 0.25, "rim_rad": 1.75}
 FLAT: Parameters = {"gain": 8.0, "vertex_distance_m": 0.125, "rim_rad": RIM}
@@ -82,10 +97,19 @@ BOWL: Parameters = {
     "vertex_distance_m": 0.5,
     "rim_rad": RIM,
 }
+# 64 x - x^3 of 32 degrees, over 1024: exact in float32 as well.
+ROWS = [0.0, 1.0, 2.0, 3.0, 4.0]
+TABLE: Parameters = {
+    "angles_deg": [32.0 * x for x in ROWS],
+    "image_radii": [(64.0 * x - x**3) / 1024.0 for x in ROWS],
+    "vertex_distance_m": 0.5,
+    "rim_rad": RIM,
+}
 FORMULAS: dict[str, tuple[Parameters, Callable[..., Any]]] = {
     "spherical": (BALL, spherical),
     "equiangular": (FLAT, equiangular),
     "profile": (BOWL, profile),
+    "radial_table": (TABLE, radial_table),
 }
 PLACES = {
     "at the vertex": 0.0,
@@ -154,3 +178,4 @@ if __name__ == "__main__":
     write(GROUP, "conical", cone_rows())
     write(GROUP, "equiangular", rows("equiangular"))
     write(GROUP, "profile", rows("profile"))
+    write(GROUP, "radial_table", rows("radial_table"))

@@ -20,9 +20,11 @@ from catoptra_protocol.optics.mirrors import (
     Mirror,
     ParabolicMirror,
     ProfileMirror,
+    RadialTableMirror,
     SphericalMirror,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.config.number_columns import read_columns
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.mirror_mesh import (
@@ -103,11 +105,33 @@ def _read_equiangular(settings: SectionReader) -> Mirror:
 
 def _read_profile(settings: SectionReader) -> Mirror:
     metres = _read_unit_m(settings, 1.0)
-    radii_m, sags_m = (
-        tuple(value * metres for value in settings.get_floats(key)) for key in ("Radii", "Sags")
-    )
+    radii, sags = _read_table(settings, "Profile", ("Radii", "Sags"))
+    radii_m = tuple(radius * metres for radius in radii)
+    # A measuring machine has a zero of its own.
+    sags_m = tuple((sag - sags[0]) * metres for sag in sags)
     distance_m = settings.get_float("VertexDistance", min_value=1e-9) * metres
-    return _make(settings, "Sags", lambda rim: ProfileMirror(radii_m, sags_m, distance_m, rim))
+    key = "Profile" if settings.has_key("Profile") else "Sags"
+    return _make(settings, key, lambda rim: ProfileMirror(radii_m, sags_m, distance_m, rim))
+
+
+def _read_radial_table(settings: SectionReader) -> Mirror:
+    angles, radii = _read_table(settings, "Table", ("Angles", "Radii"))
+    focal = settings.get_float("FocalLength", 1.0, min_value=1e-9)
+    ratios = tuple(radius / focal for radius in radii)
+    distance_m = settings.get_float("VertexDistance", min_value=1e-9) * _read_unit_m(settings, 1.0)
+    key = "Table" if settings.has_key("Table") else "Radii"
+    return _make(settings, key, lambda rim: RadialTableMirror(angles, ratios, distance_m, rim))
+
+
+def _read_table(
+    settings: SectionReader, file_key: str, keys: tuple[str, str]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Two columns of the same length: of the file of a key, or of a key each."""
+    if settings.has_key(file_key):
+        first, second = read_columns(settings, file_key, keys)
+        return first, second
+    first, second = (settings.get_floats(key) for key in keys)
+    return first, second
 
 
 def _read_unit_m(settings: SectionReader, default: float) -> float:
@@ -131,6 +155,7 @@ _CLASS_NAMES = (
     "ConicalMirror",
     "EquiangularMirror",
     "ProfileMirror",
+    "RadialTableMirror",
 )
 _READERS: dict[str, Callable[[SectionReader], Mirror]] = {
     "hyperbolicmirror": _read_hyperbolic,
@@ -139,6 +164,7 @@ _READERS: dict[str, Callable[[SectionReader], Mirror]] = {
     "conicalmirror": _read_conical,
     "equiangularmirror": _read_equiangular,
     "profilemirror": _read_profile,
+    "radialtablemirror": _read_radial_table,
 }
 
 

@@ -11,6 +11,7 @@ from catoptra_protocol.optics.mirrors.hyperbolic import PAPER_MIRROR, Hyperbolic
 from catoptra_protocol.optics.mirrors.mirror import Mirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
 from catoptra_protocol.optics.mirrors.profile import ProfileMirror
+from catoptra_protocol.optics.mirrors.radial_table_mirror import RadialTableMirror
 from catoptra_protocol.optics.mirrors.spherical import SphericalMirror
 
 MIRRORS: dict[str, type[Mirror]] = {
@@ -20,6 +21,7 @@ MIRRORS: dict[str, type[Mirror]] = {
     "conical": ConicalMirror,
     "equiangular": EquiangularMirror,
     "profile": ProfileMirror,
+    "radial_table": RadialTableMirror,
 }
 
 __all__ = [
@@ -31,5 +33,6 @@ __all__ = [
     "Mirror",
     "ParabolicMirror",
     "ProfileMirror",
+    "RadialTableMirror",
     "SphericalMirror",
 ]
