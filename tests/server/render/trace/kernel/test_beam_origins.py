@@ -19,11 +19,14 @@ from catoptra_protocol.optics.mirrors import (
     SphericalMirror,
 )
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.fog_medium import FogMedium
+from catoptra_server.capture.shutter import Shutter
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
+from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.world_description import (
     Box,
     HemisphereLight,
@@ -36,6 +39,14 @@ from catoptra_server.scene.world_description import (
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.image_comparison import level_differences
 from helpers.mirror_checks import make_camera
+from helpers.motion_reference import (
+    START_POSES,
+    camera_state_after,
+    crossing_object,
+    driving_camera_state,
+    load_world_setup,
+    time_samples,
+)
 from helpers.random_worlds import make_random_exposure
 from helpers.trace_kernels import count_differences, open_kernel, render_filled_and_traced
 from helpers.worlds import (
@@ -207,3 +218,65 @@ def test_fog_and_ranges_when_filled_are_the_traced_ones(name: str) -> None:
     assert filled.range_m is not None
     assert traced.range_m is not None
     np.testing.assert_allclose(filled.range_m, traced.range_m, rtol=1e-4)
+
+
+LINEAR = TraceRequest(is_linear=True, thresholds={"MotionBlur": 0.5, "RollingShutter": 0.5})
+PASSING = driving_camera_state(CAMERA_STATE.world_from_mirror, 0.3, 60.0)
+DRIVING = driving_camera_state(
+    START_POSES["four_legged_2006"], 0.7, 40.0, crossing_object(START_POSES["four_legged_2006"])
+)
+T_S = 1.0 / 30.0
+SHUTTERS = {
+    "blurred": Shutter(T_S, 0.0, 64.0),
+    "rolling": Shutter(0.0, T_S, 64.0),
+    "both": Shutter(T_S, T_S, 64.0),
+}
+
+
+def levels_of(light: Floats) -> Floats:
+    return np.asarray(255.0 * srgb_from_linear(np.clip(light.astype(np.float64), 0.0, 1.0)))
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_blur_is_the_mean_of_64_frames(name: str) -> None:
+    setup = load_world_setup("four_legged_2006")
+    with open_kernel(setup.world, scene=setup.scene, threads=2) as engine:
+        rays = engine.prepare(make_table(name, width_px=200, samples=2))
+        frame = rays.render(replace(DRIVING, shutter=SHUTTERS["blurred"]), LINEAR)
+        frames = [
+            rays.render_linear(camera_state_after(DRIVING, float(t))).astype(np.float64)
+            for t in time_samples(T_S, 64)
+        ]
+    difference = np.abs(levels_of(frame.image) - levels_of(np.mean(frames, axis=0))).max(axis=-1)
+    # As of mirrors with a viewpoint: test_engine_shutter.py.
+    assert (difference > 2.0).mean() < 0.01 * 640 / 200
+    assert (difference > 8.0).mean() < 0.001 * 640 / 200
+    assert frame.changes["MotionBlur"] > 20.0
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+def test_rows_are_those_of_sharp_frames_at_their_times(name: str) -> None:
+    setup = load_world_setup("four_legged_2006")
+    with open_kernel(setup.world, scene=setup.scene, threads=2) as engine:
+        rays = engine.prepare(make_table(name, width_px=200, samples=2))
+        image = rays.render(replace(DRIVING, shutter=SHUTTERS["rolling"]), LINEAR).image
+        for row in range(3, 200, 31):
+            time_s = T_S * ((row + 0.5) / 200 - 0.5)
+            sharp = rays.render_linear(camera_state_after(DRIVING, time_s))[row]
+            difference = np.abs(levels_of(image[row]) - levels_of(sharp)).max(axis=-1)
+            assert (difference > 1.0).mean() < 0.02
+
+
+@pytest.mark.parametrize("shutter", SHUTTERS)
+@pytest.mark.parametrize("name", MIRRORS)
+def test_exposure_when_filled_is_the_traced_one(name: str, shutter: str) -> None:
+    table = make_table(name, width_px=72, samples=2)
+    cases = ((scenes.make_worlds()["field"], DRIVING), (make_near_world(0.3), PASSING))
+    for world, state in cases:
+        with open_kernel(world) as engine:
+            filled, traced, _ = render_filled_and_traced(
+                engine, engine.prepare(table), replace(state, shutter=SHUTTERS[shutter])
+            )
+        # What is known of a tile decides on the instants of its exposure, too.
+        allowed = 0.0 if shutter == "rolling" else 0.005
+        assert (level_differences(filled, traced) > 1).mean() <= allowed

@@ -221,9 +221,9 @@ static int build_pixel_scales(View *view) {
     return view->pixel_scales != NULL;
 }
 
-/* What only rays from the viewpoint have. */
-static int build_central(View *view) {
-    return build_pixel_scales(view) &&
+/* What rays without times of their own have. */
+static int build_tables(View *view) {
+    return build_levels(view) && build_pixel_scales(view) &&
            order_by_row(view->rays.samples, &view->by_row) &&
            order_by_cell(view->rays.samples, &view->by_cell);
 }
@@ -242,9 +242,7 @@ View *catoptra_prepare(Device *device, const RayTable *rays, char *error) {
         for (int32_t i = 0; view->tile_at && i < rays->num_tiles; i++)
             view->tile_at[rays->tiles[i]] = i;
     }
-    int is_central = !rays->origins && !rays->times;
-    if (!view || !view->tile_at || (!rays->times && !build_levels(view)) ||
-        (is_central && !build_central(view))) {
+    if (!view || !view->tile_at || (!rays->times && !build_tables(view))) {
         if (view)
             catoptra_release_view(view);
         snprintf(error, ERROR_SIZE, "out of memory");

@@ -39,7 +39,7 @@ struct View {
     RayTable rays;
     int32_t tile_rows; /* of the image, as `rays.tile_columns` */
     int32_t *tile_at; /* (tile_rows, tile_columns) index in the table, -1 for tiles without rays */
-    RayOrder by_row, by_cell; /* no rays where the view's have origins or times of their own */
+    RayOrder by_row, by_cell; /* no rays where the view's have times of their own */
     float *pixel_scales; /* (t, 2, 3) columns and rows, px, of a change of the direction */
     float max_origin_m;  /* largest distance of a ray's origin from the viewpoint */
     BeamLevel levels[BEAM_LEVELS]; /* no beams where rays have times of their own */

@@ -301,6 +301,8 @@ int move_triangles(const FrameState *state, int tile, const TriangleSet *set, fl
 int list_moving(const TriangleSet *set, const MovingScene *scene, ShortList *list) {
     list->count = 0;
     list->viewpoint = set->viewpoint;
+    list->middle = (Vec3){0, 0, 0};
+    list->radius = 0.0f;
     for (int i = 0; i < scene->count; i++) {
         if (list->count == MAX_SHORT)
             return 0;

@@ -101,12 +101,18 @@ static float pixel_length(const FrameState *state, int tile, Vec3 change) {
     return sqrtf(column * column + row * row);
 }
 
+/* Rays with origins pass the viewpoint, from which speeds are measured: what is near moves by up to
+ * this much more. */
+static float parallax_factor(const FrameState *state, float inverse) {
+    return 1.0f + state->view->max_origin_m * inverse;
+}
+
 static float static_speed(const FrameState *state, int tile, Vec3 direction, float inverse) {
     const BlurPlan *plan = state->plan;
     Vec3 seen = rotate(plan->camera.rotation, direction);
     Vec3 change = subtract(look_back(plan, &plan->end, seen, inverse),
                            look_back(plan, &plan->begin, seen, inverse));
-    return pixel_length(state, tile, change) / plan->interval;
+    return pixel_length(state, tile, change) * parallax_factor(state, inverse) / plan->interval;
 }
 
 static float object_speed(const FrameState *state, int tile, int object, Vec3 direction,
@@ -117,7 +123,8 @@ static float object_speed(const FrameState *state, int tile, int object, Vec3 di
     Vec3 local = place_back(poses, point);
     Vec3 begin = unit(place_back(&plan->begin, place(poses + 1, local)));
     Vec3 end = unit(place_back(&plan->end, place(poses + 2, local)));
-    return pixel_length(state, tile, subtract(end, begin)) / plan->interval;
+    return pixel_length(state, tile, subtract(end, begin)) *
+           parallax_factor(state, 1.0f / range) / plan->interval;
 }
 
 static void note_speed(const FrameState *state, int tile, float speed) {

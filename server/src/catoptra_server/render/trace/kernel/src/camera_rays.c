@@ -109,7 +109,8 @@ static void place_origins(const FrameState *state, const float *from, RayBlock *
 
 void load_ordered(const FrameState *state, int tile, const uint16_t *source, RayBlock *rays) {
     size_t first = (size_t)tile * (size_t)state->rays->samples * (size_t)state->rays->samples;
-    _Alignas(64) float directions[3][BLOCK_RAYS];
+    const float *table_origins = state->rays->origins;
+    _Alignas(64) float directions[3][BLOCK_RAYS], origins[3][BLOCK_RAYS];
     uint32_t active = 0;
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         int is_ray = source[lane] != NO_RAY;
@@ -118,9 +119,14 @@ void load_ordered(const FrameState *state, int tile, const uint16_t *source, Ray
         const float *from = state->rays->directions + block * 3 * BLOCK_RAYS + at;
         for (int axis = 0; axis < 3; axis++)
             directions[axis][lane] = from[axis * BLOCK_RAYS];
+        const float *start = table_origins ? table_origins + block * 3 * BLOCK_RAYS + at : from;
+        for (int axis = 0; axis < 3; axis++)
+            origins[axis][lane] = start[axis * BLOCK_RAYS];
         active |= (uint32_t)(is_ray && state->rays->valid[block] >> at & 1) << lane;
     }
     turn_rays(state, directions[0], rays);
+    if (table_origins)
+        place_origins(state, origins[0], rays);
     /* The block of the table whose steps between neighbours are nearest. */
     rays->index = first + source[0] / BLOCK_RAYS;
     for (int lane = 0; lane < BLOCK_RAYS; lane++)

@@ -78,10 +78,14 @@ void release_search(Search *search) {
     free(search);
 }
 
-/* Whether all rays begin on the viewpoint's side of the plane. */
-static int is_before_plane(const Cover *cover, const BeamSides *sides, float margin) {
+static float length_of(Vec3 a) { return sqrtf(dot(a, a)); }
+
+/* Whether apex and rays lie on one side of the plane, during all turns of the camera. */
+static int is_before_plane(const Cover *cover, const BeamSides *sides, float margin, float turn) {
     Vec3 to_centre = subtract(sides->centre, sides->apex);
-    return dot(cover->normal, to_centre) + cover->distance > sides->radius + margin;
+    float height = dot(cover->normal, to_centre) + cover->distance;
+    return cover->distance > margin + turn * length_of(sides->apex) &&
+           height > sides->radius + margin + turn * length_of(sides->centre);
 }
 
 /* The surface that the axis meets first; 0 if none, or only at a grazing angle. */
@@ -108,8 +112,8 @@ static int find_first_surface(const Search *search, const CandidateList *list,
     cover->scale = add(absolute(corner), absolute(vec3(search->state->camera.translation)));
     float rounding = ON_PLANE * dot(absolute(normal), cover->scale);
     float margin = MIN_ROUNDINGS * rounding + search->state->shift;
-    return fabsf(sine) > MIN_PLANE_SINE && cover->distance > margin &&
-           is_before_plane(cover, sides, margin);
+    return fabsf(sine) > MIN_PLANE_SINE &&
+           is_before_plane(cover, sides, margin, search->state->turn);
 }
 
 /* Whether a side of the beam, or the plane of the edge and the apex, separates both. */
@@ -249,8 +253,9 @@ typedef struct {
 static void list_triangles(Search *search, const CandidateList *kept, const BeamSides *sides,
                            TileContent *content) {
     /* Tiles of a moving frame list what they show during the exposure themselves, in
-     * clear air. */
+     * clear air and from one viewpoint. */
     if (search->blur && content->object == OBJECT_NONE && !has_fog(search->state) &&
+        !search->state->rays->origins &&
         collect_triangles(search->state, kept, &search->triangles))
         content->triangles = &search->triangles;
     else if (make_short_list(search->state, kept, sides, &search->short_list))

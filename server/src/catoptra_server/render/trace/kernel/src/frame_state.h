@@ -17,7 +17,7 @@ typedef struct {
     const float *object_heights; /* light_map.h; NULL without objects or shadows */
     struct Measures *measures;   /* measures.h */
     const Vec3 **object_radiance; /* (o,) of each object's facets; NULL: by ray */
-    Pose camera;        /* of all rays without origins or times of their own */
+    Pose camera;        /* of all rays without times of their own */
     float time;         /* of these rays within the exposure */
     int has_one_pose;   /* all rays of a block start at one pose of the camera */
     int has_beams;      /* the view's beams hold the rays of this frame */

@@ -107,9 +107,8 @@ static int has_lights(const Scene *scene, int kind) {
 
 static int begin_frame(FrameState *state, Device *device, const Scene *scene, const View *view,
                        const Frame *frame, char *error) {
-    int has_point_lights = has_lights(scene, LIGHT_POINT), is_central = !view->rays.origins &&
-                                                                       !view->rays.times;
-    int is_moving = is_central && frame->num_poses > 1 &&
+    int has_point_lights = has_lights(scene, LIGHT_POINT);
+    int is_moving = !view->rays.times && frame->num_poses > 1 &&
                     (frame->exposure > 0.0f || frame->readout > 0.0f);
     prepare_encoding();
     *state = (FrameState){

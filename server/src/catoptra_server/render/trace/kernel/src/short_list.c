@@ -40,6 +40,8 @@ static float length_of(Vec3 a) { return sqrtf(dot(a, a)); }
  * components, dual.d + inverse dual.o. With |S.o| <= 1/2 the divisor is 1/2 at least: an error of
  * the sum counts four times in the inverse distance, and |S| is known to a few roundings. */
 static int allow_origins(float radius, ShortTriangle *triangle) {
+    if (!(radius > 0.0f))
+        return 1;
     Vec3 sum = add(add(triangle->dual[0], triangle->dual[1]), triangle->dual[2]);
     float length = length_of(sum);
     if (!(length * radius <= MAX_NEARNESS))
@@ -56,6 +58,8 @@ int make_short_list(const FrameState *state, const CandidateList *candidates,
                     const BeamSides *sides, ShortList *list) {
     list->count = 0;
     list->viewpoint = add(vec3(state->camera.translation), sides->centre);
+    list->middle = rotate_back(state->camera.rotation, sides->centre);
+    list->radius = sides->radius;
     for (int i = 0; i < candidates->count; i++) {
         int32_t id = candidates->id[i];
         if (candidate_object(id) != OBJECT_STATIC)
@@ -67,22 +71,26 @@ int make_short_list(const FrameState *state, const CandidateList *candidates,
             corners[corner] = subtract(candidate_corner(candidates, i, corner), sides->centre);
         ShortTriangle *triangle = &list->triangles[list->count++];
         triangle->triangle = state->scene->surfaces.triangles[id];
-        if (!set_dual(corners, triangle) ||
-            (sides->radius > 0.0f && !allow_origins(sides->radius, triangle)))
+        if (!set_dual(corners, triangle) || !allow_origins(list->radius, triangle))
             return 0;
     }
     return 1;
 }
 
-int move_short_list(const ShortList *list, Vec3 viewpoint, ShortList *moved) {
-    Vec3 offset = subtract(list->viewpoint, viewpoint);
+int move_short_list(const ShortList *list, const Pose *camera, ShortList *moved) {
+    Vec3 middle = rotate(camera->rotation, list->middle);
+    moved->viewpoint = add(vec3(camera->translation), middle);
+    moved->middle = list->middle;
+    moved->radius = list->radius;
+    Vec3 offset = subtract(list->viewpoint, moved->viewpoint);
     moved->count = list->count;
     for (int i = 0; i < list->count; i++) {
         Vec3 corners[3];
         for (int corner = 0; corner < 3; corner++)
             corners[corner] = add(list->corners[i][corner], offset);
         moved->triangles[i].triangle = list->triangles[i].triangle;
-        if (!set_dual(corners, &moved->triangles[i]))
+        if (!set_dual(corners, &moved->triangles[i]) ||
+            !allow_origins(list->radius, &moved->triangles[i]))
             return 0;
     }
     return 1;

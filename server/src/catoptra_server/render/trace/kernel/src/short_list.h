@@ -24,7 +24,9 @@ typedef struct {
 typedef struct {
     int count;
     ShortTriangle triangles[MAX_SHORT];
-    Vec3 viewpoint; /* or the middle of the origins of the rays */
+    Vec3 viewpoint; /* or the middle of the origins of the rays, */
+    Vec3 middle;    /* which is this in the mirror frame, */
+    float radius;   /* and their largest distance from it; 0 for one viewpoint */
     Vec3 corners[MAX_SHORT][3]; /* relative to it */
 } ShortList;
 
@@ -33,8 +35,8 @@ typedef struct {
 int make_short_list(const FrameState *state, const CandidateList *candidates,
                     const BeamSides *sides, ShortList *list);
 
-/* The same triangles from another viewpoint; 0 if one is seen as a line. */
-int move_short_list(const ShortList *list, Vec3 viewpoint, ShortList *moved);
+/* The same triangles from another pose of the camera; 0 if one is seen as a line. */
+int move_short_list(const ShortList *list, const Pose *camera, ShortList *moved);
 
 /* Hits of the active rays, which become their limits; 0 if one is not certain. */
 int intersect_short_list(const ShortList *list, RayBlock *rays, HitBlock *hits);

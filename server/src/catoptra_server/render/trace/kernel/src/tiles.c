@@ -343,8 +343,7 @@ TileContent move_content(const FrameState *state, const TileContent *content, Sh
     TileContent result = *content;
     if (content->short_list)
         result.short_list =
-            move_short_list(content->short_list, vec3(state->camera.translation), moved) ? moved
-                                                                                         : NULL;
+            move_short_list(content->short_list, &state->camera, moved) ? moved : NULL;
     return result;
 }
 
