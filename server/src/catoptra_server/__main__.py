@@ -18,6 +18,7 @@ EXIT_USAGE = 2
 COMMANDS: Mapping[str, str] = {
     "explain": "report the effects that a robot's camera needs in a world, with their cost",
     "doctor": "check whether the server can run on this machine",
+    "calibration": "write a robot's camera as calibration files of other programs",
     "list": "list robots, worlds, landmarks and classes",
 }
 """Commands and their help; the server itself has none."""
@@ -45,6 +46,10 @@ def _run(words: Sequence[str], termination: Termination) -> int:
             from catoptra_server.explain import main as explain
 
             return explain(rest)
+        case ["calibration", *rest]:
+            from catoptra_server.calibration_command import main as write_calibration
+
+            return write_calibration(rest)
         case ["list", *rest]:
             from catoptra_server.list_command import main as list_names
 

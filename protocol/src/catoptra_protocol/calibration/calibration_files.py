@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.calibration.json_text import MAX_BYTES
+from catoptra_protocol.calibration.picture_mark import read_picture_mark
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
 
 
 def camera_from_file(
-    path: Path | str, *, camera: str = "", picture: Picture = Picture.FLIPPED
+    path: Path | str, *, camera: str = "", picture: Picture | None = None
 ) -> OmniCamera:
     """Camera of a calibration file of any format in `FORMATS`.
 
@@ -22,12 +24,12 @@ def camera_from_file(
     Args:
         path: File, at most 1 MiB.
         camera: Name of the camera in a file with several, such as cam1.
-        picture: Hand of the pictures that the camera delivers. Calibration files describe the
-            flipped one; a mirror's pictures are mirrored unless something has turned them round.
+        picture: Hand of the pictures that the camera delivers; None: of those that the file
+            describes. Other programs' files describe flipped ones, Catoptra's exports say which.
 
     Raises:
         ConfigError: No readable file, no known format, or a wrong field, with file, field, value
-            and expectation.
+            and expectation; or the file describes pictures of the other hand.
     """
     file = str(path)
     try:
@@ -53,8 +55,31 @@ def camera_from_file(
         ) from error
     for each in FORMATS:
         if each.is_format(text):
-            return each.read(text, file, camera).with_picture(picture)
+            return _turn(each.read(text, file, camera), text, file, picture)
     names = ", ".join(each.NAME for each in FORMATS)
     raise ConfigError(
         SourceLocation(file), key="format", value=text[:40], expected=f"a file of {names}"
     )
+
+
+def _turn(camera: OmniCamera, text: str, file: str, picture: Picture | None) -> OmniCamera:
+    """The camera with the hand of its pictures.
+
+    Raises:
+        ConfigError: The file describes pictures of the other hand.
+    """
+    described = read_picture_mark(text, file)
+    if described is None:
+        return camera.with_picture(picture or Picture.FLIPPED)
+    if picture is not None and picture is not described:
+        raise ConfigError(
+            SourceLocation(file),
+            key="catoptra_picture",
+            value=described.value,
+            expected=f"a file of {picture.value} pictures, which this camera delivers; "
+            f"catoptra-server calibration --picture {picture.value} writes it",
+        )
+    if described is Picture.FLIPPED:
+        return camera
+    # Read as if the pictures were flipped: their frame's x points left.
+    return replace(camera, picture=described, plane=camera.plane.mirror())

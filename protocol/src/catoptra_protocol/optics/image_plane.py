@@ -88,6 +88,12 @@ class ImagePlane:
         for a rectangle around the image."""
         return self.stretch_limits[1] * (1.0 + 6.0 * (abs(self.p1) + abs(self.p2)))
 
+    def mirror(self) -> ImagePlane:
+        """The plane seen from behind: left and right exchanged."""
+        a, b, c, d = self.stretch
+        # 0.0 - b: no negative zero.
+        return ImagePlane((a, 0.0 - b, 0.0 - c, d), self.p1, 0.0 - self.p2)
+
     def decentre(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Displacement of undistorted points of the plane by the tangential distortion."""
         xy, xx, yy = x * y, x * x, y * y

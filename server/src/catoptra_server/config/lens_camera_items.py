@@ -83,7 +83,8 @@ def _read_calibrated_camera(file: IniFile, section: SectionReader) -> OmniCamera
     """Camera of a calibration file, in a narrower field of view if the section has one."""
     path = section.get_path("CalibrationFile", file.path.parent)
     name = section.get_str("CalibrationCamera", "")
-    camera = camera_from_file(path, camera=name, picture=read_picture(section, Picture.FLIPPED))
+    picture = read_picture(section, Picture.FLIPPED) if section.has_key("Picture") else None
+    camera = camera_from_file(path, camera=name, picture=picture)
     field_deg = section.get_float("FieldOfView", 0.0, min_value=0.1, max_value=360.0)
     rim_rad = math.radians(0.5 * field_deg)
     if not field_deg:

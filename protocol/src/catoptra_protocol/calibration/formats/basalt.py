@@ -107,9 +107,9 @@ def _model_of(camera: OmniCamera) -> tuple[str, dict[str, float], float]:
     match camera.projection:
         case KannalaBrandtLens(k1, k2, k3, k4):
             return "kb4", {"k1": k1, "k2": k2, "k3": k3, "k4": k4}, camera.scale_px
-        case EnhancedUnifiedLens(alpha, beta) if beta != 1.0:
+        case EnhancedUnifiedLens(alpha, beta):
             return "eucm", {"alpha": alpha, "beta": beta}, camera.scale_px
-        case DoubleSphereLens(xi, alpha) if xi != 0.0:
+        case DoubleSphereLens(xi, alpha):
             return "ds", {"xi": xi, "alpha": alpha}, camera.scale_px
     unified = unified_parameters(camera)
     if unified.is_distorted:

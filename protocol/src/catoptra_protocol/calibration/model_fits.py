@@ -1,0 +1,228 @@
+"""One camera in the models of the calibration formats, as their readers make it: exactly where it
+is one of them, else by a fit to its whole image; its picture flipped.
+
+A fit minimises the differences of image radii in pixels on rings from the centre to the rim; the
+image plane keeps its centre and stretch. How good it is says `residual.compute_residual`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from catoptra_protocol.calibration.calibrated_camera import place_camera
+from catoptra_protocol.calibration.unified_parameters import UnifiedParameters, unified_parameters
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.lenses import (
+    DoubleSphereLens,
+    EnhancedUnifiedLens,
+    FThetaLens,
+    KannalaBrandtLens,
+    OCamLens,
+    UnifiedLens,
+    WoodScapeLens,
+)
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_projection import RadialProjection
+
+# Rings of the image on which radii are compared.
+_NUM_RINGS = 1001
+_NUM_KANNALA_BRANDT_TERMS = 4
+_MAX_STEPS = 100
+# Relative step of a difference quotient, and of the last improvement of a fit.
+_DIFFERENCE, _SMALL = 1e-6, 1e-13
+
+
+def fit_mei(camera: OmniCamera) -> OmniCamera:
+    """The camera as Mei's unified model with two terms of radial distortion."""
+    exact = _find_sphere(camera)
+    if exact is not None:
+        return _replace(camera, UnifiedLens(exact.xi, exact.k1, exact.k2), exact.gamma_px)
+    return _fit(camera, lambda xi, k1, k2: UnifiedLens(xi, k1, k2), (1.0, 0.0, 0.0))
+
+
+def fit_eucm(camera: OmniCamera) -> OmniCamera:
+    """The camera as EUCM; beta is 1 where it is a unified sphere without distortion."""
+    if isinstance(camera.projection, EnhancedUnifiedLens):
+        return camera
+    exact = _find_sphere(camera)
+    if exact is not None and not exact.is_distorted:
+        return _replace(camera, EnhancedUnifiedLens(exact.alpha), exact.focal_length_px)
+    return _fit(camera, lambda alpha, beta: EnhancedUnifiedLens(alpha, beta), (0.5, 1.0))
+
+
+def fit_double_sphere(camera: OmniCamera) -> OmniCamera:
+    """The camera as double sphere; with xi = 0 where it is a unified sphere without distortion.
+
+    With alpha = 0 in place of xi the pixels would be the same, but readers end their domain early.
+    """
+    if isinstance(camera.projection, DoubleSphereLens) and camera.projection.alpha > 0.0:
+        return camera
+    exact = _find_sphere(camera)
+    if exact is not None and not exact.is_distorted:
+        return _replace(camera, DoubleSphereLens(0.0, exact.alpha), exact.focal_length_px)
+    return _fit(camera, lambda xi, alpha: DoubleSphereLens(xi, alpha), (0.0, 0.5))
+
+
+def fit_ucm(camera: OmniCamera) -> OmniCamera:
+    """The camera as UCM: Mei's unified model without distortion."""
+    exact = _find_sphere(camera)
+    if exact is not None and not exact.is_distorted:
+        return _replace(camera, UnifiedLens(exact.xi), exact.gamma_px)
+    return _fit(camera, lambda xi: UnifiedLens(xi), (1.0,))
+
+
+def fit_kannala_brandt(camera: OmniCamera) -> OmniCamera:
+    """The camera as Kannala and Brandt's polynomial of the angle with four terms."""
+    if isinstance(camera.projection, KannalaBrandtLens):
+        return camera
+    theta, radius_px = _rings(camera)
+    powers = 2 * np.arange(_NUM_KANNALA_BRANDT_TERMS + 1) + 1
+    focal_px, *terms = _solve(theta[:, None] ** powers, radius_px)
+    if focal_px <= 0.0:
+        raise DomainError(f"a focal length of {focal_px:.3g} px is none of a camera")
+    return _replace(camera, KannalaBrandtLens(*(term / focal_px for term in terms)), focal_px)
+
+
+def fit_woodscape(camera: OmniCamera) -> OmniCamera:
+    """The camera as WoodScape's polynomial of the angle, in pixels."""
+    if isinstance(camera.projection, WoodScapeLens):
+        return camera
+    theta, radius_px = _rings(camera)
+    return _replace(camera, WoodScapeLens(*_solve(theta[:, None] ** np.arange(1, 5), radius_px)), 1)
+
+
+def fit_f_theta(camera: OmniCamera) -> OmniCamera:
+    """The camera as NVIDIA's polynomial of the image radius, of degree 4."""
+    if isinstance(camera.projection, FThetaLens):
+        return camera
+    theta, radius_px = _rings(camera)
+    # Differences of angles count by the pixels that they displace. In radii of the rim: powers of
+    # hundreds of pixels have no digits.
+    unit_px = camera.rim_radius_px
+    weight = camera.radius_slope_px(np.tan(0.5 * theta))
+    columns = (radius_px / unit_px)[:, None] ** np.arange(1, 5)
+    terms = _solve(columns * weight[:, None], theta * weight)
+    scaled = [term / unit_px**power for power, term in enumerate(terms, 1)]
+    return _replace(camera, FThetaLens(*scaled), 1)
+
+
+def fit_ocam(camera: OmniCamera, *, degree: int) -> OmniCamera:
+    """The camera as OCamCalib's polynomial of the ray's height, a1 = 0.
+
+    Args:
+        camera: The camera.
+        degree: Highest power of the image radius, 2 or more.
+    """
+    if isinstance(camera.projection, OCamLens):
+        return camera
+    theta, radius_px = _rings(camera)
+    unit_px = camera.rim_radius_px
+    rho = radius_px / unit_px
+    height = rho / np.tan(theta)
+    # A difference of height turns the ray by sin^2(theta) / rho of it.
+    slope_px = camera.radius_slope_px(np.tan(0.5 * theta))
+    weight = np.square(np.sin(theta)) / rho * slope_px
+    powers = np.array([0, *range(2, degree + 1)])
+    terms = _solve(rho[:, None] ** powers * weight[:, None], height * weight)
+    polynomial = np.zeros(degree + 1)
+    polynomial[powers] = [
+        term * unit_px ** (1 - power) for term, power in zip(terms, powers.tolist(), strict=True)
+    ]
+    return _replace(camera, OCamLens(tuple(polynomial.tolist())), 1)
+
+
+def _find_sphere(camera: OmniCamera) -> UnifiedParameters | None:
+    try:
+        return unified_parameters(camera)
+    except DomainError:
+        return None
+
+
+def _rings(camera: OmniCamera) -> tuple[Floats, Floats]:
+    """Angles and image radii of rings that are evenly spaced in pixels, without the centre."""
+    radius_px = np.linspace(0.0, camera.rim_radius_px, _NUM_RINGS)[1:]
+    return 2.0 * np.arctan(camera.t_from_radius_px(radius_px)), radius_px
+
+
+def _solve(columns: Floats, values: Floats) -> list[float]:
+    """Coefficients of columns by least squares."""
+    # Columns of like size: powers of an angle are not.
+    size = np.linalg.norm(columns, axis=0)
+    solution = np.linalg.lstsq(columns / size, values, rcond=None)[0] / size
+    return [float(value) for value in solution]
+
+
+def _replace(camera: OmniCamera, projection: RadialProjection, scale_px: float) -> OmniCamera:
+    """The camera with another projection, as a reader of its file makes it: up to the image's
+    corners or to the end of the model.
+    """
+    flipped = camera.with_picture(Picture.FLIPPED)
+    is_unified = isinstance(projection, UnifiedLens)
+    plane = camera.plane if is_unified else replace(camera.plane, p1=0.0, p2=0.0)
+    size_px = (camera.width_px, camera.height_px)
+    return place_camera(projection, size_px, flipped.centre_px, scale_px, plane)
+
+
+def _fit(
+    camera: OmniCamera, make: Callable[..., RadialProjection], start: Sequence[float]
+) -> OmniCamera:
+    """Camera of a model that is not linear in its parameters: Levenberg and Marquardt's method.
+
+    Args:
+        camera: The camera.
+        make: Makes the projection of some parameters.
+        start: Parameters to begin with, of a model that reaches 180 degrees.
+    """
+    theta, radius_px = _rings(camera)
+    t = np.tan(0.5 * theta)
+
+    def differences(parameters: Floats) -> Floats | None:
+        scale_px, *shape = (float(value) for value in parameters)
+        try:
+            return scale_px * make(*shape).radius_ratio_from_t(t) - radius_px
+        except DomainError:
+            return None
+
+    on_axis = np.array(0.0)
+    slope = float(make(*start).radius_ratio_slope(on_axis))
+    parameters = np.array((float(camera.radius_slope_px(on_axis)) / slope, *start))
+    error = differences(parameters)
+    assert error is not None, "all starts reach 180 degrees"
+    damping = 1e-3
+    for _ in range(_MAX_STEPS):
+        jacobian = _difference_quotients(differences, parameters, error)
+        normal, gradient = jacobian.T @ jacobian, jacobian.T @ error
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), gradient)
+        following = differences(parameters - step)
+        if following is None or not following @ following < error @ error:
+            damping *= 10.0
+            if damping > 1e12:
+                break
+            continue
+        gain = 1.0 - (following @ following) / (error @ error)
+        parameters, error, damping = parameters - step, following, damping * 0.1
+        if gain < _SMALL:
+            break
+    scale_px, *shape = (float(value) for value in parameters)
+    return _replace(camera, make(*shape), scale_px)
+
+
+def _difference_quotients(
+    differences: Callable[[Floats], Floats | None], parameters: Floats, error: Floats
+) -> Floats:
+    """Derivatives of the differences by the parameters; 0 where neither side has any."""
+    columns = np.zeros((len(error), len(parameters)))
+    for index, value in enumerate(parameters):
+        for sign in (1.0, -1.0):
+            moved = parameters.copy()
+            moved[index] += sign * _DIFFERENCE * max(abs(value), 1.0)
+            there = differences(moved)
+            if there is not None:
+                columns[:, index] = (there - error) / (moved[index] - value)
+                break
+    return columns

@@ -1,0 +1,126 @@
+"""`catoptra-server calibration`: a robot's camera as calibration files of other programs.
+
+Every format that describes the camera well enough is written, and CALIBRATION.md about all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from catoptra_protocol.calibration.calibration_report import write_report
+from catoptra_protocol.calibration.exports import (
+    DEFAULT_MAX_RESIDUAL_PX,
+    EXPORTS,
+    ExportedFile,
+    export_camera,
+)
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.picture import Picture
+from catoptra_server.command_parser import CommandParser
+from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.option_values import parse_float_within
+from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
+
+EXIT_FAILURE = 2
+REPORT_NAME = "CALIBRATION.md"
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command; return the exit status, 0, or 2 after a message for a failure."""
+    parsed = _build_parser().parse_args(arguments)
+    try:
+        robot, _ = read_robot(find_configuration("robots", parsed.robot))
+        omni = find_camera(robot, parsed.camera)
+        written = write_calibration(
+            omni,
+            parsed.out,
+            picture=Picture(parsed.picture),
+            max_residual_px=parsed.max_residual_px,
+        )
+    except (CatoptraError, OSError) as error:
+        print(f"catoptra-server calibration: {error}", file=sys.stderr)
+        return EXIT_FAILURE
+    for line in written:
+        print(line)
+    return 0
+
+
+def _build_parser() -> argparse.ArgumentParser:
+    parser = CommandParser(
+        prog="catoptra-server calibration",
+        description="Write a robot's omnidirectional camera as calibration files of other "
+        f"programs, and {REPORT_NAME} about them.",
+    )
+    parser.add_argument("--robot", required=True, help="robot file, or the name of a bundled one")
+    parser.add_argument("--camera", default="", help="name of the camera; default: the first")
+    parser.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="folder, made if absent"
+    )
+    parser.add_argument("--picture", choices=[picture.value for picture in Picture],
+        default=Picture.FLIPPED.value, help="hand of the pictures that the files describe; "
+        "default: flipped, which all formats are made for")  # fmt: skip
+    parser.add_argument("--max-residual-px", type=_parse_residual, metavar="PX",
+        default=DEFAULT_MAX_RESIDUAL_PX, help="largest difference of a file from the camera, "
+        f"anywhere in the image; default: {DEFAULT_MAX_RESIDUAL_PX:g}")  # fmt: skip
+    return parser
+
+
+def _parse_residual(text: str) -> float:
+    return parse_float_within(text, name="residual", last=1000.0, unit=" px")
+
+
+def find_camera(robot: RobotDescription, name: str) -> OmniCameraDescription:
+    """An omnidirectional camera of a robot by its name; the first for an empty one.
+
+    Raises:
+        CatoptraError: The robot has no such camera.
+    """
+    for omni in robot.omni_cameras:
+        if not name or omni.name.lower() == name.lower():
+            return omni
+    if not robot.omni_cameras:
+        raise CatoptraError(f"{robot.class_name} has no omnidirectional camera")
+    names = ", ".join(omni.name for omni in robot.omni_cameras)
+    raise CatoptraError(f"{robot.class_name} has no omnidirectional camera {name}: it has {names}")
+
+
+def write_calibration(
+    omni: OmniCameraDescription,
+    folder: Path,
+    *,
+    picture: Picture = Picture.FLIPPED,
+    max_residual_px: float = DEFAULT_MAX_RESIDUAL_PX,
+) -> list[str]:
+    """Write all files of a camera; a line about each, the refused ones included.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    results = [
+        export_camera(
+            omni.camera, export, name=omni.name, picture=picture, max_residual_px=max_residual_px
+        )
+        for export in EXPORTS
+    ]
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = []
+    for result in results:
+        if isinstance(result, ExportedFile):
+            path = folder / result.export.file_name
+            path.write_text(result.text, encoding="utf-8")
+            lines.append(f"{path}: within {result.residual.max_px:.2g} px")
+        else:
+            lines.append(f"not written: {result.export.name}: {result.reason}")
+    report = write_report(
+        omni.camera,
+        results,
+        name=omni.name,
+        picture=picture,
+        robot_from_mirror=omni.robot_from_mirror.rotation,
+    )
+    (folder / REPORT_NAME).write_text(report, encoding="utf-8")
+    return [*lines, f"{folder / REPORT_NAME}: frame, residuals, domains, worked points"]
