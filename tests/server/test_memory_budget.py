@@ -30,6 +30,9 @@ def test_budget_is_exceeded_by_the_sum_of_all_reservations() -> None:
         (ViewSize(512**2, 64), 429),
         (ViewSize(3072**2, 1), 504),
         (ViewSize(1024**2, 1, has_effects=True), 536),
+        # Rays of a ball: above the start's 80 MiB.
+        (ViewSize(2048**2, 4, has_origins=True), 702),
+        (ViewSize(3072**2, 1, has_origins=True), 472),
     ],
 )
 def test_view_takes_what_was_measured(size: ViewSize, measured_mib: float) -> None:

@@ -27,6 +27,8 @@ BYTES_PER_TEXEL = 36
 
 # Rays of a sample in two orders, 12 bytes each, and the batch in which these are computed.
 _TRACE_BYTES_PER_SAMPLE = 26
+# Of a mirror without a viewpoint a ray has an origin, too: 39 bytes a sample instead of 19.
+_ORIGIN_BYTES_PER_SAMPLE = 20
 _TRACE_BYTES_PER_PX = 40
 _TRACE_BYTES = 64 * MIB
 # Lookup map of a sample: 8 bytes on the device, as many on the way there.
@@ -50,12 +52,15 @@ class ViewSize:
     samples_per_texel: int = 1
     has_effects: bool = False
     """Whether effects may change the image."""
+    has_origins: bool = False
+    """Whether each ray has an origin of its own."""
 
     @property
     def num_bytes(self) -> int:
         """Bytes with the renderer that takes more, since either may be chosen."""
         samples = self.num_pixels * self.samples_per_pixel
-        trace = _TRACE_BYTES + _TRACE_BYTES_PER_SAMPLE * samples
+        origins = _ORIGIN_BYTES_PER_SAMPLE if self.has_origins else 0
+        trace = _TRACE_BYTES + (_TRACE_BYTES_PER_SAMPLE + origins) * samples
         trace += _TRACE_BYTES_PER_PX * self.num_pixels
         raster = _RASTER_BYTES + _RASTER_BYTES_PER_SAMPLE * samples
         raster += _RASTER_BYTES_PER_PX * self.num_pixels

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.memory_budget import ViewSize
 from catoptra_server.planning.view_size import (
@@ -15,6 +16,7 @@ from catoptra_server.planning.view_size import (
 )
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
+from helpers.mirror_checks import make_camera
 from helpers.worlds import make_omni_camera, make_plan
 
 CAMERA = make_omni_camera(width_px=100)
@@ -39,3 +41,13 @@ def test_view_of_a_trace_plan_has_no_faces() -> None:
 def test_view_of_a_perspective_camera_has_four_samples_a_pixel(width: int, height: int) -> None:
     size = perspective_view_size(PerspectiveCamera(width, height, 1.0))
     assert size == ViewSize(width * height, 4)
+
+
+def test_rays_of_a_mirror_without_a_viewpoint_have_origins() -> None:
+    ball = make_camera(SphericalMirror(0.03, 0.2), 100)
+    exact, one = (
+        omni_view_size(camera, RenderSettings(), has_effects=False)
+        for camera in (ball, replace(ball, is_approximated=True))
+    )
+    assert exact == replace(one, has_origins=True)
+    assert exact.num_bytes > one.num_bytes

@@ -22,6 +22,7 @@ def plan_view_size(camera: OmniCamera, plan: RenderPlan, *, has_effects: bool = 
         num_texels=num_texels if plan.renderer.uses_faces else 0,
         samples_per_texel=plan.face_samples,
         has_effects=has_effects,
+        has_origins=not camera.is_central,
     )
 
 
