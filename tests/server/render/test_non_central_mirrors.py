@@ -137,6 +137,16 @@ def test_raster_is_replaced_by_trace_and_says_from_which_distance() -> None:
     assert can_follow_settings(spec(replace(camera, is_approximated=True)), RendererKind.RASTER)
 
 
+def test_limit_of_raster_is_that_of_the_configured_error() -> None:
+    camera = make_camera(BALL, 360)
+    strict = OmniCameraSpec(camera, RenderSettings(central_error_px=0.1))
+    choice = choose_by_settings(
+        strict, RendererKind.RASTER, "", usable=[RendererKind.TRACE, RendererKind.RASTER]
+    )
+    limit = f"nearer than {near_limit_m(camera, 0.1):.3g} m would be displaced by more than 0.1 px"
+    assert limit in choice.plan.reason
+
+
 def test_raster_alone_is_refused_with_the_remedies() -> None:
     with pytest.raises(DomainError, match=r"choose the renderer trace, or state Central=always"):
         choose_by_settings(

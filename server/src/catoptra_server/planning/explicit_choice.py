@@ -57,10 +57,12 @@ def _find_fault(camera: OmniCameraSpec, kind: RendererKind, bound: ErrorBound | 
     """Why a renderer cannot show a camera's image; empty if it can."""
     if needs_exact_rays(camera.camera, kind):
         miss_mm = 1e3 * max_miss_m(camera.camera)
+        error_px = camera.render_settings.central_error_px or CENTRAL_ERROR_PX
         return (
             f"rays of this mirror miss one viewpoint by up to {miss_mm:.2g} mm, and faces of "
-            f"{kind.value} have one: what is nearer than {near_limit_m(camera.camera):.3g} m would "
-            f"be displaced by more than {CENTRAL_ERROR_PX:g} px"
+            f"{kind.value} have one: what is nearer than "
+            f"{near_limit_m(camera.camera, error_px):.3g} m would be displaced by more than "
+            f"{error_px:g} px"
         )
     faces_px = _unusable_faces_px(camera, bound)
     if not faces_px:
