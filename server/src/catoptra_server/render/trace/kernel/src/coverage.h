@@ -3,7 +3,8 @@
  * A beam (beams.h) holds all rays of the part. The part shows one surface, whatever its samples, if
  * (1) the ray along the beam's axis meets the surface first, (2) no outer edge of the surface
  * passes through the beam, and (3) everything else that reaches into the beam lies behind the
- * surface's plane. (1) and (2): the surface covers the beam's whole section. The tests are
+ * surface's plane. (1) and (2): the surface covers the beam's whole section. Rays with origins of
+ * their own must begin before that plane; then the same holds of their beams. The tests are
  * conservative: a triangle counts as outside only if a plane separates all of it from the beam.
  * Parts that are not proven are split in four; what lies outside a part, or behind a surface that
  * covers it, is not tested again in its quarters (Warnock 1969).
@@ -13,8 +14,8 @@
 
 #include "candidates.h"
 
-/* Whether a proof can save anything in a frame: surfaces, one viewpoint, and no triangle numbers,
- * which rays alone find. */
+/* Whether a proof can save anything in a frame: surfaces, beams, and no triangle numbers, which rays
+ * alone find. */
 int can_prove_coverage(const FrameState *state);
 
 /* Space for the searches of one thread among at most `capacity` candidates. */
