@@ -144,6 +144,7 @@ def test_mirror_without_a_viewpoint_has_one_while_nothing_is_near() -> None:
         plans.append(views.render(request).plan)
         assert renderer.drawn[-1].is_approximated == (renderer.nearest_m > 1.0)
         assert bounds.get(spec) is not None
+        assert str(views.view_state(spec).choice.plan) == plans[-1]
     assert "exact rays while" in plans[0]
     assert "one viewpoint for all rays" in plans[1]
     assert plans[2] == plans[0]

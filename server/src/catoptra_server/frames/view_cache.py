@@ -34,6 +34,7 @@ from catoptra_server.frames.planned_camera import PlannedCamera
 from catoptra_server.frames.renderer_recovery import RendererRecovery
 from catoptra_server.frames.renderer_trial import RendererTrials
 from catoptra_server.frames.view_store import MAX_VIEW_BYTES, MAX_VIEWS, ViewStore
+from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.exposure_budget import explain_limit, limit_time_samples
 from catoptra_server.planning.plan_choice import PlanChoice
@@ -48,6 +49,9 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
 
 log = logging.getLogger(__name__)
+
+# As many as plans are kept of.
+_MAX_CHOICES = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +98,8 @@ class ViewCache:
         self._planner = planner
         self._summarizer = summarizer
         self._clock = clock
+        self._last_drawn: LruDict[OmniCameraSpec, OmniCameraSpec] = LruDict(_MAX_CHOICES)
+        """Of mirrors without a viewpoint, the camera that the last frame drew."""
         self._views = ViewStore(planner.renderers, max_bytes=max_bytes, max_views=max_views)
         self._plans = CameraPlans(
             planner, calibration_states=calibration_states, error_bounds=error_bounds
@@ -150,7 +156,10 @@ class ViewCache:
         nearest_m = self._summarizer.min_distance_m(
             request.camera_state, has_ego_body=shows_ego_body(camera)
         )
-        return choose_viewpoint(camera, nearest_m)
+        chosen = choose_viewpoint(camera, nearest_m)
+        if self._last_drawn.get(camera) is not None:
+            self._last_drawn.remove(camera)
+        return self._last_drawn.get_or_make(camera, lambda: chosen)
 
     def _render_by_plan(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
         """Render a view by a plan."""
@@ -230,7 +239,7 @@ class ViewCache:
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
-        return self._plans.find_state(camera)
+        return self._plans.find_state(self._last_drawn.get(camera) or camera)
 
     def _decide_effects(self, camera: CameraSpec, camera_state: CameraState) -> EffectPlan:
         """Decide which effects a camera state calls for."""
