@@ -20,13 +20,17 @@ from catoptra_server.planning.viewpoint_choice import (
     leaves_choice,
     shows_ego_body,
 )
-from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
 from helpers.mirror_checks import make_camera
 
 CAMERA = make_camera(SphericalMirror(0.03, 0.2), 360)
 AUTO = OmniCameraSpec(CAMERA, RenderSettings(central_error_px=0.25))
 NEVER = OmniCameraSpec(CAMERA, RenderSettings())
 ALWAYS = OmniCameraSpec(replace(CAMERA, is_approximated=True), RenderSettings())
+PRECISE = OmniCameraSpec(
+    CAMERA,
+    RenderSettings(central_error_px=0.25, accuracy_target=AccuracyTarget(max_error_px=0.5)),
+)
 CENTRAL = OmniCameraSpec(
     camera_with_inscribed_rim(PAPER_MIRROR, width_px=90, height_px=90, rim_rad=2.0),
     RenderSettings(central_error_px=0.25),
@@ -35,7 +39,8 @@ LIMIT_M = near_limit_m(CAMERA)
 
 
 @pytest.mark.parametrize(
-    ("spec", "expected"), [(AUTO, True), (NEVER, False), (ALWAYS, False), (CENTRAL, False)]
+    ("spec", "expected"),
+    [(AUTO, True), (NEVER, False), (ALWAYS, False), (CENTRAL, False), (PRECISE, False)],
 )
 def test_only_auto_leaves_a_choice(spec: OmniCameraSpec, expected: bool) -> None:
     assert leaves_choice(spec) is expected
@@ -68,6 +73,7 @@ def test_plan_says_from_which_distance_one_viewpoint_holds() -> None:
     assert describe_viewpoint(far) == f"one viewpoint for all rays: nothing is nearer than {limit}"
     assert describe_viewpoint(NEVER) == f"exact rays, central from {limit}"
     assert describe_viewpoint(ALWAYS) == f"one viewpoint for all rays, central from {limit}"
+    assert describe_viewpoint(PRECISE) == f"exact rays, central from {limit}"
     assert describe_viewpoint(CENTRAL) == ""
 
 

@@ -18,10 +18,14 @@ _SELF_VIEW = "SelfView"
 
 
 def leaves_choice(spec: CameraSpec) -> bool:
-    """Whether each frame of a camera may be drawn exactly or from one viewpoint."""
+    """Whether each frame of a camera may be drawn exactly or from one viewpoint.
+
+    Not with a tolerance, which the bound of the approximation, larger than its error, would use up.
+    """
     return (
         isinstance(spec, OmniCameraSpec)
         and spec.render_settings.central_error_px > 0.0
+        and not spec.render_settings.accuracy_target.max_error_px
         and not spec.camera.is_central
     )
 
@@ -49,7 +53,7 @@ def describe_viewpoint(spec: OmniCameraSpec) -> str:
     if not camera.has_mirror or camera.mirror.is_central:
         return ""
     limit = f"{_find_near_limit_m(camera, settings.central_error_px or CENTRAL_ERROR_PX):.3g} m"
-    if not settings.central_error_px:
+    if not settings.central_error_px or settings.accuracy_target.max_error_px:
         rays = "one viewpoint for all rays" if camera.is_approximated else "exact rays"
         return f"{rays}, central from {limit}"
     if camera.is_approximated:
