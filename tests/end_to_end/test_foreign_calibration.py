@@ -1,0 +1,215 @@
+"""OpenCV's own programs on rendered pictures: calibration by chessboards, poses of ArUco boards."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
+from catoptra_protocol.calibration.residual import compute_residual
+from catoptra_protocol.optics.lenses import UnifiedLens
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    camera_with_inscribed_rim,
+    pixel_from_direction,
+)
+from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.renderer import Image
+from helpers.rendered_boards import (
+    Cells,
+    board_items,
+    centre_board,
+    chessboard_cells,
+    place_board,
+    render_boards,
+)
+
+CAMERA = camera_with_inscribed_rim(
+    PAPER_MIRROR,
+    width_px=1024,
+    height_px=1024,
+    rim_rad=math.radians(120.0),
+    picture=Picture.FLIPPED,
+)
+BOARD, CELL_M = (9, 6), 0.03
+CHESS = chessboard_cells(*BOARD)
+NUM_PICTURES, BOARDS_PER_PICTURE = 4, 5
+_FIND = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+_REFINE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-5)
+# The paper's mirror has neither skew nor distortion.
+_FIXED = (
+    cv2.omnidir.CALIB_FIX_SKEW
+    | cv2.omnidir.CALIB_FIX_K1
+    | cv2.omnidir.CALIB_FIX_K2
+    | cv2.omnidir.CALIB_FIX_P1
+    | cv2.omnidir.CALIB_FIX_P2
+)
+
+
+@pytest.fixture
+def exported(tmp_path: Path) -> cv2.FileStorage:
+    """The exported file of the camera, as OpenCV reads it."""
+    result = export_camera(CAMERA, EXPORTS[0], name="cam", picture=Picture.FLIPPED)
+    assert isinstance(result, ExportedFile)
+    path = tmp_path / result.export.file_name
+    path.write_text(result.text)
+    return cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+
+
+def inner_corners() -> Floats:
+    """(54, 3) inner corners of the chessboard from its outer corner, metres."""
+    column, row = np.meshgrid(np.arange(BOARD[0]), np.arange(BOARD[1]))
+    # Two cells in: the margin and the first square.
+    places = np.stack((column + 2, row + 2, np.zeros_like(row)), axis=-1).reshape(-1, 3)
+    corners: Floats = CELL_M * places
+    return corners
+
+
+def find_corners(image: Image, pose: Pose) -> Floats:
+    """(54, 2) corners in OpenCV's coordinates, found in the part of the picture around them."""
+    expected, _ = pixel_from_direction(CAMERA, pose.transform_points(inner_corners()))
+    low = np.maximum(expected.min(axis=0) - 40.0, 0.0).astype(int)
+    high = (expected.max(axis=0) + 40.0).astype(int)
+    part = cv2.cvtColor(image[low[1] : high[1], low[0] : high[0]], cv2.COLOR_RGB2GRAY)
+    found, corners = cv2.findChessboardCornersSB(part, BOARD, flags=_FIND)
+    assert found
+    corners = corners.astype(np.float32).copy()
+    cv2.cornerSubPix(part, corners, (5, 5), (-1, -1), _REFINE)
+    pixels: Floats = corners.reshape(-1, 2).astype(np.float64) + low
+    # A board of 9 x 6 is found from either end.
+    if np.linalg.norm(pixels[0] - expected[0]) > np.linalg.norm(pixels[-1] - expected[0]):
+        pixels = pixels[::-1]
+    assert np.abs(pixels + 0.5 - expected).max() < 1.0
+    return pixels
+
+
+def photograph_boards(rng: np.random.Generator) -> list[Floats]:
+    """Corners of boards all around the mirror."""
+    poses = [
+        centre_board(
+            place_board(
+                rng.uniform(55.0, 100.0),
+                360.0 / BOARDS_PER_PICTURE * index + rng.uniform(-8.0, 8.0),
+                rng.uniform(0.28, 0.42),
+                tilt_rpy=rng.uniform((-0.5, -0.5, -0.6), (0.5, 0.5, 0.6)),
+            ),
+            CHESS,
+            CELL_M,
+        )
+        for index in range(BOARDS_PER_PICTURE)
+    ]
+    items = [
+        item
+        for index, pose in enumerate(poses)
+        for item in board_items(f"board {index}", CHESS, CELL_M, pose)
+    ]
+    image = render_boards(CAMERA, items, samples=4)
+    return [find_corners(image, pose) for pose in poses]
+
+
+def test_opencv_calibrates_the_exported_camera_from_rendered_boards(
+    exported: cv2.FileStorage,
+) -> None:
+    rng = np.random.default_rng(5)
+    pixels = [each for _ in range(NUM_PICTURES) for each in photograph_boards(rng)]
+    points = [inner_corners().reshape(-1, 1, 3)] * len(pixels)
+    rms_px, matrix, xi, distortion, _, _, used = cv2.omnidir.calibrate(
+        points,
+        [each.reshape(-1, 1, 2) for each in pixels],
+        (CAMERA.width_px, CAMERA.height_px),
+        np.eye(3),
+        np.zeros(1),
+        np.zeros((1, 4)),
+        _FIXED,
+        (3, 500, 1e-12),
+    )
+    assert used.size == NUM_PICTURES * BOARDS_PER_PICTURE
+    assert rms_px < 0.15
+    assert not distortion.any()
+    expected = exported.getNode("K").mat()
+    assert xi[0] == pytest.approx(exported.getNode("xi").real(), abs=1e-3)
+    assert matrix[:2, 2] == pytest.approx(expected[:2, 2], abs=0.2)
+    u, v = matrix[:2, 2] + 0.5
+    lens = UnifiedLens(float(xi[0]))
+    found = OmniCamera(
+        lens, 1024, 1024, (u, v), matrix[0, 0], CAMERA.rim_rad * 1.01, 0.0, Picture.FLIPPED
+    )
+    assert compute_residual(CAMERA, found).max_px < 0.45
+
+
+# ArUco.
+
+# Axes right, down and forward of the flipped picture in the mirror frame: forward points up.
+_MIRROR_FROM_PICTURE = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+_DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+_MARKER_CELLS, _GAP_CELLS = 6, 2
+_GRID = (3, 2)
+_ARUCO_CELL_M = 0.012
+
+
+def aruco_cells() -> tuple[Cells, dict[int, tuple[int, int]]]:
+    """Cells of a board of 3 x 2 markers in a margin, and each marker's first row and column."""
+    step = _MARKER_CELLS + _GAP_CELLS
+    cells = np.zeros((_GRID[1] * step + _GAP_CELLS, _GRID[0] * step + _GAP_CELLS), dtype=np.bool_)
+    places = {}
+    for number in range(_GRID[0] * _GRID[1]):
+        row, column = (_GAP_CELLS + step * index for index in divmod(number, _GRID[0]))
+        marker = cv2.aruco.generateImageMarker(_DICTIONARY, number, _MARKER_CELLS)
+        cells[row : row + _MARKER_CELLS, column : column + _MARKER_CELLS] = marker < 128
+        places[number] = (row, column)
+    return cells, places
+
+
+def find_markers(image: Image) -> dict[int, Floats]:
+    """(4, 2) corners of each marker found in a picture."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    detector = cv2.aruco.ArucoDetector(_DICTIONARY, parameters)
+    corners, numbers, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    ids = [] if numbers is None else numbers.ravel().tolist()
+    return {
+        number: each.reshape(4, 2).astype(np.float64)
+        for number, each in zip(ids, corners, strict=True)
+    }
+
+
+def test_aruco_board_is_found_in_the_flipped_picture_alone_with_its_pose(
+    exported: cv2.FileStorage,
+) -> None:
+    cells, places = aruco_cells()
+    pose = centre_board(
+        place_board(82.0, 25.0, 0.35, tilt_rpy=(0.2, -0.3, 0.15)), cells, _ARUCO_CELL_M
+    )
+    image = render_boards(CAMERA, board_items("aruco", cells, _ARUCO_CELL_M, pose))
+    assert find_markers(np.ascontiguousarray(image[:, ::-1])) == {}
+    markers = find_markers(image)
+    assert set(markers) == set(places)
+    side = np.array(((0, 0), (0, 1), (1, 1), (1, 0))) * _MARKER_CELLS  # row, column, clockwise
+    points = np.concatenate([np.array(places[number]) + side for number in markers])
+    board = np.pad(_ARUCO_CELL_M * points[:, ::-1].astype(np.float64), ((0, 0), (0, 1)))
+    # Towards the board: a plane before the camera has no place for rays behind it.
+    facing = place_board(82.0, 25.0, 1.0).rotation.T @ _MIRROR_FROM_PICTURE
+    plane = cv2.omnidir.undistortPoints(
+        np.concatenate(list(markers.values())).reshape(-1, 1, 2),
+        exported.getNode("K").mat(),
+        exported.getNode("D").mat(),
+        np.array([exported.getNode("xi").real()]),
+        facing,
+    )
+    _, turn, shift = cv2.solvePnP(board, plane, np.eye(3), None)
+    rotation, _ = cv2.Rodrigues(turn)
+    found_rotation = _MIRROR_FROM_PICTURE @ facing.T @ rotation
+    found_m = _MIRROR_FROM_PICTURE @ facing.T @ shift.ravel()
+    off_deg = math.degrees(
+        math.acos(min(1.0, 0.5 * (np.trace(found_rotation.T @ pose.rotation) - 1.0)))
+    )
+    assert off_deg < 0.2
+    assert np.linalg.norm(found_m - pose.translation) < 0.002
