@@ -7,9 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from catoptra_client.frame_pictures import make_panorama
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.picture import Picture
 from catoptra_protocol.stream.requests import FrameVariant, ImageEncoding
 from helpers.configs import FIELD, OMNI_ROBOT
 from helpers.server_process import RunningServer, start_server
@@ -54,6 +56,42 @@ def test_variant_differs_from_the_exact_frame_by_its_polygons(client: StreamClie
     assert again.difference_rgb is None
 
 
+def test_picture_of_the_other_hand_is_the_same_picture_with_its_own_model(
+    client: StreamClient,
+) -> None:
+    raw = ImageEncoding.RAW
+    own = client.get_frame(encoding=raw, robot=NAME)
+    assert isinstance(own.camera, OmniCamera)
+    assert own.camera.picture is Picture.MIRRORED
+    variant = FrameVariant(picture="flipped")
+    turned = client.get_frame(encoding=raw, robot=NAME, variant=variant)
+    np.testing.assert_array_equal(turned.rgb, own.rgb[:, ::-1])
+    assert turned.camera == own.camera.with_picture(Picture.FLIPPED)
+    same = client.get_frame(encoding=raw, robot=NAME, variant=FrameVariant(picture="mirrored"))
+    np.testing.assert_array_equal(same.rgb, own.rgb)
+    assert same.camera == own.camera
+    compared = client.get_frame(
+        encoding=raw, robot=NAME, variant=FrameVariant(picture="flipped", reference="camera")
+    )
+    np.testing.assert_array_equal(compared.rgb, turned.rgb)
+    assert compared.difference is not None
+    assert compared.difference.max_levels == 0
+
+
+def test_panoramas_of_both_hands_are_one(client: StreamClient) -> None:
+    panoramas = [
+        make_panorama(
+            client.get_frame(
+                encoding=ImageEncoding.RAW, robot=NAME, variant=FrameVariant(picture=picture.value)
+            ),
+            300,
+        ).astype(int)
+        for picture in Picture
+    ]
+    # Interpolated from the other side: a level of rounding.
+    assert np.abs(panoramas[0] - panoramas[1]).max() <= 1
+
+
 def test_exact_variant_does_not_differ_from_its_reference(client: StreamClient) -> None:
     variant = FrameVariant(polygons=0, samples=4, renderer="trace", reference="exact")
     frame = client.get_frame(encoding=ImageEncoding.PNG, robot=NAME, variant=variant)
@@ -78,6 +116,7 @@ def test_variant_with_a_tolerance_names_its_neighbours(client: StreamClient) -> 
         (FrameVariant(polygons=17), "17 polygons"),
         (FrameVariant(effects={"Rain": "always"}), "no effect 'Rain'"),
         (FrameVariant(reference="best"), "no reference 'best'"),
+        (FrameVariant(picture="upside"), "no picture 'upside': expected one of mirrored, flipped"),
     ],
 )
 def test_impossible_variant_is_refused_with_the_reason(

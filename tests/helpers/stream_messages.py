@@ -95,6 +95,7 @@ SAMPLE_REQUESTS: list[Request] = [
         FrameVariant(
             *(0.5, 40.0, 256, 2, "trace", {"ShotNoise": "never"}),
             reference="exact",
+            picture="flipped",
         ),
     ),
     SpawnRequest(2, "USARBot.OmniP2AT", None, (1.0, 2.0, 3.0), None, (0.0, 0.0, 0.5)),

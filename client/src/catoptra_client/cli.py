@@ -28,6 +28,7 @@ from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
+from catoptra_protocol.optics.picture import Picture
 from catoptra_protocol.stream.requests import ImageEncoding
 
 
@@ -51,6 +52,7 @@ def _save_snapshot(parsed: argparse.Namespace) -> None:
         robot=parsed.robot,
         camera=parsed.camera,
         encoding=ImageEncoding.PNG,
+        picture=Picture(parsed.picture) if parsed.picture else None,
     ) as source:
         frame = source.get_frame()
     if frame.camera is None and not frame.rgb.any():
@@ -131,6 +133,11 @@ def _make_parser() -> argparse.ArgumentParser:
     snapshot_parser.add_argument("--camera", help="name of the camera; the robot's first one")
     snapshot_parser.add_argument(
         "--panorama", action="store_true", help="the panorama instead of the camera's image"
+    )
+    snapshot_parser.add_argument(
+        "--picture",
+        choices=[picture.value for picture in Picture],
+        help="hand of the image; as the camera has it",
     )
     snapshot_parser.add_argument("--host", default="127.0.0.1")
     snapshot_parser.add_argument("--stream-port", type=int, default=5005)

@@ -13,9 +13,10 @@ from catoptra_client.frame_sources.stream.stream_frame_source import (
     StreamFrameSource,
 )
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.picture import Picture
 from catoptra_protocol.stream.requests import ImageEncoding
 
-_QUERY_KEYS = ("robot", "camera", "encoding")
+_QUERY_KEYS = ("robot", "camera", "encoding", "picture")
 
 
 def open_frame_source(
@@ -25,16 +26,18 @@ def open_frame_source(
     robot: str | None = None,
     camera: str | None = None,
     encoding: ImageEncoding | None = None,
+    picture: Picture | None = None,
 ) -> FrameSource:
     """Connect to `tcp://host:port` (image port) or `zmq://host:port` (stream).
 
     Args:
         url: Address; default ports 5003 and 5005. Over the stream a camera may be selected,
-            `zmq://host:port?robot=A&camera=Rear&encoding=png`.
+            `zmq://host:port?robot=A&camera=Rear&encoding=png&picture=flipped`.
         timeout_s: Timeout of the connection and of each frame.
         robot: Name of the robot, in place of that in the URL.
         camera: Name of the camera, in place of that in the URL.
         encoding: Encoding of images, in place of that in the URL.
+        picture: Hand of images of an omnidirectional camera, in place of that in the URL.
 
     Raises:
         CatoptraError: The URL is malformed, or selects a camera over TCP, where the server does.
@@ -46,7 +49,7 @@ def open_frame_source(
         host, port = parts.hostname or "127.0.0.1", parts.port
     except ValueError as error:
         raise _url_error(url) from error
-    keywords = {"robot": robot, "camera": camera, "encoding": encoding}
+    keywords = {"robot": robot, "camera": camera, "encoding": encoding, "picture": picture}
     overrides = {key: value for key, value in keywords.items() if value is not None}
     match parts.scheme:
         case "tcp":
@@ -67,9 +70,13 @@ def _parse_selection(parts: SplitResult, url: str) -> CameraSelection:
     query = dict(parse_qsl(parts.query, keep_blank_values=True))
     unknown = [key for key in query if key not in _QUERY_KEYS]
     encoding = query.get("encoding", ImageEncoding.JPEG.value)
-    if unknown or encoding not in [known.value for known in ImageEncoding]:
+    picture = query.get("picture", "")
+    is_known = encoding in [known.value for known in ImageEncoding] and picture in ("", *Picture)
+    if unknown or not is_known:
         raise _url_error(url)
-    return CameraSelection(query.get("robot", ""), query.get("camera", ""), ImageEncoding(encoding))
+    return CameraSelection(
+        query.get("robot", ""), query.get("camera", ""), ImageEncoding(encoding), picture
+    )
 
 
 def _tcp_selection_error(url: str) -> CatoptraError:

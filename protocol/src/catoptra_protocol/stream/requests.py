@@ -49,6 +49,9 @@ class FrameVariant:
     reference: str | None = None
     """`exact` or `camera`: the image shows, to the right of the picture, its difference from the
     same exposure by the exact model with 4 x 4 samples, or by the camera's own settings."""
+    picture: str | None = None
+    """`mirrored` or `flipped`: the hand of the image. The other hand is the same picture, turned
+    round left to right; the header's camera model is that of the image."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Protocol
 
+import numpy as np
+
 from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import FrameComposition, FrameRequest, ViewRequest
@@ -40,11 +42,12 @@ def render_frame(
     rendered = [
         None if view is None or views is None else views.render(view) for view in composition.views
     ]
-    rgb = _compose_image(composition, rendered)
+    rgb = _turn(composition, _compose_image(composition, rendered))
     difference = None
     if composition.reference is not None and views is not None:
         reference = views.render(composition.reference)
-        rgb, difference = append_difference(rgb, reference.image.rgb, reference.plan)
+        reference_rgb = _turn(composition, reference.image.rgb)
+        rgb, difference = append_difference(rgb, reference_rgb, reference.plan)
     # Up to here the duration counts: the rest gathers numbers.
     end_s = monotonic()
     present = [view for view in rendered if view is not None]
@@ -94,6 +97,12 @@ def max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float]
         return dict(known[0])
     names = dict.fromkeys(name for view in known for name in view)
     return {name: max(view.get(name, 0.0) for view in known) for name in names}
+
+
+def _turn(composition: FrameComposition, image: Image) -> Image:
+    """The image, turned round left to right where the composition says so."""
+    # A copy: encoders and raw frames want rows without gaps.
+    return np.ascontiguousarray(image[:, ::-1]) if composition.is_turned else image
 
 
 def _compose_image(composition: FrameComposition, rendered: Sequence[RenderedView | None]) -> Image:

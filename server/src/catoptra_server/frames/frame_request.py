@@ -84,6 +84,8 @@ class FrameComposition:
     """Shortest simulation time to the next exposure of the same channel."""
     reference: ViewRequest | None = None
     """View to compare a single view with; None for no comparison."""
+    is_turned: bool = False
+    """Whether the pictures are turned round left to right."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

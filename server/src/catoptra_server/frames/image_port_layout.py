@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
+from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import DomainError
 from catoptra_server.frames.frame_request import FrameComposition, FrameMetadata
 from catoptra_server.frames.mounted_camera import MountedCamera
@@ -116,10 +117,18 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
     if view is None or not isinstance(view.camera, OmniCameraSpec):
         raise DomainError("only omnidirectional cameras have variants")
     reference = variant.make_reference(view.camera)
+    own = view.camera.camera
+    shown = own if variant.picture is None else own.with_picture(variant.picture)
+    metadata = composition.metadata
+    if shown is not own and metadata.camera_model is not None:
+        _, height_m = omni_camera_from_pairs(metadata.camera_model)
+        metadata = replace(metadata, camera_model=pairs_from_omni_camera(shown, height_m))
     return replace(
         composition,
         views=(replace(view, camera=variant.apply_to(view.camera)),),
         reference=None if reference is None else replace(view, camera=reference),
+        metadata=metadata,
+        is_turned=shown is not own,
     )
 
 

@@ -12,6 +12,7 @@ from enum import Enum
 from typing import TypeVar
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.picture import Picture
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import EffectMode, EffectSettings
 from catoptra_server.planning.camera_spec import OmniCameraSpec
@@ -63,6 +64,8 @@ class CameraVariant:
     effects: tuple[tuple[str, EffectMode], ...] = ()
     """Modes of effects by name."""
     reference: ReferenceKind | None = None
+    picture: Picture | None = None
+    """Hand of the image: the finished picture is turned round, whatever its effects."""
 
     def __post_init__(self) -> None:
         AccuracyTarget().with_changes(max_error_px=self.max_error_px, budget_ms=self.budget_ms)
@@ -159,6 +162,15 @@ def parse_reference(name: str) -> ReferenceKind:
         DomainError: There is none of that name.
     """
     return _parse(ReferenceKind, name, "reference")
+
+
+def parse_picture(name: str) -> Picture:
+    """Hand of a name.
+
+    Raises:
+        DomainError: There is none of that name.
+    """
+    return _parse(Picture, name, "picture")
 
 
 def _parse(enum: type[_EnumT], name: str, noun: str) -> _EnumT:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.picture import Picture
 from catoptra_protocol.stream.requests import FrameVariant, GetFrameRequest, ImageEncoding
 from catoptra_server.effects.effect import EffectMode
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
@@ -32,6 +33,7 @@ def test_variant_selects_a_channel_of_its_own() -> None:
         renderer="trace",
         effects={"Fog": "never"},
         reference="exact",
+        picture="flipped",
     )
     expected = CameraVariant(
         max_error_px=0.0,
@@ -41,6 +43,7 @@ def test_variant_selects_a_channel_of_its_own() -> None:
         renderer=RendererKind.TRACE,
         effects=(("Fog", EffectMode.NEVER),),
         reference=ReferenceKind.EXACT,
+        picture=Picture.FLIPPED,
     )
     assert select("", "", variant) == CameraChannel("", "", expected)
 

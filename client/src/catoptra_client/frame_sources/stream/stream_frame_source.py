@@ -9,7 +9,7 @@ from typing import Self
 
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
-from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_protocol.stream.requests import FrameVariant, ImageEncoding
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +23,8 @@ class CameraSelection:
     camera: str = ""
     encoding: ImageEncoding = ImageEncoding.JPEG
     """JPEG is small, PNG and RAW are lossless."""
+    picture: str = ""
+    """`mirrored` or `flipped`, of an omnidirectional camera; empty: as the camera has it."""
 
 
 class StreamFrameSource:
@@ -40,7 +42,10 @@ class StreamFrameSource:
         """Request the newest frame and wait."""
         selected = self.selection
         return self.client.get_frame(
-            encoding=selected.encoding, robot=selected.robot, camera=selected.camera
+            encoding=selected.encoding,
+            robot=selected.robot,
+            camera=selected.camera,
+            variant=FrameVariant(picture=selected.picture) if selected.picture else None,
         )
 
     def iter_frames(self) -> Iterator[Frame]:

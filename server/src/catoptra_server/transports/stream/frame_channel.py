@@ -7,6 +7,7 @@ from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Chan
 from catoptra_server.planning.camera_variant import (
     CameraVariant,
     parse_effect_modes,
+    parse_picture,
     parse_reference,
     parse_renderer,
 )
@@ -33,4 +34,5 @@ def _make_variant(variant: FrameVariant) -> CameraVariant:
         renderer=None if variant.renderer is None else parse_renderer(variant.renderer),
         effects=parse_effect_modes(variant.effects or {}),
         reference=None if variant.reference is None else parse_reference(variant.reference),
+        picture=None if variant.picture is None else parse_picture(variant.picture),
     )
