@@ -11,17 +11,20 @@ import numpy as np
 from catoptra_client.frame import Frame, Pixels, image_bytes_from_rgb
 from catoptra_client.unwarp import CylinderGeometry, make_unwarp_map, unwarp
 from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 _PANORAMA_COLUMNS = 1080
 # Slopes of 50 degrees below the horizon and, for mirrors that show as much, above it: beyond, a
 # cylinder stretches what it shows.
 _STEEPEST_SLOPE = 1.2
+# Cosine of the tilt up to which a camera's axis is the robot's vertical.
+_LEVEL = 1.0 - 1e-6
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def make_panorama(frame: Frame, columns: int = _PANORAMA_COLUMNS) -> Pixels:
-    """Unwarp all that a frame shows onto a cylinder, ahead in the middle.
+    """Unwarp all that a frame shows onto a cylinder about the robot's vertical, its middle ahead.
 
     Args:
         frame: Frame of an omnidirectional camera, with its camera model, as the stream sends it.
@@ -38,15 +41,27 @@ def make_panorama(frame: Frame, columns: int = _PANORAMA_COLUMNS) -> Pixels:
             "a panorama needs a frame with the model of an omnidirectional camera, as the stream "
             "sends it for a robot and camera; the image port sends no model"
         )
-    return unwarp(frame.rgb, make_unwarp_map(frame.camera, choose_cylinder(frame.camera, columns)))
+    mount = None if frame.robot_from_mirror is None else frame.robot_from_mirror.rotation
+    cylinder = choose_cylinder(frame.camera, columns, robot_from_mirror=mount)
+    return unwarp(frame.rgb, make_unwarp_map(frame.camera, cylinder, robot_from_mirror=mount))
 
 
-def choose_cylinder(camera: OmniCamera, columns: int) -> CylinderGeometry:
-    """Cylinder of square pixels, from the rim of a mirror to 50 degrees below the horizon.
+def choose_cylinder(
+    camera: OmniCamera, columns: int, *, robot_from_mirror: Floats | None = None
+) -> CylinderGeometry:
+    """Cylinder of square pixels, from the rim of a camera to 50 degrees below the horizon.
 
-    A band below the rim where the mirror shows nothing above these 50 degrees.
+    A band below the rim where the camera shows nothing above these 50 degrees. From 50 degrees
+    above the horizon for a camera that does not look down.
+
+    Args:
+        camera: Model of the camera.
+        columns: Width, pixels.
+        robot_from_mirror: (3, 3) rotation of the mirror frame on the robot; None: none.
     """
-    top_slope = max(1.0 / math.tan(camera.rim_rad), -_STEEPEST_SLOPE)
+    looks_down = robot_from_mirror is None or robot_from_mirror[2, 2] > _LEVEL
+    rim_slope = 1.0 / math.tan(camera.rim_rad) if looks_down else -math.inf
+    top_slope = max(rim_slope, -_STEEPEST_SLOPE)
     bottom_slope = max(_STEEPEST_SLOPE, top_slope + 1.0)
     rows = round((bottom_slope - top_slope) * columns / (2.0 * math.pi))
     return CylinderGeometry(columns, max(rows, 1), top_slope, bottom_slope)

@@ -166,7 +166,7 @@ class UnwarpMap:
     fraction: npt.NDArray[np.uint16]
     """Index of the interpolation weights, (h, w) uint16."""
     valid: Bools
-    """Whether the mirror shows the target pixel, (h, w)."""
+    """Whether the camera shows the target pixel, (h, w)."""
     source_shape: tuple[int, int]
     """Height and width of the source frames."""
 
@@ -176,16 +176,29 @@ class UnwarpMap:
 
 
 def make_unwarp_map(
-    camera: OmniCamera, geometry: CylinderGeometry | PerspectiveGeometry
+    camera: OmniCamera,
+    geometry: CylinderGeometry | PerspectiveGeometry,
+    *,
+    robot_from_mirror: Floats | None = None,
 ) -> UnwarpMap:
     """Map from a camera's frames to the image of a geometry.
 
-    A target pixel is valid if the mirror reflects its centre to a position within the frame; the
-    other pixels are black.
+    A target pixel is valid if the camera shows its centre at a position within the frame; the
+    other pixels are black. Of a mirror without a single viewpoint the map is that of things far
+    away.
+
+    Args:
+        camera: Model of the camera.
+        geometry: The image to make.
+        robot_from_mirror: (3, 3) rotation of the mirror frame on the robot, whose axes the geometry
+            then has: its vertical and its way ahead. None: the mirror frame's own.
     """
     # The source has the limit too: remap addresses both with 16-bit coordinates.
     _check_size(camera.width_px, camera.height_px)
-    pixel, visible = pixel_from_direction(camera, geometry.directions())
+    directions = geometry.directions()
+    if robot_from_mirror is not None:
+        directions = directions @ robot_from_mirror
+    pixel, visible = pixel_from_direction(camera, directions)
     size = np.array([camera.width_px, camera.height_px], dtype=np.float64)
     valid = visible & ((pixel >= 0.0) & (pixel <= size)).all(axis=-1)
     # Two pixels outside the frame: no tap of the interpolation reaches a frame pixel, so the

@@ -16,11 +16,9 @@ from catoptra_client.landmarks.blobs import Blob
 from catoptra_client.landmarks.candidates import Candidate, CylinderView
 from catoptra_client.landmarks.detection import PolarMeasurement
 from catoptra_client.landmarks.ranging import (
-    azimuth_sigma,
-    incidence_angle_sigma,
     is_clear_of_horizon,
     range_from_slope,
-    range_sigma,
+    range_sigma_from_angle,
 )
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import angle_difference, interpolate_angle
@@ -133,15 +131,6 @@ def _make_candidate(
     """
     drop_m, radius_m = view.drop_m(landmark, 0.25), 0.5 * landmark.width_m
     axis_m = front_m + 0.25 * math.pi * radius_m
-    range_sigma_m, clear_of_horizon = _axis_range_sigma(view, drop_m, front_m, radius_m)
-    has_range = (
-        clear_of_horizon
-        and range_sigma_m <= MAX_RELATIVE_SIGMA * axis_m
-        and not view.touches_edge(lower)
-    )
-    azimuth_sigma_rad, has_bearing = azimuth_sigma(
-        view.camera, drop_m=drop_m, range_m=front_m, sigma_px=CENTROID_SIGMA_PX
-    )
     # Weighted by pixels, since the variance of a centroid falls with the size of the blob.
     fraction = upper.num_pixels / (upper.num_pixels + lower.num_pixels)
     azimuth = interpolate_angle(
@@ -149,21 +138,33 @@ def _make_candidate(
         view.azimuth_from_column(upper.column),
         fraction=fraction,
     )
+    angle_sigma_rad, azimuth_sigma_rad, has_bearing = view.angle_sigmas(
+        azimuth, drop_m=drop_m, range_m=front_m, sigma_px=CENTROID_SIGMA_PX
+    )
+    range_sigma_m, clear_of_horizon = _axis_range_sigma(
+        drop_m, front_m, radius_m, angle_sigma_rad if has_bearing else None
+    )
+    has_range = (
+        clear_of_horizon
+        and range_sigma_m <= MAX_RELATIVE_SIGMA * axis_m
+        and not view.touches_edge(lower)
+    )
     measurement = PolarMeasurement(axis_m, azimuth, range_sigma_m, azimuth_sigma_rad)
     return Candidate(landmark, (lower, upper), measurement, has_range), has_bearing
 
 
 def _axis_range_sigma(
-    view: CylinderView, drop_m: float, front_m: float, radius_m: float
+    drop_m: float, front_m: float, radius_m: float, sigma_rad: float | None
 ) -> tuple[float, bool]:
     """Sigma of the range to the beacon's axis, and whether the band is clear of the horizon.
 
-    Where the sigma is undefined, the range itself is returned in its place.
+    Where the sigma is undefined, the range itself is returned in its place. `sigma_rad` is that of
+    the band's angle from the vertical; None where it is undefined.
     """
-    point = {"drop_m": drop_m, "range_m": front_m, "sigma_px": CENTROID_SIGMA_PX}
-    sigma_m, defined = range_sigma(view.camera, **point)
+    if sigma_rad is None:
+        return front_m, False
+    sigma_m, defined = range_sigma_from_angle(drop_m=drop_m, range_m=front_m, sigma_rad=sigma_rad)
     if not defined:
         return front_m, False
-    sigma_rad, _ = incidence_angle_sigma(view.camera, **point)
     clear = is_clear_of_horizon(drop_m=drop_m, range_m=front_m, sigma_rad=sigma_rad)
     return math.hypot(sigma_m, FRONT_SIGMA_FRACTION * radius_m), clear

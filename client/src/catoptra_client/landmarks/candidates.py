@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
 from catoptra_client.landmarks.blobs import Blob
 from catoptra_client.landmarks.detection import PolarMeasurement
+from catoptra_client.landmarks.ranging import (
+    azimuth_sigma,
+    incidence_angle_sigma,
+    turned_sigmas,
+)
 from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_client.unwarp import CylinderGeometry
 from catoptra_protocol.errors import DomainError
@@ -36,6 +44,32 @@ class CylinderView:
     def azimuth_from_column(self, column: float) -> float:
         """Wrapped azimuth of a column, which may lie beyond the image width."""
         return wrap_angle(self.cylinder.azimuth_from_column(column))
+
+    def angle_sigmas(
+        self, azimuth_rad: float, *, drop_m: float, range_m: float, sigma_px: float
+    ) -> tuple[float, float, bool]:
+        """Sigmas, in radians, of a point's angle from the vertical and of its azimuth.
+
+        Args:
+            azimuth_rad: Azimuth of the point.
+            drop_m: Height of the viewpoint over the point.
+            range_m: Level range of the point.
+            sigma_px: Sigma of the point's pixel.
+
+        Returns:
+            Both sigmas, and whether the camera shows the point.
+        """
+        rotation = self.viewpoint.rotation
+        if rotation is not None:
+            point = (range_m * math.cos(azimuth_rad), range_m * math.sin(azimuth_rad), drop_m)
+            direction = np.array(point) / math.hypot(*point)
+            return turned_sigmas(
+                self.camera, direction, robot_from_mirror=rotation, sigma_px=sigma_px
+            )
+        point_of = {"drop_m": drop_m, "range_m": range_m, "sigma_px": sigma_px}
+        down_rad, is_visible = incidence_angle_sigma(self.camera, **point_of)
+        across_rad, has_azimuth = azimuth_sigma(self.camera, **point_of)
+        return down_rad, across_rad, is_visible and has_azimuth
 
     def touches_edge(self, blob: Blob) -> bool:
         """Whether a blob touches the upper or lower image edge and may be cut off there."""

@@ -76,7 +76,7 @@ def make_detector(
         camera: model of the camera that delivers the frames.
         classifier: trained pixel classifiers.
         landmarks: landmarks to detect, with distinct colours.
-        viewpoint: position of the effective viewpoint on the robot.
+        viewpoint: position and mount of the effective viewpoint on the robot.
         cylinder: geometry of the unwarped image.
 
     Raises:
@@ -84,7 +84,8 @@ def make_detector(
     """
     require_distinct_colours(landmarks)
     view = CylinderView(camera, cylinder, viewpoint)
-    return Detector(view, make_unwarp_map(camera, cylinder), classifier, tuple(landmarks))
+    unwarp_map = make_unwarp_map(camera, cylinder, robot_from_mirror=viewpoint.rotation)
+    return Detector(view, unwarp_map, classifier, tuple(landmarks))
 
 
 def detect(detector: Detector, frame: UInt8Array) -> tuple[Detection, ...]:

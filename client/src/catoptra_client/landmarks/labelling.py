@@ -17,8 +17,9 @@ from catoptra_client.landmarks.classifier import COLOUR_CODES, NO_COLOUR
 from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_client.landmarks.landmark_raycast import Rays, nearest_surface_codes
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.numerics import Bools
-from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose
 
@@ -50,9 +51,13 @@ def label_frame(
         world_from_mirror: pose of the mirror frame at the exposure.
         margins: widths of the ignored borders.
     """
-    direction, visible = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
+    origin, direction, visible = ray_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
     directions = world_from_mirror.rotate_directions(direction).reshape(-1, 3)
-    rays = Rays(world_from_mirror.translation, directions)
+    # Of a mirror without a single viewpoint each ray begins at the mirror's own point.
+    begin = world_from_mirror.translation
+    if not camera.is_central:
+        begin = world_from_mirror.transform_points(origin).reshape(-1, 3)
+    rays = Rays(begin, directions)
     codes = np.where(
         visible, nearest_surface_codes(rays, landmarks).reshape(visible.shape), NO_COLOUR
     )

@@ -24,10 +24,10 @@ WHITE_CODE = 1 + max(COLOUR_CODES.values())
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
-    """Rays from one point, in the world frame."""
+    """Rays in the world frame."""
 
     origin: Floats
-    """Origin (3,), in metres."""
+    """Origin (3,) of all, or (n, 3) of each, in metres."""
     directions: Floats
     """Directions (n, 3), of any length."""
 
@@ -55,17 +55,17 @@ def nearest_surface_codes(rays: Rays, landmarks: Iterable[Landmark]) -> UInt8Arr
 
 
 def _intersect_beacon(rays: Rays, landmark: Landmark) -> list[Hits]:
-    to_axis = np.array([landmark.x_m, landmark.y_m]) - rays.origin[:2]
+    to_axis = np.array([landmark.x_m, landmark.y_m]) - rays.origin[..., :2]
     level = rays.directions[:, :2]
     # Solve |s level - to_axis| = radius for the nearer s.
     a = np.square(level).sum(axis=1)
-    b = level @ to_axis
-    c = float(to_axis @ to_axis) - (0.5 * landmark.width_m) ** 2
+    b = (level * to_axis).sum(axis=-1)
+    c = np.square(to_axis).sum(axis=-1) - (0.5 * landmark.width_m) ** 2
     root = np.square(b) - a * c
     hits = (root >= 0.0) & (a > 0.0) & (b > 0.0) & (c > 0.0)
     # c / (b + sqrt) is the nearer root without the cancellation of (b - sqrt) / a.
     distance = np.where(hits, c / np.where(hits, b + np.sqrt(np.maximum(root, 0.0)), 1.0), 0.0)
-    height = -(rays.origin[2] + distance * rays.directions[:, 2])
+    height = -(rays.origin[..., 2] + distance * rays.directions[:, 2])
     hits &= (height >= 0.0) & (height <= landmark.band_top_m)
     code = _band_code(landmark, height)
     side = Hits(np.where(hits, distance, math.inf), code)
@@ -80,10 +80,10 @@ def _band_code(landmark: Landmark, height: Floats) -> UInt8Array:
 
 def _intersect_cap(rays: Rays, landmark: Landmark) -> Hits:
     """Intersections with the lid, from above only."""
-    drop = -landmark.band_top_m - rays.origin[2]
+    drop = -landmark.band_top_m - rays.origin[..., 2]
     descends = rays.directions[:, 2] > 0.0
     distance = drop / np.where(descends, rays.directions[:, 2], 1.0)
-    points = rays.origin[:2] + distance[:, None] * rays.directions[:, :2]
+    points = rays.origin[..., :2] + distance[:, None] * rays.directions[:, :2]
     off_axis = np.hypot(points[:, 0] - landmark.x_m, points[:, 1] - landmark.y_m)
     hits = descends & (distance > 0.0) & (off_axis <= 0.5 * landmark.width_m)
     code = np.full(len(descends), COLOUR_CODES[landmark.upper_colour], dtype=np.uint8)
@@ -107,7 +107,7 @@ def _intersect_board(
     normal_component = rays.directions[:, axis]
     # NaN marks parallel rays: every comparison below is then false, so the ray misses.
     divisor = np.where(normal_component == 0.0, math.nan, normal_component)
-    distance = (position_m - rays.origin[axis]) / divisor
+    distance = (position_m - rays.origin[..., axis]) / divisor
     reach = np.where(distance > 0.0, distance, 0.0)
     points = rays.origin + reach[:, None] * rays.directions
     lateral, height = points[:, 1 - axis], -points[:, 2]

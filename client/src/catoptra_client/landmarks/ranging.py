@@ -15,10 +15,13 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 
 # The mean of drop tan(theta + noise) does not exist; beyond three sigma its bias is bounded.
 HORIZON_SIGMAS = 3.0
+# Of central differences: errors of 1e-10 of the image's scale.
+_STEP_RAD = 1e-5
 
 
 def range_from_half_angle(t: float, *, drop_m: float) -> tuple[float, bool]:
@@ -100,7 +103,16 @@ def range_sigma(
     sigma_rad, visible = incidence_angle_sigma(
         camera, drop_m=drop_m, range_m=range_m, sigma_px=sigma_px
     )
-    if not visible or drop_m == 0.0:
+    if not visible:
+        return 0.0, False
+    return range_sigma_from_angle(drop_m=drop_m, range_m=range_m, sigma_rad=sigma_rad)
+
+
+def range_sigma_from_angle(
+    *, drop_m: float, range_m: float, sigma_rad: float
+) -> tuple[float, bool]:
+    """The same from the sigma of the point's angle from the vertical."""
+    if drop_m == 0.0:
         return 0.0, False
     # Divided between two products: (drop^2 + r^2) overflows where sigma itself does not.
     distance_m = math.hypot(drop_m, range_m)
@@ -120,6 +132,35 @@ def azimuth_sigma(
     radius_px = camera.scale_px * float(camera.projection.radius_ratio_from_t(np.array(t)))
     sigma_rad = sigma_px / radius_px if visible and radius_px > 0.0 else math.inf
     return (sigma_rad, True) if sigma_rad < math.inf else (0.0, False)
+
+
+def turned_sigmas(
+    camera: OmniCamera, direction: Floats, *, robot_from_mirror: Floats, sigma_px: float
+) -> tuple[float, float, bool]:
+    """Sigmas, in radians, of a direction's angle from the robot's vertical and of its azimuth, in
+    an image whose axis is another one.
+
+    By the derivatives of the pixel by both angles. Invalid for a direction that the camera does not
+    show, and for the vertical itself.
+
+    Args:
+        camera: Model of the camera.
+        direction: (3,) unit, in the robot's axes.
+        robot_from_mirror: (3, 3) rotation of the mirror frame on the robot.
+        sigma_px: Sigma of the pixel in either direction.
+    """
+    level = math.hypot(direction[0], direction[1])
+    if level == 0.0:
+        return 0.0, 0.0, False
+    across = np.array((-direction[1], direction[0], 0.0)) / level
+    steps = np.stack((np.cross(across, direction), level * across))
+    moved = np.stack((direction + _STEP_RAD * steps, direction - _STEP_RAD * steps))
+    pixels, visible = pixel_from_direction(camera, moved @ robot_from_mirror)
+    lengths_px = np.linalg.norm(pixels[0] - pixels[1], axis=-1) / (2.0 * _STEP_RAD)
+    if not visible.all() or not (lengths_px > 0.0).all():
+        return 0.0, 0.0, False
+    down, azimuth = (sigma_px / lengths_px).tolist()
+    return down, azimuth, True
 
 
 def is_clear_of_horizon(*, drop_m: float, range_m: float, sigma_rad: float) -> bool:
