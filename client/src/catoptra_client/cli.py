@@ -1,4 +1,4 @@
-"""Command line: save a `snapshot`, `train` a colour classifier, print `bearings` of landmarks."""
+"""Command line: save a `snapshot` or a `calibration`, `train` a classifier, print `bearings`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from catoptra_client.bundled_landmarks import find_landmark_file
 from catoptra_client.frame_pictures import make_panorama, write_image
 from catoptra_client.frame_sources.frame_source import open_frame_source
 from catoptra_client.frame_sources.image_client import ImageClient
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.landmarks import (
     DEFAULT_THETA,
     Detection,
@@ -26,8 +27,11 @@ from catoptra_client.landmarks import (
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
+from catoptra_protocol.calibration.calibration_folder import write_calibration
+from catoptra_protocol.calibration.exports import DEFAULT_MAX_RESIDUAL_PX
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
 from catoptra_protocol.stream.requests import ImageEncoding
 
@@ -61,6 +65,23 @@ def _save_snapshot(parsed: argparse.Namespace) -> None:
     write_image(parsed.output, image)
     height, width = image.shape[:2]
     print(f"{parsed.output}: {width} x {height} px, {frame.camera_name or 'image port'}")
+
+
+def _write_calibration(parsed: argparse.Namespace) -> None:
+    """Write a server's camera as calibration files of other programs."""
+    with StreamClient.connect(parsed.host, parsed.stream_port) as client:
+        name, camera, robot_from_mirror = client.get_mounted_camera(parsed.camera or "")
+    if not isinstance(camera, OmniCamera):
+        raise CatoptraError(f"{name} is no omnidirectional camera: --camera names another one")
+    lines = write_calibration(
+        camera,
+        parsed.out,
+        name=name,
+        picture=Picture(parsed.picture),
+        max_residual_px=parsed.max_residual_px,
+        robot_from_mirror=robot_from_mirror.rotation,
+    )
+    print("\n".join(lines))
 
 
 def _train(parsed: argparse.Namespace) -> None:
@@ -141,6 +162,23 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     snapshot_parser.add_argument("--host", default="127.0.0.1")
     snapshot_parser.add_argument("--stream-port", type=int, default=5005)
+    calibration_parser = commands.add_parser(
+        "calibration", help="write a camera as calibration files of other programs"
+    )
+    calibration_parser.set_defaults(run=_write_calibration)
+    calibration_parser.add_argument("--camera", help="name of the camera; the first one")
+    calibration_parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    calibration_parser.add_argument(
+        "--picture",
+        choices=[picture.value for picture in Picture],
+        default=Picture.FLIPPED.value,
+        help="hand of the pictures that the files describe",
+    )
+    calibration_parser.add_argument(
+        "--max-residual-px", type=float, default=DEFAULT_MAX_RESIDUAL_PX, metavar="PX"
+    )
+    calibration_parser.add_argument("--host", default="127.0.0.1")
+    calibration_parser.add_argument("--stream-port", type=int, default=5005)
     train_parser = commands.add_parser(
         "train", help="train the colour classifier from labelled frames"
     )

@@ -10,13 +10,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from catoptra_protocol.calibration.calibration_report import write_report
-from catoptra_protocol.calibration.exports import (
-    DEFAULT_MAX_RESIDUAL_PX,
-    EXPORTS,
-    ExportedFile,
-    export_camera,
-)
+from catoptra_protocol.calibration.calibration_folder import REPORT_NAME, write_calibration
+from catoptra_protocol.calibration.exports import DEFAULT_MAX_RESIDUAL_PX
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.picture import Picture
 from catoptra_server.command_parser import CommandParser
@@ -26,7 +21,6 @@ from catoptra_server.option_values import parse_float_within
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 
 EXIT_FAILURE = 2
-REPORT_NAME = "CALIBRATION.md"
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -36,10 +30,12 @@ def main(arguments: Sequence[str]) -> int:
         robot, _ = read_robot(find_configuration("robots", parsed.robot))
         omni = find_camera(robot, parsed.camera)
         written = write_calibration(
-            omni,
+            omni.camera,
             parsed.out,
+            name=omni.name,
             picture=Picture(parsed.picture),
             max_residual_px=parsed.max_residual_px,
+            robot_from_mirror=omni.robot_from_mirror.rotation,
         )
     except (CatoptraError, OSError) as error:
         print(f"catoptra-server calibration: {error}", file=sys.stderr)
@@ -86,41 +82,3 @@ def find_camera(robot: RobotDescription, name: str) -> OmniCameraDescription:
         raise CatoptraError(f"{robot.class_name} has no omnidirectional camera")
     names = ", ".join(omni.name for omni in robot.omni_cameras)
     raise CatoptraError(f"{robot.class_name} has no omnidirectional camera {name}: it has {names}")
-
-
-def write_calibration(
-    omni: OmniCameraDescription,
-    folder: Path,
-    *,
-    picture: Picture = Picture.FLIPPED,
-    max_residual_px: float = DEFAULT_MAX_RESIDUAL_PX,
-) -> list[str]:
-    """Write all files of a camera; a line about each, the refused ones included.
-
-    Raises:
-        OSError: A file cannot be written.
-    """
-    results = [
-        export_camera(
-            omni.camera, export, name=omni.name, picture=picture, max_residual_px=max_residual_px
-        )
-        for export in EXPORTS
-    ]
-    folder.mkdir(parents=True, exist_ok=True)
-    lines = []
-    for result in results:
-        if isinstance(result, ExportedFile):
-            path = folder / result.export.file_name
-            path.write_text(result.text, encoding="utf-8")
-            lines.append(f"{path}: within {result.residual.max_px:.2g} px")
-        else:
-            lines.append(f"not written: {result.export.name}: {result.reason}")
-    report = write_report(
-        omni.camera,
-        results,
-        name=omni.name,
-        picture=picture,
-        robot_from_mirror=omni.robot_from_mirror.rotation,
-    )
-    (folder / REPORT_NAME).write_text(report, encoding="utf-8")
-    return [*lines, f"{folder / REPORT_NAME}: frame, residuals, domains, worked points"]

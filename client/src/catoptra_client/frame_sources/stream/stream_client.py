@@ -14,7 +14,11 @@ from types import TracebackType
 from typing import Self
 
 from catoptra_client.frame import Frame
-from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
+from catoptra_client.frame_sources.stream.frame_decoding import (
+    CameraModelCache,
+    frame_from_parts,
+    pose_from_transform,
+)
 from catoptra_client.frame_sources.stream.landmark_projections import (
     LandmarkProjection,
     landmarks_from_reply,
@@ -31,6 +35,7 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.notes import text_from_note
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.replies import (
     CameraReply,
     Ok,
@@ -243,6 +248,18 @@ class StreamClient:
             RemoteProtocolError: The camera is a perspective one.
         """
         return omni_camera_from_pairs(self._get_camera_pairs(name))
+
+    def get_mounted_camera(
+        self, name: str = ""
+    ) -> tuple[str, OmniCamera | PerspectiveCamera, Pose]:
+        """Name and model of a camera, and the pose of its viewpoint on the robot.
+
+        Args:
+            name: As in `get_camera`.
+        """
+        reply = self._exchange.call(GetCameraRequest(next(self._ids), name), CameraReply)
+        model = any_camera_from_pairs(tuple(reply.camera_model.items()))
+        return reply.camera, model, pose_from_transform(reply.robot_from_mirror)
 
     def _get_camera_pairs(self, name: str) -> Pairs:
         reply = self._exchange.call(GetCameraRequest(next(self._ids), name), CameraReply)
