@@ -13,7 +13,7 @@ from helpers.calibrated_cameras import PAPER
 def test_each_file_has_a_line_and_each_line_a_file_or_a_reason(tmp_path: Path) -> None:
     folder = tmp_path / "new"
     lines = write_calibration(PAPER, folder, name="cam", picture=Picture.MIRRORED)
-    assert len(lines) == len(EXPORTS) + 1
+    assert len(lines) == len(EXPORTS) + 2
     written = {line.split(": ")[0] for line in lines if not line.startswith("not written")}
     assert written == {str(path) for path in folder.iterdir()}
     assert "mirrored world" in (folder / REPORT_NAME).read_text()

@@ -8,7 +8,9 @@ from pathlib import Path
 from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.calibration.json_text import MAX_BYTES
 from catoptra_protocol.calibration.picture_mark import read_picture_mark
-from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.calibration.ray_table import is_ray_table, read_ray_table
+from catoptra_protocol.calibration.table_fit import fit_table
+from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
 
@@ -16,13 +18,13 @@ from catoptra_protocol.optics.picture import Picture
 def camera_from_file(
     path: Path | str, *, camera: str = "", picture: Picture | None = None
 ) -> OmniCamera:
-    """Camera of a calibration file of any format in `FORMATS`.
+    """Camera of a calibration file of any format in `FORMATS`, or of a ray table.
 
     The camera ends at the largest angle that its image shows or, where that is smaller, at the
     first fold of its model.
 
     Args:
-        path: File, at most 1 MiB.
+        path: File, at most 1 MiB but for a ray table.
         camera: Name of the camera in a file with several, such as cam1.
         picture: Hand of the pictures that the camera delivers; None: of those that the file
             describes. Other programs' files describe flipped ones, Catoptra's exports say which.
@@ -33,6 +35,8 @@ def camera_from_file(
     """
     file = str(path)
     try:
+        if is_ray_table(Path(path)):
+            return _camera_from_table(file, picture)
         data = Path(path).read_bytes()
         if len(data) > MAX_BYTES:
             raise ConfigError(
@@ -71,6 +75,25 @@ def _turn(camera: OmniCamera, text: str, file: str, picture: Picture | None) -> 
     described = read_picture_mark(text, file)
     if described is None:
         return camera.with_picture(picture or Picture.FLIPPED)
+    return _match_picture(camera, described, file, picture)
+
+
+def _camera_from_table(file: str, picture: Picture | None) -> OmniCamera:
+    """Camera of a ray table, as a measured lens."""
+    table = read_ray_table(file)
+    try:
+        camera = fit_table(table)
+    except DomainError as error:
+        raise ConfigError(
+            SourceLocation(file), key="direction", value="", expected=f"a possible camera: {error}"
+        ) from error
+    return _match_picture(camera, table.picture, file, picture)
+
+
+def _match_picture(
+    camera: OmniCamera, described: Picture, file: str, picture: Picture | None
+) -> OmniCamera:
+    """The same of a file that says which pictures it describes."""
     if picture is not None and picture is not described:
         raise ConfigError(
             SourceLocation(file),

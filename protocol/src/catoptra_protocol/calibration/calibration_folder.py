@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from catoptra_protocol.calibration.calibration_report import write_report
@@ -10,6 +11,14 @@ from catoptra_protocol.calibration.exports import (
     EXPORTS,
     ExportedFile,
     export_camera,
+    turn_for_export,
+)
+from catoptra_protocol.calibration.ray_table import (
+    FILE_NAME as TABLE_NAME,
+)
+from catoptra_protocol.calibration.ray_table import (
+    bytes_from_ray_table,
+    make_ray_table,
 )
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -53,8 +62,17 @@ def write_calibration(
             lines.append(f"{path}: within {result.residual.max_px:.2g} px")
         else:
             lines.append(f"not written: {result.export.name}: {result.reason}")
+    lines.append(_write_table(camera, folder, picture))
     report = write_report(
         camera, results, name=name, picture=picture, robot_from_mirror=robot_from_mirror
     )
     (folder / REPORT_NAME).write_text(report, encoding="utf-8")
     return [*lines, f"{folder / REPORT_NAME}: frame, residuals, domains, worked points"]
+
+
+def _write_table(camera: OmniCamera, folder: Path, picture: Picture) -> str:
+    """Write the ray table, which describes any camera; the line about it."""
+    table = replace(make_ray_table(turn_for_export(camera, picture)), picture=picture)
+    path = folder / TABLE_NAME
+    path.write_bytes(bytes_from_ray_table(table, law=repr(camera.projection)))
+    return f"{path}: the ray of each pixel's centre"

@@ -134,7 +134,13 @@ def _list_files(files: Sequence[ExportedFile]) -> str:
         "| file | model | max px | rms px | max deg | rms deg | domain by its readers | "
         "domain of this file |\n|---|---|---|---|---|---|---|---|"
     )
-    return "\n".join((head, *rows)) if rows else "## Files\n\nNo format describes this camera."
+    table = (
+        "ray_table.npz has the ray of each pixel's centre itself: NumPy arrays `direction`, "
+        "`valid` and `origin_m`, in the frame above, first centre at 0.5."
+    )
+    if not rows:
+        return f"## Files\n\nNo model describes this camera. {table}"
+    return "\n".join((head, *rows)) + f"\n\n{table}"
 
 
 def _list_refusals(described: OmniCamera, refused: Sequence[RefusedFile]) -> str:
