@@ -1,0 +1,113 @@
+"""A calibration file of another program: into a robot file, drawn, and out again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.calibration.calibration_files import camera_from_file
+from catoptra_protocol.calibration.calibration_format import CalibrationFormat
+from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
+from catoptra_protocol.calibration.formats import (
+    basalt,
+    boofcv,
+    camodocal,
+    kalibr,
+    ocamcalib,
+    opencv_omnidir,
+    woodscape_json,
+)
+from catoptra_protocol.calibration.residual import compute_residual
+from catoptra_protocol.optics.image_plane import ImagePlane
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.robot.render_settings import PerPixel, RenderSettings
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from helpers.calibrated_cameras import (
+    LAFIDA,
+    THETA_BACK,
+    TUM_VI,
+    TUM_VI_KB,
+    WOODSCAPE,
+    flipped_points,
+)
+from helpers.configs import ROBOTS, write_edited_copy
+from helpers.markers import marker_centroid, marker_world
+
+# CamOdoCal and Kalibr have no skew.
+UNSKEWED = replace(THETA_BACK, plane=ImagePlane((1.0, 0.0, 0.0, 1.01), 1e-3, -5e-4))
+CASES: list[tuple[CalibrationFormat, OmniCamera, str]] = [
+    (opencv_omnidir, THETA_BACK, "opencv_omnidir"),
+    (boofcv, THETA_BACK, "boofcv"),
+    (camodocal, UNSKEWED, "camodocal"),
+    (kalibr, UNSKEWED, "kalibr_omni"),
+    (kalibr, TUM_VI, "kalibr_ds"),
+    (basalt, TUM_VI, "basalt_ds"),
+    (basalt, TUM_VI_KB, "basalt_kb4"),
+    (ocamcalib, LAFIDA, "ocamcalib"),
+    (woodscape_json, WOODSCAPE, "woodscape"),
+]
+
+
+def read_robot_with(file_name: str, folder: Path) -> OmniCamera:
+    """Camera that a robot has by a calibration file beside its own."""
+    write_edited_copy(ROBOTS / "p2at.ini", folder)
+    robot = folder / "robot.ini"
+    robot.write_text(
+        "[Configuration]\nBasedOn=p2at.ini\n[USARBot.P2AT]\n"
+        "Cameras=(ItemClass=class'Catoptra.Eye',ItemName=\"Eye\",Position=(X=0,Y=0,Z=-0.5))\n"
+        f"[Catoptra.Eye]\nCalibrationFile={file_name}\n"
+    )
+    description, _ = read_robot(robot)
+    (omni,) = description.omni_cameras
+    return omni.camera
+
+
+@pytest.mark.parametrize(("each", "truth", "export"), CASES, ids=[case[2] for case in CASES])
+def test_imported_camera_is_drawn_and_exported_as_it_was(
+    each: CalibrationFormat, truth: OmniCamera, export: str, tmp_path: Path
+) -> None:
+    (tmp_path / each.FILE_NAME).write_text(each.write(truth, "eye"))
+    camera = read_robot_with(each.FILE_NAME, tmp_path)
+    assert compute_residual(truth, camera).max_px < 1e-9
+    assert marker_error_px(camera, truth) < 0.1
+    one = next(one for one in EXPORTS if one.name == export)
+    result = export_camera(camera, one, name="eye", picture=Picture.FLIPPED)
+    assert isinstance(result, ExportedFile)
+    again = tmp_path / "again"
+    again.write_text(result.text)
+    assert compute_residual(truth, camera_from_file(again)).max_px < 1e-9
+
+
+def marker_error_px(camera: OmniCamera, truth: OmniCamera) -> float:
+    """Distance of a drawn marker from the pixel of the camera that the file was made from."""
+    directions, pixels, valid = flipped_points(truth)
+    angle = np.arccos(directions[:, 2])
+    near = np.abs(angle - math.radians(40.0)) < math.radians(1.0)
+    index = int(np.flatnonzero(valid & near)[0])
+    pixel = pixels[index] + 0.5
+    # The imported camera has its image's top along +x, too.
+    x, y, z = directions[index]
+    direction = np.array((-y, x, z))
+    world: World = marker_world(
+        direction[None], diameter_rad=5.0 / float(camera.radius_slope_px(np.array(0.36)))
+    )
+    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    settings = RenderSettings(PerPixel(), samples=3)
+    plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="test")
+    view = renderer.prepare(camera, plan)
+    image = view.render(CameraState(Pose.identity()))
+    view.close()
+    renderer.close()
+    return float(np.linalg.norm(marker_centroid(image.rgb, pixel) - pixel))
