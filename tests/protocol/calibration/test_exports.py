@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -126,3 +127,38 @@ def test_mirror_without_a_viewpoint_has_no_file() -> None:
 def test_text_is_the_same_each_time() -> None:
     for one in EXPORTS:
         assert export(PAPER, one) == export(PAPER, one)
+
+
+# The focal length of each format's file, or what stands for it.
+FOCAL = (
+    r"(fx\"?: |intrinsics: \[(?:[\d.e-]+, ){0,2}?|data: \[ |gamma1: |\"k1\": |\n5 )"
+    r"(-?\d\d+\.\d+)"
+)
+
+
+@pytest.mark.parametrize("one", EXPORTS, ids=lambda one: one.name)
+@pytest.mark.parametrize("fault", ["half", "nan", "negative", "empty"])
+def test_damaged_file_is_an_error_with_its_name(one: Export, fault: str, tmp_path: Path) -> None:
+    result = export(PAPER, one, max_residual_px=2.0)
+    assert isinstance(result, ExportedFile)
+    text = result.text
+    match fault:
+        case "half":
+            text = text[: len(text) // 2]
+        case "nan":
+            # YAML's word for it is another one.
+            word = ".nan" if one.file_name.endswith("yaml") else "NaN"
+            text, count = re.subn(FOCAL, rf"\g<1>{word}", text, count=1)
+            assert count == 1
+        case "negative":
+            text, count = re.subn(
+                FOCAL, lambda found: f"{found[1]}{-float(found[2])}", text, count=1
+            )
+            assert count == 1
+        case _:
+            text = ""
+    path = tmp_path / one.file_name
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=re.escape(str(path))) as raised:
+        camera_from_file(path)
+    assert "expected" in str(raised.value)

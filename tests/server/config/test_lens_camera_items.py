@@ -131,6 +131,8 @@ def test_calibration_file_is_the_camera(tmp_path: Path) -> None:
         (("CalibrationFile=none.yaml",), "none.yaml"),
         (("CalibrationFile=chain.yaml", "CalibrationCamera=cam7"), r"cam7=.*missing"),
         (("CalibrationFile=chain.yaml", "FieldOfView=300"), r"FieldOfView=.*first fold"),
+        (("CalibrationFile=chain.yaml", "ResolutionX=640"), r"ResolutionX='640'.*expected 512"),
+        (("CalibrationFile=chain.yaml", "ResolutionY=480"), r"ResolutionY='480'.*expected 512"),
     ],
 )
 def test_calibration_file_that_does_not_fit_is_rejected(

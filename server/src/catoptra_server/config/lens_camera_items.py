@@ -85,6 +85,11 @@ def _read_calibrated_camera(file: IniFile, section: SectionReader) -> OmniCamera
     name = section.get_str("CalibrationCamera", "")
     picture = read_picture(section, Picture.FLIPPED) if section.has_key("Picture") else None
     camera = camera_from_file(path, camera=name, picture=picture)
+    for key, side_px in (("ResolutionX", camera.width_px), ("ResolutionY", camera.height_px)):
+        if section.get_int(key, side_px, min_value=1, max_value=MAX_SIDE_PX) != side_px:
+            raise section.make_error(
+                key, expected=f"{side_px}, as in the calibration file, or no such line"
+            )
     field_deg = section.get_float("FieldOfView", 0.0, min_value=0.1, max_value=360.0)
     rim_rad = math.radians(0.5 * field_deg)
     if not field_deg:
