@@ -48,7 +48,7 @@ def test_camera_is_chosen_by_its_name(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "FrontCam" in error
 
 
-@pytest.mark.parametrize("words", [["--max-residual-px", "-1"], ["--picture", "turned"]])
+@pytest.mark.parametrize("words", [["--max-residual-px", "few"], ["--picture", "turned"]])
 def test_wrong_option_ends_with_the_usage(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -70,3 +70,14 @@ def test_item_when_used_again_by_the_same_key_is_found_without_its_hash() -> Non
     items.remove(key)
     assert items.get(key) is items.get(equal) is None
     assert items.get_or_make(equal, lambda: "anew") == "anew"
+
+
+def test_item_when_set_takes_the_place_of_another_and_counts_as_a_use() -> None:
+    removed: list[str] = []
+    items: LruDict[str, int] = LruDict(2, on_remove=removed.append)
+    items.put("a", 1)
+    items.put("b", 2)
+    items.put("a", 3)
+    assert (items.get("a"), items.get("b"), removed) == (3, 2, [])
+    items.put("c", 4)
+    assert (items.keys(), removed) == (("a", "c"), ["b"])

@@ -17,7 +17,6 @@ from catoptra_protocol.optics.picture import Picture
 from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.option_values import parse_float_within
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 
 EXIT_FAILURE = 2
@@ -59,14 +58,10 @@ def _build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--picture", choices=[picture.value for picture in Picture],
         default=Picture.FLIPPED.value, help="hand of the pictures that the files describe; "
         "default: flipped, which all formats are made for")  # fmt: skip
-    parser.add_argument("--max-residual-px", type=_parse_residual, metavar="PX",
+    parser.add_argument("--max-residual-px", type=float, metavar="PX",
         default=DEFAULT_MAX_RESIDUAL_PX, help="largest difference of a file from the camera, "
         f"anywhere in the image; default: {DEFAULT_MAX_RESIDUAL_PX:g}")  # fmt: skip
     return parser
-
-
-def _parse_residual(text: str) -> float:
-    return parse_float_within(text, name="residual", last=1000.0, unit=" px")
 
 
 def find_camera(robot: RobotDescription, name: str) -> OmniCameraDescription:

@@ -88,9 +88,10 @@ class CameraEffectReport:
             f"a frame takes {other_ms + effects_ms:.1f} ms: {effects_ms:.1f} ms for effects, "
             f"{other_ms:.1f} ms for all else"
         )
-        lines = (head, self.viewpoint, format_decisions(self.effects, self.effect_ms), cost)
         # Only a mirror without a viewpoint has a line of it.
-        return "\n".join(lines if self.viewpoint else (head, *lines[2:]))
+        viewpoint = (self.viewpoint,) if self.viewpoint else ()
+        effects = format_decisions(self.effects, self.effect_ms)
+        return "\n".join((head, *viewpoint, effects, cost))
 
 
 def main(arguments: Sequence[str]) -> int:

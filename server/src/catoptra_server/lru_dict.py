@@ -51,6 +51,12 @@ class LruDict(Generic[K, V]):
             self.remove(next(iter(self._items)))
         return item
 
+    def put(self, key: K, item: V) -> None:
+        """Set the item of a key, in place of another one; `on_remove` is not called for that."""
+        self._newest = None
+        self._items.pop(key, None)
+        self.get_or_make(key, lambda: item)
+
     def remove(self, key: K) -> None:
         """Remove the item of a key."""
         self._newest = None

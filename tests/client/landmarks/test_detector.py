@@ -8,14 +8,26 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from catoptra_client.landmarks import Viewpoint, detect, detect_with_stages, make_detector
+from catoptra_client.localization import (
+    PAPER_GATE,
+    Belief,
+    find_landmark_position,
+    measurement_from_detection,
+    update,
+)
+from catoptra_protocol.calibration.calibration_files import camera_from_file
+from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.picture import Picture
 from client.landmarks import synthetic_frames
+from client.landmarks.recorded_drive import LANDMARK_MAP
 
 BEACONS = [row for row in synthetic_frames.FIELD_LANDMARKS if row.kind == "beacon"]
 # Each beacon comes to each range, at azimuths a quarter of a turn apart; -176 degrees, with the
@@ -67,6 +79,39 @@ def test_every_beacon_up_to_2_5_m_is_found_and_placed(classifier, index: int) ->
         found = seen[row.name]
         assert abs(found.range_m / range_m - 1.0) < 0.05
         assert abs(math.remainder(found.bearing_rad - bearing, 2 * math.pi)) < math.radians(1.0)
+
+
+@pytest.mark.parametrize("name", ["opencv_omnidir", "kalibr_ds", "ocamcalib"])
+def test_camera_of_a_calibration_file_serves_detector_and_filter_as_the_model_does(
+    classifier, name: str, tmp_path: Path
+) -> None:
+    # The frames are mirrored ones, as a mirror delivers them, and so is the file.
+    export = next(one for one in EXPORTS if one.name == name)
+    exported = export_camera(
+        synthetic_frames.make_camera(), export, name="cam", picture=Picture.MIRRORED
+    )
+    assert isinstance(exported, ExportedFile)
+    path = tmp_path / export.file_name
+    path.write_text(exported.text)
+    camera = camera_from_file(path)
+    landmarks, frame = synthetic_frames.FIELD_LANDMARKS, render_field_frame(0)
+    expected = detect_by_name(classifier, landmarks, frame)
+    detector = make_detector(camera, classifier, landmarks=landmarks)
+    found = {seen.name: seen for seen in detect(detector, frame)}
+    assert found.keys() == expected.keys()
+    assert len(found) >= 3
+    beliefs = []
+    for seen in (found, expected):
+        belief = Belief(np.array(FIELD_POSES[0]), np.diag((0.04, 0.04, 0.01)))
+        for one in seen.values():
+            measurement = measurement_from_detection(one)
+            position = find_landmark_position(LANDMARK_MAP, one.name)
+            belief = update(belief, measurement, landmark=position, gate=PAPER_GATE).belief
+        beliefs.append(belief)
+    assert beliefs[0].mean == pytest.approx(beliefs[1].mean, abs=1e-4)
+    for key, one in expected.items():
+        assert found[key].bearing_rad == pytest.approx(one.bearing_rad, abs=1e-5)
+        assert found[key].range_m == pytest.approx(one.range_m, rel=1e-4)
 
 
 def test_errors_are_as_large_as_the_covariance_says(classifier) -> None:

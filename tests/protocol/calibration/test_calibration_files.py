@@ -27,7 +27,7 @@ def test_each_format_is_recognized_as_itself_alone() -> None:
 def test_formats_state_their_conventions() -> None:
     for each in FORMATS:
         assert each.CONVENTIONS.first_pixel == 0.0
-        assert all((each.CONVENTIONS.frame, each.CONVENTIONS.domain, each.CONVENTIONS.fields))
+        assert all((each.CONVENTIONS.frame, each.CONVENTIONS.fields))
 
 
 def test_hand_of_the_delivered_picture_is_the_caller_s(tmp_path: Path) -> None:

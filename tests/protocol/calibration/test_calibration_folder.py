@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+
+import pytest
 
 from catoptra_protocol.calibration.calibration_folder import REPORT_NAME, write_calibration
 from catoptra_protocol.calibration.exports import EXPORTS
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.picture import Picture
 from helpers.calibrated_cameras import PAPER
 
@@ -24,3 +28,12 @@ def test_smaller_residual_leaves_out_what_was_fitted(tmp_path: Path) -> None:
     refused = [line for line in lines if line.startswith("not written")]
     assert len(refused) == 4
     assert not (tmp_path / "ocamcalib.txt").exists()
+
+
+@pytest.mark.parametrize("residual_px", [-1.0, math.nan, math.inf])
+def test_impossible_residual_is_refused_before_anything_is_written(
+    residual_px: float, tmp_path: Path
+) -> None:
+    with pytest.raises(DomainError, match="a residual is 0 px or more"):
+        write_calibration(PAPER, tmp_path / "new", name="cam", max_residual_px=residual_px)
+    assert not (tmp_path / "new").exists()

@@ -10,6 +10,7 @@ import pytest
 
 from catoptra_protocol.calibration.calibration_report import write_report
 from catoptra_protocol.calibration.exports import EXPORTS, export_camera
+from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
 from catoptra_protocol.optics.transforms import Pose
@@ -30,6 +31,14 @@ def test_report_names_each_file_once_with_its_residual_and_domains() -> None:
     assert "* polynomial of the angle (woodscape): off by up to 0.756 px" in text
     assert "* NVIDIA's f-theta of degree 4: off by up to 0.47 px" in text
     assert "up to 120.000 deg" in text
+
+
+def test_report_states_the_conventions_of_each_format() -> None:
+    text = report(PAPER)
+    for each in FORMATS:
+        row = f"| {each.NAME} | {each.CONVENTIONS.frame} | 0 | {each.CONVENTIONS.fields} |"
+        assert text.count(row) == 1
+    assert "| ray table | x right, y down, z along the optical axis | 0.5 |" in text
 
 
 def test_fold_of_a_published_calibration_is_stated() -> None:

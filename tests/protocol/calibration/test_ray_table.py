@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from catoptra_protocol.calibration import ray_table
 from catoptra_protocol.calibration.ray_table import (
     PixelRays,
     bytes_from_ray_table,
@@ -20,7 +21,7 @@ from catoptra_protocol.calibration.ray_table import (
 )
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.mirrors import SphericalMirror
-from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
+from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.picture import Picture
 from helpers.calibrated_cameras import PAPER, TUM_VI
 
@@ -50,7 +51,7 @@ def test_rays_are_those_of_the_published_formula() -> None:
 
 
 @pytest.mark.parametrize("camera", [FLIPPED, TUM_VI, BALL], ids=["paper", "lens", "ball"])
-def test_file_holds_every_bit_and_is_the_same_each_time(camera, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_file_holds_every_bit_and_is_the_same_each_time(camera: OmniCamera, tmp_path: Path) -> None:
     table = make_ray_table(camera)
     path = write(table, tmp_path / "a.npz")
     assert is_ray_table(path)
@@ -97,15 +98,48 @@ def test_damaged_file_is_no_table(data: bytes, tmp_path: Path) -> None:
         read_ray_table(path)
 
 
-def test_array_that_swells_is_refused_and_pickles_are_not_loaded(tmp_path: Path) -> None:
-    path = tmp_path / "table.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("direction.npy", b"\0" * (2**27 + 1))
-    with pytest.raises(ConfigError, match="larger than"):
-        read_ray_table(path)
+def test_arrays_that_swell_are_refused_and_pickles_are_not_loaded(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = write(make_ray_table(BALL), tmp_path / "table.npz")
+    # The directions alone are larger, and all arrays together count.
+    for limit in (2**14, 100_000):
+        monkeypatch.setattr(ray_table, "_MAX_BYTES", limit)
+        with pytest.raises(ConfigError, match=f"larger than {limit} bytes"):
+            read_ray_table(path)
+    monkeypatch.undo()
     np.savez(path, direction=np.array([{}], dtype=object))
     with pytest.raises(ConfigError, match="pickle"):
         read_ray_table(path)
+
+
+def test_array_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
+    member = io.BytesIO()
+    np.lib.format.write_array(member, np.zeros((2, 2, 3)))
+    for side in (b"90000000, 20000", b"9" * 30 + b", 2"):
+        data = member.getvalue().replace(b"(2, 2, 3), }", b"(" + side + b", 3), }")
+        path = tmp_path / "table.npz"
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("direction.npy", data)
+        with pytest.raises(ConfigError, match="a ray table"):
+            read_ray_table(path)
+
+
+def test_table_with_a_wrong_byte_anywhere_is_an_error_or_a_table(tmp_path: Path) -> None:
+    data = bytearray(bytes_from_ray_table(make_ray_table(BALL), law="test"))
+    path = tmp_path / "table.npz"
+    rng = np.random.default_rng(1)
+    num_refused = 0
+    for at in rng.integers(0, len(data), 300):
+        damaged = data.copy()
+        damaged[at] ^= int(rng.integers(1, 256))
+        path.write_bytes(damaged)
+        try:
+            read_ray_table(path)
+        except ConfigError:
+            num_refused += 1
+    # The archive has a checksum of each array.
+    assert num_refused > 280
 
 
 def test_mirrored_table_says_so(tmp_path: Path) -> None:

@@ -77,3 +77,14 @@ def test_rays_at_random_are_refused() -> None:
     table = PixelRays(direction, np.ones((20, 20), dtype=bool), np.zeros(3), Picture.FLIPPED)
     with pytest.raises(DomainError):
         fit_table(table)
+
+
+def test_rays_that_show_no_lens_are_refused() -> None:
+    whole = make_ray_table(FLIPPED)
+    few = np.zeros_like(whole.valid)
+    few[180, 100:150] = True
+    with pytest.raises(DomainError, match="50 rays are too few"):
+        fit_table(PixelRays(whole.direction, few, whole.origin_m, Picture.FLIPPED))
+    along_axis = np.broadcast_to((0.0, 0.0, 1.0), whole.direction.shape)
+    with pytest.raises(DomainError, match="within 0 deg of the axis"):
+        fit_table(PixelRays(along_axis, whole.valid, whole.origin_m, Picture.FLIPPED))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,12 +15,11 @@ from catoptra_protocol.calibration.exports import (
     turn_for_export,
 )
 from catoptra_protocol.calibration.ray_table import (
-    FILE_NAME as TABLE_NAME,
-)
-from catoptra_protocol.calibration.ray_table import (
+    TABLE_NAME,
     bytes_from_ray_table,
     make_ray_table,
 )
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
@@ -47,8 +47,11 @@ def write_calibration(
         robot_from_mirror: (3, 3) rotation of the mirror frame on the robot, for the report.
 
     Raises:
+        DomainError: An impossible residual.
         OSError: A file cannot be written.
     """
+    if not 0.0 <= max_residual_px < math.inf:
+        raise DomainError(f"a residual is 0 px or more, not {max_residual_px!r}")
     results = [
         export_camera(camera, one, name=name, picture=picture, max_residual_px=max_residual_px)
         for one in EXPORTS

@@ -1,4 +1,7 @@
-"""What a module of a calibration format provides, and the conventions that formats differ in."""
+"""What a module of a calibration format provides, and the conventions that formats differ in.
+
+Domains differ by model and not by format: `exports.EXPORTS` has them.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,6 @@ class Conventions:
     """Axes of the camera frame."""
     first_pixel: float
     """Coordinate of the first pixel's centre."""
-    domain: str
-    """What the format states about its domain."""
     fields: str
     """Order of the fields."""
 

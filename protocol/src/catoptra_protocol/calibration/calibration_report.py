@@ -12,7 +12,9 @@ from catoptra_protocol.calibration.exports import (
     RefusedFile,
     turn_for_export,
 )
+from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.calibration.model_fits import fit_f_theta
+from catoptra_protocol.calibration.ray_table import FIELDS, FRAME, TABLE_NAME
 from catoptra_protocol.calibration.residual import compute_residual
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
@@ -81,7 +83,7 @@ def _describe_picture(camera: OmniCamera, described: OmniCamera, picture: Pictur
         )
     lines.append(
         f"The optical axis is at ({u:.6f}, {v:.6f}) where the first pixel's centre is (0.5, 0.5), "
-        f"which is ({u - 0.5:.6f}, {v - 0.5:.6f}) where that is (0, 0), as in all these files."
+        f"which is ({u - 0.5:.6f}, {v - 0.5:.6f}) where that is (0, 0)."
     )
     rim_deg = math.degrees(camera.rim_rad)
     lines.append(
@@ -96,9 +98,10 @@ def _describe_frame(
 ) -> str:
     hand = "right" if picture is Picture.FLIPPED else "right in the picture, left in the world"
     text = (
-        "## Frame\n\nThe frame of all files: x to the image's right, y down, z along the optical "
-        "axis (OCamCalib: x down, y right, z backward).\n\n" + _AXES.format(x=f"({hand})")
+        "## Frame\n\nThe frame below: x to the image's right, y down, z along the optical axis.\n\n"
+        + _AXES.format(x=f"({hand})")
     )
+    text += f"\n\n{_list_conventions()}"
     if robot_from_mirror is None:
         return text
     axes = robot_from_mirror @ _mirror_from_camera(described, picture)
@@ -109,6 +112,17 @@ def _describe_frame(
         f"{text}\n\nIn the frame of the camera's carrier (x ahead, y right, z down):\n\n"
         f"| axis | direction |\n|---|---|\n{rows}"
     )
+
+
+def _list_conventions() -> str:
+    """Frame, pixel centre and fields of each format."""
+    rows = [
+        f"| {each.NAME} | {each.CONVENTIONS.frame} | {each.CONVENTIONS.first_pixel:g} | "
+        f"{each.CONVENTIONS.fields} |"
+        for each in FORMATS
+    ]
+    head = "| format | frame | first pixel's centre | fields |\n|---|---|---|---|"
+    return "\n".join((head, *rows, f"| ray table | {FRAME} | 0.5 | {FIELDS} |"))
 
 
 def _mirror_from_camera(described: OmniCamera, picture: Picture) -> Floats:
@@ -134,10 +148,7 @@ def _list_files(files: Sequence[ExportedFile]) -> str:
         "| file | model | max px | rms px | max deg | rms deg | domain by its readers | "
         "domain of this file |\n|---|---|---|---|---|---|---|---|"
     )
-    table = (
-        "ray_table.npz has the ray of each pixel's centre itself: NumPy arrays `direction`, "
-        "`valid` and `origin_m`, in the frame above, first centre at 0.5."
-    )
+    table = f"{TABLE_NAME} has the ray of each pixel's centre itself."
     if not rows:
         return f"## Files\n\nNo model describes this camera. {table}"
     return "\n".join((head, *rows)) + f"\n\n{table}"

@@ -42,7 +42,7 @@ def fit_mei(camera: OmniCamera) -> OmniCamera:
     exact = _find_sphere(camera)
     if exact is not None:
         return _replace(camera, UnifiedLens(exact.xi, exact.k1, exact.k2), exact.gamma_px)
-    return _fit(camera, lambda xi, k1, k2: UnifiedLens(xi, k1, k2), (1.0, 0.0, 0.0))
+    return _fit(camera, UnifiedLens, (1.0, 0.0, 0.0))
 
 
 def fit_eucm(camera: OmniCamera) -> OmniCamera:
@@ -52,7 +52,7 @@ def fit_eucm(camera: OmniCamera) -> OmniCamera:
     exact = _find_sphere(camera)
     if exact is not None and not exact.is_distorted:
         return _replace(camera, EnhancedUnifiedLens(exact.alpha), exact.focal_length_px)
-    return _fit(camera, lambda alpha, beta: EnhancedUnifiedLens(alpha, beta), (0.5, 1.0))
+    return _fit(camera, EnhancedUnifiedLens, (0.5, 1.0))
 
 
 def fit_double_sphere(camera: OmniCamera) -> OmniCamera:
@@ -65,7 +65,7 @@ def fit_double_sphere(camera: OmniCamera) -> OmniCamera:
     exact = _find_sphere(camera)
     if exact is not None and not exact.is_distorted:
         return _replace(camera, DoubleSphereLens(0.0, exact.alpha), exact.focal_length_px)
-    return _fit(camera, lambda xi, alpha: DoubleSphereLens(xi, alpha), (0.0, 0.5))
+    return _fit(camera, DoubleSphereLens, (0.0, 0.5))
 
 
 def fit_ucm(camera: OmniCamera) -> OmniCamera:
@@ -73,7 +73,7 @@ def fit_ucm(camera: OmniCamera) -> OmniCamera:
     exact = _find_sphere(camera)
     if exact is not None and not exact.is_distorted:
         return _replace(camera, UnifiedLens(exact.xi), exact.gamma_px)
-    return _fit(camera, lambda xi: UnifiedLens(xi), (1.0,))
+    return _fit(camera, UnifiedLens, (1.0,))
 
 
 def fit_kannala_brandt(camera: OmniCamera) -> OmniCamera:

@@ -9,7 +9,9 @@ the first pixel's centre. Frame: x right, y down, z along the optical axis.
 from __future__ import annotations
 
 import io
+import struct
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +25,18 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
 from catoptra_protocol.slotted_dataclass import dataclass
 
-FILE_NAME = "ray_table.npz"
+TABLE_NAME = "ray_table.npz"
+FIELDS = "direction, valid, origin_m, first_pixel, frame, picture, law"
 FRAME = "x right, y down, z along the optical axis"
 _FIRST_BYTES = b"PK\x03\x04"
 # Of an image of 2048 px; a file may claim any size.
-_MAX_MEMBER_BYTES = 2**27
-_MAX_FILE_BYTES = 2**28
+_MAX_BYTES = 2**28
+# Whatever is wrong with the form: archives, deflated data and NumPy raise any of these; of memory
+# because an array's head may claim any shape.
+_BAD_ARCHIVE = (
+    *(OSError, ValueError, EOFError, KeyError, RuntimeError, NotImplementedError),
+    *(MemoryError, OverflowError, zipfile.BadZipFile, zlib.error, struct.error),
+)
 # Of all files: the same camera gives the same bytes.
 _NO_DATE = (1980, 1, 1, 0, 0, 0)
 _UNIT_TOLERANCE = 1e-6
@@ -134,28 +142,20 @@ def read_ray_table(path: Path | str) -> PixelRays:
 
 
 def _read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
-    arrays = {}
+    arrays, left = {}, _MAX_BYTES
     try:
-        if path.stat().st_size > _MAX_FILE_BYTES:
-            raise ValueError(f"larger than {_MAX_FILE_BYTES} bytes")
         with zipfile.ZipFile(path) as archive:
-            for info in archive.infolist()[:16]:
-                with archive.open(info) as member:
+            for name in FIELDS.split(", "):
+                if f"{name}.npy" not in archive.namelist():
+                    continue
+                with archive.open(f"{name}.npy") as member:
                     # One more than allowed: the size that an archive states may be a lie.
-                    data = member.read(_MAX_MEMBER_BYTES + 1)
-                if len(data) > _MAX_MEMBER_BYTES:
-                    raise ValueError(f"{info.filename} is larger than {_MAX_MEMBER_BYTES} bytes")
-                array = np.load(io.BytesIO(data), allow_pickle=False)
-                arrays[info.filename.removesuffix(".npy")] = array
-    # Whatever is wrong with the form: NumPy and the archive raise any of these.
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        KeyError,
-        zipfile.BadZipFile,
-        zipfile.LargeZipFile,
-    ) as error:
+                    data = member.read(left + 1)
+                left -= len(data)
+                if left < 0:
+                    raise ValueError(f"its arrays are larger than {_MAX_BYTES} bytes")
+                arrays[name] = np.load(io.BytesIO(data), allow_pickle=False)
+    except _BAD_ARCHIVE as error:
         raise ConfigError(
             SourceLocation(str(path)), key="file", value="", expected=f"a ray table: {error}"
         ) from error

@@ -21,7 +21,9 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 MAX_RESIDUAL_PX = 0.05
 """Largest residual of a camera from a table."""
 _NUM_POWERS, _NUM_KNOTS = 9, 129
-_MAX_PIXELS = 200_000
+_MIN_PIXELS, _MAX_PIXELS = 1000, 200_000
+# Of the rays' largest angle from the axis: a smaller one shows no lens.
+_MIN_ANGLE_RAD = math.radians(1.0)
 
 
 def fit_table(table: PixelRays) -> OmniCamera:
@@ -33,11 +35,16 @@ def fit_table(table: PixelRays) -> OmniCamera:
     if not table.is_central:
         raise DomainError("its rays do not begin at one point: a section of a mirror describes it")
     row, column = np.nonzero(table.valid)
+    if len(row) < _MIN_PIXELS:
+        raise DomainError(f"{len(row)} rays are too few for a lens: {_MIN_PIXELS} at least")
     step = -(-len(row) // _MAX_PIXELS)
     row, column = row[::step], column[::step]
     x, y, z = table.direction[row, column].T
     rho = np.hypot(x, y)
     theta = np.arctan2(rho, z)
+    last = float(theta.max())
+    if last < _MIN_ANGLE_RAD:
+        raise DomainError(f"all of its rays are within {math.degrees(last):.3g} deg of the axis")
     safe = np.where(rho > 0.0, rho, 1.0)
     cosine, sine = np.where(rho > 0.0, x / safe, 0.0), np.where(rho > 0.0, y / safe, 0.0)
     u, v = column.astype(np.float64) + 0.5, row.astype(np.float64) + 0.5
@@ -45,11 +52,9 @@ def fit_table(table: PixelRays) -> OmniCamera:
     du, dv = plane.undo_stretch(u - centre[0], v - centre[1])
     # Along the ray's own azimuth: what is left across it is residual.
     radius = du * cosine + dv * sine
-    last = float(theta.max())
     knots = np.linspace(0.0, last, _NUM_KNOTS)
     rest = _fit_hats(theta / last * (_NUM_KNOTS - 1), radius - _odd(theta, terms))
     radii = _odd(knots, terms) + rest
-    # The last knot's degrees must not exceed the rays'.
     lens = RadialTableLens(tuple(np.degrees(knots).tolist()), (0.0, *radii[1:].tolist()))
     camera = place_camera(lens, (table.valid.shape[1], table.valid.shape[0]), centre, 1.0, plane)
     found, _ = camera.pixel_from_direction(np.stack((x, y, z), axis=-1) @ _MIRROR_FROM_TABLE.T)

@@ -9,12 +9,31 @@ to Splines, 1978.
 
 from __future__ import annotations
 
+import math
 from enum import Enum
+from itertools import pairwise
 
 import numpy as np
 
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+
+MIN_KNOTS = 4
+"""Knots of a spline that is not-a-knot at its end."""
+# The spline is the solution of a dense system; a camera's pairs are a datagram.
+MAX_KNOTS = 512
+
+
+def check_column(name: str, values: tuple[float, ...]) -> None:
+    """Raise DomainError unless a column of a measured table starts at 0 and increases."""
+    if not isinstance(values, tuple) or not MIN_KNOTS <= len(values) <= MAX_KNOTS:
+        raise DomainError(f"a table of {name} has {MIN_KNOTS} to {MAX_KNOTS} entries")
+    if not all(map(math.isfinite, values)) or values[0] != 0.0:
+        raise DomainError(f"a table of {name} is finite and starts at 0: {values[0]!r}")
+    falling = next(((low, high) for low, high in pairwise(values) if high <= low), None)
+    if falling is not None:
+        raise DomainError(f"a table of {name} increases: {falling[1]!r} follows {falling[0]!r}")
 
 
 class Symmetry(Enum):

@@ -24,6 +24,8 @@ from catoptra_protocol.slotted_dataclass import dataclass
 _MAX_STEPS = 12
 # Of a plane of order 1; 1e-13 of a focal length of 1000 px is 1e-10 px.
 _TOLERANCE = 1e-13
+# Starts to a millionth, from which two or three steps lead to the last digits.
+_NUM_STARTS = 1025
 # At the fold itself Newton's method has no slope.
 _INSIDE_FOLD = 1.0 - 1e-3
 _INSIDE_LIMIT = 1.0 - 1e-9
@@ -132,31 +134,45 @@ def undo_distortion(
         x: (...) distorted points.
         y: (...) distorted points.
     """
+    shape = np.shape(x)
+    x, y = np.ravel(x), np.ravel(y)
     radius = np.hypot(x, y)
-    t = projection.t_from_radius_ratio(radius)
-    # Tangential distortion may lead a little beyond the largest radius: from just inside the fold.
-    t = np.minimum(t, _INSIDE_FOLD * projection.t_limit)
-    start = projection.undistorted_ratio_from_t(t)
+    # Tangential distortion may lead a little beyond the table's largest radius, to its end.
+    start = np.interp(radius, *_tabulate_undistorted(projection))
     factor = np.where(radius > 0.0, start / np.where(radius > 0.0, radius, 1.0), 1.0)
     px, py = x * factor, y * factor
-    error = np.full(radius.shape, math.inf)
+    found_x, found_y, converged = px.copy(), py.copy(), np.zeros(x.shape, dtype=np.bool_)
+    place = np.arange(x.size)
     for _ in range(_MAX_STEPS):
         squared = px * px + py * py
         gain, _ = projection.distortion_factor(squared)
         dx, dy = plane.decentre(px, py)
         ex, ey = gain * px + dx - x, gain * py + dy - y
-        error = np.asarray(np.hypot(ex, ey))
-        if not (error > _TOLERANCE).any():
+        error = np.hypot(ex, ey)
+        found_x[place], found_y[place] = px, py
+        converged[place] = error <= 10.0 * _TOLERANCE
+        left = error > _TOLERANCE
+        if not left.any():
             break
+        # Points beyond the fold never converge: they must not repeat the steps of all others.
+        place, x, y, px, py = place[left], x[left], y[left], px[left], py[left]
+        ex, ey = ex[left], ey[left]
         j11, j12, j22 = _jacobian(projection, plane, px, py)
         determinant = j11 * j22 - j12 * j12
         determinant = np.where(np.abs(determinant) > 1e-12, determinant, 1.0)
-        px = px - (j22 * ex - j12 * ey) / determinant
-        py = py - (j11 * ey - j12 * ex) / determinant
+        px, py = px - (j22 * ex - j12 * ey) / determinant, py - (j11 * ey - j12 * ex) / determinant
     # The polynomial may grow again beyond its fold, where it has further solutions.
-    converged = error <= 10.0 * _TOLERANCE
     fold = float(projection.undistorted_ratio_from_t(np.array(projection.t_limit)))
-    return px, py, np.asarray(converged & (np.hypot(px, py) <= fold))
+    inside = converged & (np.hypot(found_x, found_y) <= fold)
+    return found_x.reshape(shape), found_y.reshape(shape), inside.reshape(shape)
+
+
+@lru_cache(maxsize=64)
+def _tabulate_undistorted(projection: DistortedProjection) -> tuple[Floats, Floats]:
+    """Image radii without tangential distortion, and the radii before the distortion."""
+    last_rad = 2.0 * math.atan(_INSIDE_FOLD * projection.t_limit)
+    t = np.tan(0.5 * np.linspace(0.0, last_rad, _NUM_STARTS))
+    return projection.radius_ratio_from_t(t), projection.undistorted_ratio_from_t(t)
 
 
 @lru_cache(maxsize=64)

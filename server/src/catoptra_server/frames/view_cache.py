@@ -157,9 +157,8 @@ class ViewCache:
             request.camera_state, has_ego_body=shows_ego_body(camera)
         )
         chosen = choose_viewpoint(camera, nearest_m)
-        if self._last_drawn.get(camera) is not None:
-            self._last_drawn.remove(camera)
-        return self._last_drawn.get_or_make(camera, lambda: chosen)
+        self._last_drawn.put(camera, chosen)
+        return chosen
 
     def _render_by_plan(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
         """Render a view by a plan."""

@@ -27,7 +27,6 @@ FILE_NAME = "basalt.json"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
-    domain="as published for each model",
     fields="intrinsics {fx, fy, cx, cy} with alpha (ucm); alpha, beta (eucm); xi, alpha (ds); k1 "
     "to k4 (kb4)",
 )

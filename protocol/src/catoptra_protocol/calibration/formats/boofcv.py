@@ -20,7 +20,6 @@ FILE_NAME = "boofcv.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
-    domain="none stated",
     fields="pinhole fx fy cx cy width height skew; mirror_offset; radial [k1, k2]; t1, t2",
 )
 

@@ -19,7 +19,6 @@ FILE_NAME = "camodocal.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
-    domain="none stated",
     fields="mirror_parameters xi; distortion_parameters k1 k2 p1 p2; projection_parameters "
     "gamma1 gamma2 u0 v0",
 )

@@ -29,7 +29,6 @@ FILE_NAME = "kalibr_camchain.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
-    domain="omni z > -w |X|, w = xi or 1 / xi; eucm and ds as published; equidistant z > 0",
     fields="omni [xi, fu, fv, pu, pv]; eucm [alpha, beta, fu, fv, pu, pv]; ds [xi, alpha, fu, fv, "
     "pu, pv]; pinhole [fu, fv, pu, pv]; radtan [k1, k2, p1, p2]; equidistant [k1, k2, k3, k4]",
 )

@@ -26,7 +26,6 @@ FILE_NAME = "ocamcalib.txt"
 CONVENTIONS = Conventions(
     frame="x down, y right, z backward: a0 < 0",
     first_pixel=0.0,
-    domain="none stated; ours ends at the first fold",
     fields="N a0 .. aN-1; M inverse polynomial; row column; c d e; height width",
 )
 

@@ -20,7 +20,6 @@ FILE_NAME = "opencv_omnidir.yaml"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
-    domain="none stated; the formula has a direction for every pixel",
     fields="image_width, image_height, K (3 x 3, skew used), xi, D = k1 k2 p1 p2",
 )
 

@@ -21,7 +21,6 @@ FILE_NAME = "woodscape.json"
 CONVENTIONS = Conventions(
     frame="x right, y down, z forward",
     first_pixel=0.0,
-    domain="none stated; ours ends at the first fold",
     fields="k1 to k4, cx_offset, cy_offset, aspect_ratio, width, height",
 )
 

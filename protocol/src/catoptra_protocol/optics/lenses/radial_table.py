@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, fit_spline
+from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, check_column, fit_spline
 from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
@@ -24,9 +23,6 @@ from catoptra_protocol.optics.monotone_inverse import solve_increasing
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
-_MIN_KNOTS = 4
-# The spline is the solution of a dense system; a camera's pairs are a datagram.
-_MAX_KNOTS = 512
 # A last knot of 180 degrees in decimal digits may be above pi by a rounding.
 _ANTIPODE_DEG = 180.0
 
@@ -41,8 +37,8 @@ class RadialTableLens(CentredLens):
     """Increasing image radii in the unit of the scale (pixels for a scale of 1), the first 0."""
 
     def __post_init__(self) -> None:
-        _check_column("angles", self.angles_deg)
-        _check_column("radii", self.radii)
+        check_column("angles", self.angles_deg)
+        check_column("radii", self.radii)
         if len(self.angles_deg) != len(self.radii):
             raise DomainError(
                 f"a table of {len(self.angles_deg)} angles needs as many radii, not "
@@ -87,17 +83,6 @@ class RadialTableLens(CentredLens):
         """Scale's units per radian. Domain: 0 <= t < t_limit."""
         require_angle(t, self.t_limit)
         return _spline(self).evaluate(2.0 * np.arctan(t))[1]
-
-
-def _check_column(name: str, values: tuple[float, ...]) -> None:
-    """Raise DomainError unless a column of the table starts at 0 and increases."""
-    if not isinstance(values, tuple) or not _MIN_KNOTS <= len(values) <= _MAX_KNOTS:
-        raise DomainError(f"a table of {name} has {_MIN_KNOTS} to {_MAX_KNOTS} entries")
-    if not all(map(math.isfinite, values)) or values[0] != 0.0:
-        raise DomainError(f"a table of {name} is finite and starts at 0: {values[0]!r}")
-    falling = next(((low, high) for low, high in pairwise(values) if high <= low), None)
-    if falling is not None:
-        raise DomainError(f"a table of {name} increases: {falling[1]!r} follows {falling[0]!r}")
 
 
 @lru_cache(maxsize=64)

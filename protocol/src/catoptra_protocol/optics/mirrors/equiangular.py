@@ -12,7 +12,12 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror, Reflection, check_rim
+from catoptra_protocol.optics.mirrors.non_central import (
+    NonCentralMirror,
+    Reflection,
+    check_rim,
+    check_vertex_distance,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
@@ -31,10 +36,7 @@ class EquiangularMirror(NonCentralMirror):
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gain) and self.gain > 1.0):
             raise DomainError(f"an equiangular mirror needs a gain > 1, not {self.gain!r}")
-        if not (math.isfinite(self.vertex_distance_m) and self.vertex_distance_m > 0.0):
-            raise DomainError(
-                f"the pinhole must lie before the vertex: {self.vertex_distance_m!r} m"
-            )
+        check_vertex_distance(self.vertex_distance_m)
         check_rim(self)
 
     @property

@@ -142,6 +142,12 @@ class NonCentralMirror(ABC):
         )
 
 
+def check_vertex_distance(distance_m: float) -> None:
+    """Raise DomainError unless the pinhole lies before a mirror's vertex."""
+    if not (math.isfinite(distance_m) and distance_m > 0.0):
+        raise DomainError(f"the pinhole must lie before the vertex: {distance_m!r} m")
+
+
 def check_rim(mirror: NonCentralMirror) -> None:
     """Raise DomainError for a rim that no ray of the mirror reaches."""
     if not math.isfinite(mirror.rim_rad):

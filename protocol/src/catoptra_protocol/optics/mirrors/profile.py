@@ -10,18 +10,21 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, fit_spline
-from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror, Reflection, check_rim
+from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, check_column, fit_spline
+from catoptra_protocol.optics.mirrors.non_central import (
+    NonCentralMirror,
+    Reflection,
+    check_rim,
+    check_vertex_distance,
+)
 from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
-_MIN_KNOTS, _MAX_KNOTS = 4, 512
 _NUM_CHECKS = 4097
 
 
@@ -39,10 +42,7 @@ class ProfileMirror(NonCentralMirror):
     """Angle of the scene ray at the mirror's edge."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.vertex_distance_m) and self.vertex_distance_m > 0.0):
-            raise DomainError(
-                f"the pinhole must lie before the vertex: {self.vertex_distance_m!r} m"
-            )
+        check_vertex_distance(self.vertex_distance_m)
         _check_table(self.radii_m, self.sags_m)
         radius = np.linspace(0.0, self.radii_m[-1], _NUM_CHECKS)
         psi, theta = _angles(self, radius)
@@ -84,15 +84,11 @@ class ProfileMirror(NonCentralMirror):
 
 def _check_table(radii_m: tuple[float, ...], sags_m: tuple[float, ...]) -> None:
     """Raise DomainError unless a table is a profile from the axis on."""
-    if not isinstance(radii_m, tuple) or not _MIN_KNOTS <= len(radii_m) <= _MAX_KNOTS:
-        raise DomainError(f"a profile has {_MIN_KNOTS} to {_MAX_KNOTS} radii")
+    check_column("radii", radii_m)
     if not isinstance(sags_m, tuple) or len(sags_m) != len(radii_m):
         raise DomainError(f"a profile of {len(radii_m)} radii needs as many sags")
-    if not all(map(math.isfinite, (*radii_m, *sags_m))) or radii_m[0] != 0.0 or sags_m[0] != 0.0:
-        raise DomainError("a profile is finite and starts at the vertex, radius 0 and sag 0")
-    falling = next(((low, high) for low, high in pairwise(radii_m) if high <= low), None)
-    if falling is not None:
-        raise DomainError(f"a profile's radii increase: {falling[1]!r} follows {falling[0]!r}")
+    if not all(map(math.isfinite, sags_m)) or sags_m[0] != 0.0:
+        raise DomainError(f"a profile is finite and starts at the vertex, sag 0: {sags_m[0]!r}")
 
 
 def _angles(mirror: ProfileMirror, radius: Floats) -> tuple[Floats, Floats]:

@@ -12,19 +12,22 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, fit_spline
+from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, check_column, fit_spline
 from catoptra_protocol.optics.domain_checks import require_domain
-from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror, Reflection, check_rim
+from catoptra_protocol.optics.mirrors.non_central import (
+    NonCentralMirror,
+    Reflection,
+    check_rim,
+    check_vertex_distance,
+)
 from catoptra_protocol.optics.monotone_inverse import solve_increasing
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
-_MIN_KNOTS, _MAX_KNOTS = 4, 512
 # Intervals of the surface's table at least: with slopes at both ends its error falls with the
 # fourth power, and is 1e-12 of the distance with so many.
 _MIN_INTERVALS = 4096
@@ -47,12 +50,9 @@ class RadialTableMirror(NonCentralMirror):
     """Angle of the scene ray at the mirror's edge, at most the last of the table."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.vertex_distance_m) and self.vertex_distance_m > 0.0):
-            raise DomainError(
-                f"the pinhole must lie before the vertex: {self.vertex_distance_m!r} m"
-            )
-        _check_column("angles", self.angles_deg)
-        _check_column("image radii", self.image_radii)
+        check_vertex_distance(self.vertex_distance_m)
+        check_column("angles", self.angles_deg)
+        check_column("image radii", self.image_radii)
         if len(self.angles_deg) != len(self.image_radii):
             raise DomainError(
                 f"a table of {len(self.angles_deg)} angles needs as many image radii, not "
@@ -93,17 +93,6 @@ class RadialTableMirror(NonCentralMirror):
         require_domain((t >= 0.0) & (t <= high), t, expected)
         psi: Floats = np.arctan(_spline(self).evaluate(2.0 * np.arctan(t))[0])
         return psi
-
-
-def _check_column(name: str, values: tuple[float, ...]) -> None:
-    """Raise DomainError unless a column of the table starts at 0 and increases."""
-    if not isinstance(values, tuple) or not _MIN_KNOTS <= len(values) <= _MAX_KNOTS:
-        raise DomainError(f"a table of {name} has {_MIN_KNOTS} to {_MAX_KNOTS} entries")
-    if not all(map(math.isfinite, values)) or values[0] != 0.0:
-        raise DomainError(f"a table of {name} is finite and starts at 0: {values[0]!r}")
-    falling = next(((low, high) for low, high in pairwise(values) if high <= low), None)
-    if falling is not None:
-        raise DomainError(f"a table of {name} increases: {falling[1]!r} follows {falling[0]!r}")
 
 
 def _check_curve(mirror: RadialTableMirror) -> None:
