@@ -15,6 +15,7 @@ from catoptra_protocol.optics.image_plane import (
     undo_distortion,
 )
 from catoptra_protocol.optics.lenses import EquidistantLens, UnifiedLens
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
 
@@ -128,3 +129,29 @@ def test_rim_beyond_the_fold_of_an_azimuth_is_rejected_with_both_angles() -> Non
     assert valid.all()
     assert known.mean() > 0.999
     assert np.abs(back - direction)[known].max() < 1e-5
+
+
+def test_published_lens_folds_at_angles_that_differ_by_azimuth() -> None:
+    # BoofCV-Data's calibration of a Ricoh Theta, back lens; the formula written out.
+    xi, k1, k2 = 1.19807286909, -0.257089970771, 0.0128307442205
+    p1, p2 = -9.1179697419e-4, 3.91862130427e-4
+
+    def image_of(theta: Floats, azimuth: Floats) -> Floats:
+        m = np.sin(theta) / (xi + np.cos(theta))
+        x, y, q = m * np.cos(azimuth), m * np.sin(azimuth), m * m
+        gain = 1.0 + k1 * q + k2 * q * q
+        dx = 2.0 * p1 * x * y + p2 * (q + 2.0 * x * x)
+        dy = p1 * (q + 2.0 * y * y) + 2.0 * p2 * x * y
+        return np.stack((gain * x + dx, gain * y + dy))
+
+    azimuth = np.linspace(-math.pi, math.pi, 181)[:, None]
+    theta = np.radians(np.linspace(115.0, 121.0, 3001))
+    step = 1e-5
+    by_theta = image_of(theta + step, azimuth) - image_of(theta - step, azimuth)
+    by_azimuth = image_of(theta, azimuth + step) - image_of(theta, azimuth - step)
+    turns_back = by_theta[0] * by_azimuth[1] - by_theta[1] * by_azimuth[0] <= 0.0
+    folds_deg = np.degrees(theta[turns_back.argmax(axis=1)])
+    assert folds_deg.min() == pytest.approx(117.93, abs=0.01)
+    assert folds_deg.max() == pytest.approx(118.64, abs=0.01)
+    found = decentred_fold_rad(UnifiedLens(xi, k1, k2), ImagePlane(p1=p1, p2=p2))
+    assert math.degrees(found) == pytest.approx(folds_deg.min(), abs=0.003)

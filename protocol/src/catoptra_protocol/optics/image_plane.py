@@ -138,7 +138,7 @@ def undo_distortion(
     x, y = np.ravel(x), np.ravel(y)
     radius = np.hypot(x, y)
     # Tangential distortion may lead a little beyond the table's largest radius, to its end.
-    start = np.interp(radius, *_tabulate_undistorted(projection))
+    start = np.interp(radius, *_tabulate_starts(projection))
     factor = np.where(radius > 0.0, start / np.where(radius > 0.0, radius, 1.0), 1.0)
     px, py = x * factor, y * factor
     found_x, found_y, converged = px.copy(), py.copy(), np.zeros(x.shape, dtype=np.bool_)
@@ -168,7 +168,7 @@ def undo_distortion(
 
 
 @lru_cache(maxsize=64)
-def _tabulate_undistorted(projection: DistortedProjection) -> tuple[Floats, Floats]:
+def _tabulate_starts(projection: DistortedProjection) -> tuple[Floats, Floats]:
     """Image radii without tangential distortion, and the radii before the distortion."""
     last_rad = 2.0 * math.atan(_INSIDE_FOLD * projection.t_limit)
     t = np.tan(0.5 * np.linspace(0.0, last_rad, _NUM_STARTS))

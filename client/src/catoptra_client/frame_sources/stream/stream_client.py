@@ -236,7 +236,7 @@ class StreamClient:
             name: Name in any case; empty = the first camera of this client's robot, or without a
                 robot that of the first class with a camera.
         """
-        return any_camera_from_pairs(self._get_camera_pairs(name))
+        return self.get_mounted_camera(name)[1]
 
     def get_camera_and_height(self, name: str = "") -> tuple[OmniCamera, float]:
         """Model of an omnidirectional camera, and the viewpoint's height above the floor in metres.
@@ -247,7 +247,7 @@ class StreamClient:
         Raises:
             RemoteProtocolError: The camera is a perspective one.
         """
-        return omni_camera_from_pairs(self._get_camera_pairs(name))
+        return omni_camera_from_pairs(_pairs_of(self._request_camera(name)))
 
     def get_mounted_camera(
         self, name: str = ""
@@ -257,13 +257,12 @@ class StreamClient:
         Args:
             name: As in `get_camera`.
         """
-        reply = self._exchange.call(GetCameraRequest(next(self._ids), name), CameraReply)
-        model = any_camera_from_pairs(tuple(reply.camera_model.items()))
+        reply = self._request_camera(name)
+        model = any_camera_from_pairs(_pairs_of(reply))
         return reply.camera, model, pose_from_transform(reply.robot_from_mirror)
 
-    def _get_camera_pairs(self, name: str) -> Pairs:
-        reply = self._exchange.call(GetCameraRequest(next(self._ids), name), CameraReply)
-        return tuple(reply.camera_model.items())
+    def _request_camera(self, name: str) -> CameraReply:
+        return self._exchange.call(GetCameraRequest(next(self._ids), name), CameraReply)
 
     def set_accuracy(
         self,
@@ -343,6 +342,10 @@ class StreamClient:
         """Iterate over newest frames for ever; each is requested when the iterator advances."""
         while True:
             yield self.get_frame(encoding=encoding, robot=robot, camera=camera)
+
+
+def _pairs_of(reply: CameraReply) -> Pairs:
+    return tuple(reply.camera_model.items())
 
 
 def _parse_reports(reply: SensorReports) -> list[Report]:

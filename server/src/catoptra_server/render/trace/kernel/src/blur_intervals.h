@@ -2,8 +2,9 @@
  *
  * While the camera moves, a ray enters and leaves a triangle where it passes one of its edges. Each
  * edge is a plane through the viewpoint, whose side is nearly linear in time over a part of the
- * exposure: its sides at a few instants give the sides at 16 or 32 times, as the bits of a word, and so do
- * the distances of two triangles. What a ray sees of a triangle of one radiance is a count of bits.
+ * exposure: its sides at a few instants give the sides at 16 or 32 times, as the bits of a word, and
+ * so do the distances of two triangles. What a ray sees of a triangle of one radiance is a count of
+ * bits; of one from which a part of the sky is hidden, times a mean factor (blur_occlusion.h).
  * Source: Gribel et al. 2010, "Analytical motion blur rasterization with compression"; they keep
  * intervals, where we keep bits.
  */
