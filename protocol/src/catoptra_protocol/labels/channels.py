@@ -1,0 +1,65 @@
+"""The channels of ground truth beside a picture: names, types and meaning, in one table.
+
+To add a channel: its row here, its computation in the server's `ground_truth/`, its row in SPEC.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.slotted_dataclass import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class LabelChannel:
+    """One channel of ground truth."""
+
+    name: str
+    """Name in requests and of files."""
+    dtype: str
+    """Type of a value as NumPy writes it, little-endian."""
+    depth: int
+    """Values of a pixel."""
+    nothing: float
+    """Value of pixels without a surface or outside the image."""
+    meaning: str
+    """Unit, frame and meaning."""
+
+    def shape(self, height_px: int, width_px: int) -> tuple[int, ...]:
+        """Shape of the array of an image: (h, w), or (h, w, depth)."""
+        return (height_px, width_px) if self.depth == 1 else (height_px, width_px, self.depth)
+
+
+_CHANNELS = (
+    LabelChannel("range", "<f4", 1, math.inf, "distance along the pixel's ray, metres"),
+    LabelChannel(
+        "normal", "<f4", 3, 0.0, "unit normal of the facet, towards the ray's origin, mirror frame"
+    ),
+    LabelChannel("point", "<f4", 3, math.nan, "point that the ray meets, metres, world frame"),
+    LabelChannel("ids", "<u2", 1, 0, "number of the object, from 1; 0: nothing"),
+    LabelChannel("classes", "u1", 1, 0, "number of the object's class, from 1; 0: nothing"),
+    LabelChannel(
+        "agreement", "u1", 1, 0, "samples of the pixel that meet the same object, 255: all"
+    ),
+    LabelChannel(
+        "flow", "<f4", 2, math.nan, "displacement of the point's image, px: u, v; nan where unknown"
+    ),
+    LabelChannel("valid", "u1", 1, 0, "1 where the pixel's centre has a ray, else 0"),
+)
+LABEL_CHANNELS = {channel.name: channel for channel in _CHANNELS}
+
+
+def parse_channels(names: tuple[str, ...]) -> tuple[LabelChannel, ...]:
+    """Channels of names, each once, in the order of the table.
+
+    Raises:
+        DomainError: A name is no channel's, or stands twice.
+    """
+    unknown = [name for name in names if name not in LABEL_CHANNELS]
+    if unknown:
+        allowed = ", ".join(LABEL_CHANNELS)
+        raise DomainError(f"there is no channel {unknown[0]!r}: the channels are {allowed}")
+    if len(set(names)) < len(names):
+        raise DomainError(f"a channel stands twice: {', '.join(names)}")
+    return tuple(channel for channel in _CHANNELS if channel.name in names)
