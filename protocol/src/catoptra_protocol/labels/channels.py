@@ -38,7 +38,7 @@ _CHANNELS = (
     ),
     LabelChannel("point", "<f4", 3, math.nan, "point that the ray meets, metres, world frame"),
     LabelChannel("ids", "<u2", 1, 0, "number of the object, from 1; 0: nothing"),
-    LabelChannel("classes", "u1", 1, 0, "number of the object's class, from 1; 0: nothing"),
+    LabelChannel("classes", "<u2", 1, 0, "number of the object's class, from 1; 0: nothing"),
     LabelChannel(
         "agreement", "u1", 1, 0, "samples of the pixel that meet the same object, 255: all"
     ),

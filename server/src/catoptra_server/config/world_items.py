@@ -115,7 +115,16 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
     material = None if has_own_material else _read_material(struct, folder)
     unlit = _read_unlit(struct) if has_own_material else None
     name, casts_shadows = struct.get_str("Name", default_name), struct.get_bool("CastShadow", True)
-    return Item(name, shape, pose, material, casts_shadows, unlit, struct.where)
+    return Item(
+        name,
+        shape,
+        pose,
+        material,
+        casts_shadows,
+        unlit,
+        struct.where,
+        class_name=struct.get_str("Class", ""),
+    )
 
 
 def _read_unlit(struct: SectionReader) -> bool | None:

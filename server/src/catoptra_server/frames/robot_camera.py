@@ -46,6 +46,8 @@ class CameraRobot(Protocol):
     """A robot that carries cameras."""
 
     name: str
+    number: int
+    """Number among all robots that were ever spawned, from 1."""
     tile_index: int
     """Tile of the first camera in a multi-view, -1 without one."""
     viewports: Viewports

@@ -50,6 +50,10 @@ class DynamicObject:
     world_from_object: Pose
     twist: Twist = AT_REST
     """Motion of the object's frame in the world, referred to the frame's origin."""
+    name: str = ""
+    """Name of the robot, for labels."""
+    number: int = 0
+    """Number of the robot among all that were ever spawned, from 1; 0: unknown."""
 
     @property
     def centre(self) -> Floats:

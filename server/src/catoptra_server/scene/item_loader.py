@@ -44,6 +44,8 @@ class ItemPart:
     normals: Floats
     """(n, 3) unit, world frame, from the winding; 0 for a triangle without area."""
     appearance: MeshAppearance
+    node: str = ""
+    """Node of the item's mesh file; empty for one that has no nodes."""
 
 
 def empty_part() -> ItemPart:
@@ -111,7 +113,7 @@ class ItemLoader:
             if item.unlit is not None:
                 appearance = replace(appearance, unlit=item.unlit)
             _transform_to_world(mesh.corners, mesh.normals, item.world_from_item)
-            yield ItemPart(index, mesh.corners, mesh.normals, appearance)
+            yield ItemPart(index, mesh.corners, mesh.normals, appearance, mesh.node)
 
     def _apply_material(self, uv: Floats, material: Material) -> MeshAppearance:
         """Appearance of n triangles of a material, with (n, 3, 2) texture coordinates."""

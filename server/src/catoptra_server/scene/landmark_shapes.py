@@ -35,6 +35,8 @@ def _beacon_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ..
             shape=Cylinder(radius_m=0.5 * landmark.width_m, height_m=top - bottom),
             world_from_item=Pose.from_rpy((landmark.x_m, landmark.y_m, -0.5 * (bottom + top))),
             material=Material(albedo),
+            object_name=landmark.name,
+            class_name=landmark.kind,
         )
         for part, bottom, top, albedo in parts
         # A band that begins at the floor has no post.
@@ -76,6 +78,8 @@ def _goal_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]
             shape=Box(size),
             world_from_item=Pose.from_rpy((x, landmark.y_m + y, -0.5 * height)),
             material=material,
+            object_name=landmark.name,
+            class_name=landmark.kind,
         )
         for board, x, y, size in boards
     )

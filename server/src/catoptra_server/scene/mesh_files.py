@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sized
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,8 @@ class LoadedMesh:
     normals: Floats
     """(n, 3) unit, by the winding."""
     appearance: MeshAppearance
+    node: str = ""
+    """Node of a glTF file; empty for other formats."""
 
 
 # SAE from the two usual conventions: z up (x forward, y left), and y up (glTF: x right, z
@@ -157,6 +160,7 @@ def _require_whole(data: bytes) -> None:
 def _convert_scene(scene: Any, shape: MeshFile, memory: MemoryBudget) -> Iterator[LoadedMesh]:
     """Yield the meshes of a scene at their positions."""
     textures: dict[int, Texture] = {}  # by the image's identity: meshes may share an image
+    is_gltf = shape.path.suffix.lower() in _GLTF_SUFFIXES
     where = SourceLocation(str(shape.path))
 
     def make_texture(image: Any) -> Texture:
@@ -170,7 +174,8 @@ def _convert_scene(scene: Any, shape: MeshFile, memory: MemoryBudget) -> Iterato
         if getattr(mesh, "faces", None) is None:
             continue
         _reserve_triangles(mesh.faces, name, memory, where)
-        yield _convert_mesh(mesh, shape, world_from_mesh, make_texture)
+        converted = _convert_mesh(mesh, shape, world_from_mesh, make_texture)
+        yield replace(converted, node=str(node)) if is_gltf else converted
 
 
 def _reserve_triangles(

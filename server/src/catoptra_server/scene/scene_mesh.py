@@ -21,6 +21,7 @@ from catoptra_server.scene.item_loader import ItemLoader, ItemPart, empty_part
 from catoptra_server.scene.landmark_shapes import items_from_landmark
 from catoptra_server.scene.mesh_appearance import MeshAppearance, no_texture_coordinates
 from catoptra_server.scene.occlusion_map import OcclusionMap
+from catoptra_server.scene.scene_object import SceneObject, object_of_part
 from catoptra_server.scene.texture_files import Texture
 from catoptra_server.scene.world_description import Item, World
 
@@ -49,6 +50,10 @@ class SceneMesh:
     """Names of the world's items, landmarks' last."""
     casts_shadows: Bools
     """(n,) whether the triangle occludes lights."""
+    object_index: npt.NDArray[np.int32]
+    """(n,) index into `objects`."""
+    objects: tuple[SceneObject, ...]
+    """Objects in the order of their first items, landmarks last."""
     corner_albedo: Floats | None = None
     """(n, 3, 3) linear albedos at the corners, interpolated linearly over each triangle; None in a
     scene whose triangles have one albedo each."""
@@ -117,6 +122,9 @@ def _concatenate_parts(parts: list[ItemPart], items: tuple[Item, ...]) -> SceneM
     parts = parts or [empty_part()]
     looks = [part.appearance for part in parts]
     counts = [len(part.corners) for part in parts]
+    owners = [object_of_part(items[part.item], part.node) for part in parts if part.item >= 0]
+    objects = tuple(dict.fromkeys(owners))
+    numbers = {one: index for index, one in enumerate(objects)}
     textures = _distinct_textures(looks)
     casts_shadows = [part.item >= 0 and items[part.item].casts_shadows for part in parts]
     return SceneMesh(
@@ -133,6 +141,8 @@ def _concatenate_parts(parts: list[ItemPart], items: tuple[Item, ...]) -> SceneM
         item_index=_repeat([part.item for part in parts], counts),
         item_names=tuple(item.name for item in items),
         casts_shadows=np.repeat(np.array(casts_shadows), counts),
+        object_index=_repeat([numbers[owner] for owner in owners] or [-1], counts),
+        objects=objects,
     )
 
 

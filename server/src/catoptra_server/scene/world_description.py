@@ -110,6 +110,10 @@ class Item:
     say."""
     where: SourceLocation | None = None
     """Line of the world's file, for errors of its mesh and texture; None for an item of no file."""
+    object_name: str = ""
+    """Object that the item is a part of; empty: an object of the item's own name."""
+    class_name: str = ""
+    """Class of the object, for labels; empty: `SceneObject`'s default, or that of a file's node."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,6 +94,7 @@ class Fleet:
         self._error_bound_of = error_bound_of
         # In the order of spawning, which decides the displayed robot and which robot moves first.
         self._robots: dict[Client, Robot] = {}
+        self._num_spawned = 0
         # Clients whose robots raised in the present tick.
         self._faulty: list[Client] = []
         self._collision_index = CollisionIndex(scene, self._classes)
@@ -172,7 +173,15 @@ class Fleet:
             return
         existing = {robot.name for robot in self._robots.values()}
         name = unique_name(init.name or description.model_name, existing)
-        robot = Robot(description, pose, name=name, seed=self._seed, time_s=time_s)
+        self._num_spawned += 1
+        robot = Robot(
+            description,
+            pose,
+            name=name,
+            seed=self._seed,
+            time_s=time_s,
+            number=self._num_spawned,
+        )
         self._robots[client] = robot
         log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
         if description.stand_in:

@@ -59,6 +59,7 @@ class Robot:
         name: str,
         seed: int,
         time_s: float,
+        number: int = 1,
     ) -> None:
         """Spawn the robot.
 
@@ -68,8 +69,10 @@ class Robot:
             name: Name that no other robot has.
             seed: Seed of the server.
             time_s: Simulation time; the first reports are due at once.
+            number: Number among all robots that were ever spawned, from 1.
         """
         self.name = name
+        self.number = number
         self.description = description
         self.omni_cameras = [
             OmniCameraSensor(omni, description) for omni in description.omni_cameras

@@ -27,8 +27,7 @@ class RobotMeshes:
     def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
         """Robots as dynamic objects, at their present poses."""
         return tuple(
-            DynamicObject(self._meshes[robot.class_name], robot.world_from_robot, robot.twist)
-            for robot in robots
+            _place_mesh(self._meshes[robot.class_name], robot) for robot in robots
         )
 
     def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
@@ -36,7 +35,11 @@ class RobotMeshes:
         mesh = self._ego_meshes[robot.class_name]
         if mesh is None:
             return None
-        return DynamicObject(mesh, robot.world_from_robot, robot.twist)
+        return _place_mesh(mesh, robot)
+
+
+def _place_mesh(mesh: ObjectMesh, robot: CameraRobot) -> DynamicObject:
+    return DynamicObject(mesh, robot.world_from_robot, robot.twist, robot.name, robot.number)
 
 
 def _build_mesh(description: RobotDescription) -> ObjectMesh:

@@ -6,7 +6,7 @@ An engine holds a scene; `prepare` gives it the rays of a camera. Both shade by 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import field
 from typing import Any, Protocol
 
@@ -20,6 +20,7 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.time_samples import trajectory
+from catoptra_server.render.trace.label_tables import LabelNumbers, LabelTables
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.scene.scene_mesh import SceneMesh
 
@@ -104,6 +105,9 @@ class TracedFrame:
     """Milliseconds of parts of the frame that are stages of their own."""
 
 
+PixelLabels = dict[str, npt.NDArray[Any]]
+"""(h, w) or (h, w, k) channels of labels by name."""
+
 # Any pixel may change from the darkest grey level to the brightest.
 ANY_CHANGE = 255.0
 
@@ -135,6 +139,16 @@ class TracedRays(Protocol):
 
     def find_hits(self, exposure: TracedExposure) -> RayHits:
         """First hit of each ray."""
+
+    def label_pixels(
+        self, exposure: TracedExposure, tables: LabelTables, channels: Collection[str]
+    ) -> PixelLabels:
+        """Channels of what the rays meet, of a table of one sample a pixel."""
+
+    def count_agreement(
+        self, exposure: TracedExposure, tables: LabelTables, ids: LabelNumbers
+    ) -> PixelLabels:
+        """The channel `agreement`: samples that meet the objects of (h, w) ids."""
 
     def close(self) -> None:
         """Free what belongs to these rays."""

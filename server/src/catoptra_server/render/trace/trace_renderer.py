@@ -19,6 +19,7 @@ from catoptra_server.render.trace.ray_table import (
     lens_ray_table,
     omni_ray_table,
 )
+from catoptra_server.render.trace.trace_engine import TracedRays
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import Light, World
 
@@ -76,6 +77,10 @@ class TraceRenderer:
     def prepare_face(self, camera: FaceCamera, samples: int) -> TraceOmniView:
         """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
         return self._make_view(camera.perspective_camera, face_ray_table(camera, samples))
+
+    def prepare_rays(self, table: RayTable) -> TracedRays:
+        """Prepare rays whose hits are wanted, instead of an image."""
+        return self._engine.prepare(table)
 
     def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceOmniView:
         """View of a camera's rays."""

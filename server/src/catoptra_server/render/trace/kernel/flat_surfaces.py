@@ -166,6 +166,8 @@ def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools
     alike: Bools = np.einsum("ij,ij->i", scene.normals[a], scene.normals[b]) > _SAME_NORMAL
     alike &= (scene.albedo[a] == scene.albedo[b]).all(axis=-1)
     alike &= scene.unlit[a] == scene.unlit[b]
+    # One surface has one label.
+    alike &= scene.object_index[a] == scene.object_index[b]
     alike &= scene.texture_index[a] == scene.texture_index[b]
     has_colours = has_corner_colours(scene)
     alike &= ~has_colours[a] & ~has_colours[b]

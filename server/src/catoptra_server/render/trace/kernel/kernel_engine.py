@@ -6,7 +6,7 @@ A frame is one call, from the rays and the camera's pose to pixels. C code: `src
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,15 @@ from catoptra_server.render.trace.kernel.instruction_sets import choose_instruct
 from catoptra_server.render.trace.kernel.kernel_image_changer import KernelImageChanger
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.kernel.kernel_structs import (
+    OUTPUT_AGREEMENT,
     OUTPUT_HITS,
+    OUTPUT_LABELS,
     OUTPUT_LINEAR,
     OUTPUT_SRGB,
     FrameCounts,
     SceneStruct,
 )
+from catoptra_server.render.trace.kernel.label_arrays import agreement_arrays, label_arrays
 from catoptra_server.render.trace.kernel.scene_arrays import (
     Owned,
     caster_arrays,
@@ -41,9 +44,11 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     surfaces_struct,
     texture_array,
 )
+from catoptra_server.render.trace.label_tables import LabelNumbers, LabelTables
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, Float32s, RayTable
 from catoptra_server.render.trace.trace_engine import (
     ANY_CHANGE,
+    PixelLabels,
     RayHits,
     TracedExposure,
     TracedFrame,
@@ -179,8 +184,9 @@ class KernelEngine:
         *arrays: npt.NDArray[np.generic],
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
         inverse_range: Float32s | None = None,
+        labels: Owned | None = None,
     ) -> FrameCounts:
-        """Render an exposure into arrays: an image, or ranges, triangles and objects."""
+        """Render an exposure into arrays: an image, ranges, triangles and objects, or labels."""
         if first_state(exposure).has_shadows:
             self._prepare_shadows()
         frame = exposure_arrays(exposure, self._centre, self._objects)
@@ -193,7 +199,10 @@ class KernelEngine:
         frame.struct.blur_threshold = thresholds.get("MotionBlur", -1.0)
         if inverse_range is not None:
             frame.struct.inverse_range = inverse_range.ctypes.data
-        if output == OUTPUT_HITS:
+        if labels is not None:
+            labels.struct.centre[:] = self._centre.tolist()
+            frame.struct.labels = ctypes.addressof(labels.struct)
+        elif output == OUTPUT_HITS:
             struct = frame.struct
             struct.range_m, struct.triangle, struct.object = (a.ctypes.data for a in arrays)
         else:
@@ -268,6 +277,25 @@ class KernelRays:
         triangle, hit_object = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
         self._render(exposure, OUTPUT_HITS, range_m, triangle, hit_object)
         return RayHits(range_m, triangle, hit_object)
+
+    def label_pixels(
+        self, exposure: TracedExposure, tables: LabelTables, channels: Collection[str]
+    ) -> PixelLabels:
+        """Channels of what the rays meet, of a table of one sample a pixel."""
+        arrays, owned = label_arrays(self._table, tables, channels)
+        self._label(exposure, OUTPUT_LABELS, owned)
+        return arrays
+
+    def count_agreement(
+        self, exposure: TracedExposure, tables: LabelTables, ids: LabelNumbers
+    ) -> PixelLabels:
+        """The channel `agreement`: samples that meet the objects of (h, w) ids."""
+        arrays, owned = agreement_arrays(self._table, tables, ids)
+        self._label(exposure, OUTPUT_AGREEMENT, owned)
+        return arrays
+
+    def _label(self, exposure: TracedExposure, output: int, labels: Owned) -> None:
+        self._engine.render(self._require_view(), exposure, output, labels=labels)
 
     def trace_bare(self, exposure: TracedExposure) -> None:
         """Trace the rays without any use of the hits: the bare packet rate, for benchmarks."""

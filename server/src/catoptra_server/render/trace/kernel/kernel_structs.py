@@ -9,7 +9,7 @@ import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint32, c_void_p
 from typing import ClassVar
 
-OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS = 0, 1, 2
+OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_AGREEMENT = range(5)
 FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
 LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
 
@@ -147,6 +147,24 @@ class PoseStruct(ctypes.Structure):
     _fields_: ClassVar[Fields] = [("rotation", c_float * 9), ("translation", c_float * 3)]
 
 
+class LabelsStruct(ctypes.Structure):
+    """Channels of labels."""
+
+    _fields_: ClassVar[Fields] = [
+        ("triangle_numbers", c_void_p),
+        ("object_numbers", c_void_p),
+        ("class_table", c_void_p),
+        ("centre", c_double * 3),
+        ("range_m", c_void_p),
+        ("normal", c_void_p),
+        ("point", c_void_p),
+        ("ids", c_void_p),
+        ("classes", c_void_p),
+        ("expected", c_void_p),
+        ("agreement", c_void_p),
+    ]
+
+
 class FrameStruct(ctypes.Structure):
     """One exposure and its outputs."""
 
@@ -176,6 +194,7 @@ class FrameStruct(ctypes.Structure):
         ("fog_density", c_float),
         ("airlight", c_float * 3),
         ("measures_fog", c_int32),
+        ("labels", c_void_p),
     ]
 
 
@@ -245,6 +264,7 @@ STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     SceneStruct,
     RayTableStruct,
     PoseStruct,
+    LabelsStruct,
     FrameStruct,
     FrameCounts,
     ImageStage,

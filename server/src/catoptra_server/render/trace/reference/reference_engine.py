@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -19,6 +19,7 @@ from catoptra_server.render.image_changer import NumpyImageChanger
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.srgb_encoding import encode_srgb
 from catoptra_server.render.time_samples import advance, sample_shutter
+from catoptra_server.render.trace.label_tables import LabelNumbers, LabelTables
 from catoptra_server.render.trace.ray_table import (
     BLOCK_RAYS,
     TILE_PX,
@@ -28,6 +29,11 @@ from catoptra_server.render.trace.ray_table import (
 )
 from catoptra_server.render.trace.reference.affine import interpolate_poses
 from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
+from catoptra_server.render.trace.reference.pixel_labels import (
+    count_agreement,
+    hit_numbers,
+    label_pixels,
+)
 from catoptra_server.render.trace.reference.placed_mesh import (
     FirstHits,
     PlacedMesh,
@@ -48,6 +54,7 @@ from catoptra_server.render.trace.trace_engine import (
     ANY_CHANGE,
     NOTHING,
     MovingExposure,
+    PixelLabels,
     RayHits,
     TracedExposure,
     TracedFrame,
@@ -280,6 +287,23 @@ class ReferenceRays:
 
         self._for_all_batches(trace)
         return found
+
+    def label_pixels(
+        self, exposure: TracedExposure, tables: LabelTables, channels: Collection[str]
+    ) -> PixelLabels:
+        """Channels of what the rays meet, of a table of one sample a pixel."""
+        static, _ = self._make_frame(exposure).meshes[0]
+        hits = self.find_hits(exposure)
+        return label_pixels(
+            self._table, hits, exposure, static.facets.normals, tables, channels
+        )
+
+    def count_agreement(
+        self, exposure: TracedExposure, tables: LabelTables, ids: LabelNumbers
+    ) -> PixelLabels:
+        """The channel `agreement`: samples that meet the objects of (h, w) ids."""
+        numbers = hit_numbers(self.find_hits(exposure), tables)
+        return count_agreement(self._table, numbers, ids)
 
     def _for_all_batches(self, work: Callable[[RayBatch], None]) -> None:
         """Work on all batches; each writes tiles of its own, so the threads share no element."""

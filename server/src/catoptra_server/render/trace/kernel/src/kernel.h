@@ -19,7 +19,14 @@ enum { FACET_UNLIT = 1, FACET_TEXTURED = 2, FACET_CORNER_COLOURS = 4, FACET_OCCL
 
 enum { LIGHT_DIRECTIONAL = 0, LIGHT_POINT = 1 };
 
-enum { OUTPUT_SRGB = 0, OUTPUT_LINEAR = 1, OUTPUT_HITS = 2 };
+/* From OUTPUT_HITS on no light is computed. */
+enum {
+    OUTPUT_SRGB = 0,
+    OUTPUT_LINEAR = 1,
+    OUTPUT_HITS = 2,
+    OUTPUT_LABELS = 3,
+    OUTPUT_AGREEMENT = 4
+};
 
 /* Object numbers: nothing, the static scene, 1 + index of a dynamic object, any of these. */
 enum { OBJECT_NONE = -1, OBJECT_STATIC = 0, OBJECT_ANY = INT32_MAX };
@@ -124,6 +131,20 @@ typedef struct {
     float translation[3];
 } Pose;
 
+/* Channels of labels, (h, w) or (h, w, 3); NULL where one is not wanted. */
+typedef struct {
+    const uint16_t *triangle_numbers; /* (n,) number of each triangle's object, from 1 */
+    const uint16_t *object_numbers;   /* (o,) of each dynamic object */
+    const uint16_t *class_table;      /* (65536,) class of each number */
+    double centre[3];                 /* origin of Embree's coordinates in the world */
+    float *range_m;                   /* infinite before the call, as are all that nothing meets */
+    float *normal;                    /* zero */
+    float *point;                     /* not a number */
+    uint16_t *ids, *classes;          /* zero */
+    const uint16_t *expected;         /* ids that samples are compared with */
+    uint8_t *agreement;               /* zero */
+} Labels;
+
 typedef struct {
     int32_t num_poses;   /* K >= 1 poses of the camera and of each object, evenly spaced in time */
     const Pose *camera;  /* (K,) Embree's coordinates from the mirror frame */
@@ -150,6 +171,7 @@ typedef struct {
     float fog_density;     /* extinction per metre; 0: clear air */
     float airlight[3];     /* linear radiance */
     int32_t measures_fog;  /* fog_change of the counts is wanted */
+    const Labels *labels;  /* of OUTPUT_LABELS and OUTPUT_AGREEMENT */
 } Frame;
 
 /* What a frame took, beside its pixels. */

@@ -127,7 +127,7 @@ static int is_fillable(const FrameState *state, const TileContent *content, Plan
 
 int fill_occluded_tile(const FrameState *state, int tile, const TileContent *content,
                        const Beam *beam) {
-    if (state->frame->output == OUTPUT_HITS || !is_still(state, content, beam) ||
+    if (state->frame->output >= OUTPUT_HITS || !is_still(state, content, beam) ||
         !is_wholly_valid(state, tile))
         return 0;
     PlaneLight light;

@@ -134,7 +134,7 @@ static int begin_frame(FrameState *state, Device *device, const Scene *scene, co
         snprintf(error, ERROR_SIZE, "the dynamic objects cannot be committed: %s", reason);
     int failed = 0;
     state->object_heights = raise_objects(state, &failed);
-    if (is_moving && frame->output != OUTPUT_HITS) {
+    if (is_moving && frame->output < OUTPUT_HITS) {
         state->plan = create_plan(state);
         failed |= !state->plan;
     }

@@ -6,6 +6,7 @@
 #include "fog.h"
 #include "fog_tile.h"
 #include "hit_points.h"
+#include "labels.h"
 #include "measures.h"
 #include "occlusion.h"
 #include "plane_light.h"
@@ -79,8 +80,8 @@ static void watch_object(const FrameState *state, const RayBlock *rays, const Hi
             atomic_store_explicit(&state->measures->shows_watched, 1, memory_order_relaxed);
 }
 
-static void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
-                      const TileContent *content) {
+void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
+               const TileContent *content) {
     clear_hits(hits);
     if (content->triangle == SURFACE_UNKNOWN)
         intersect_scene(state, content->short_list, rays, hits);
@@ -475,8 +476,15 @@ int is_single_radiance(const FrameState *state, int tile, const TileContent *con
 }
 
 void render_tile(const FrameState *state, int tile, const TileContent *content) {
-    if (state->frame->output == OUTPUT_HITS) {
+    switch (state->frame->output) {
+    case OUTPUT_HITS:
         identify_samples(state, tile);
+        return;
+    case OUTPUT_LABELS:
+        label_tile(state, tile, content);
+        return;
+    case OUTPUT_AGREEMENT:
+        count_agreement(state, tile, content);
         return;
     }
     PlaneLight light;

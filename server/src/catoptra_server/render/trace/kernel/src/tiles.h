@@ -44,6 +44,10 @@ void load_unit(const FrameState *state, int tile, const RayOrder *order, int uni
 /* Whether all rays of a tile see the mirror. */
 int is_wholly_valid(const FrameState *state, int tile);
 
+/* First hits of a block's rays, whose limits end there. */
+void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
+               const TileContent *content);
+
 /* Trace the rays of a tile against the static scene without any use of the hits. */
 void trace_tile(const FrameState *state, int tile);
 

@@ -1,0 +1,149 @@
+"""Optical flow: where the point that a pixel shows is in the image of another exposure.
+
+The point moves with its object; its pixel there is that of the exact camera model; it is unknown
+where the point is outside that image, or where the ray of that pixel meets something else first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixel
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.effects.medium.misalignment import lookup_offset_map
+from catoptra_server.ground_truth.label_rays import LabelCamera, RaySource
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
+
+Flow = npt.NDArray[np.float32]
+
+# A point is visible if the ray of its pixel ends as far away, up to float32 and to the slope of its
+# facet: a pixel's ray passes the point by a few hundred thousandths of the distance.
+_SAME_RANGE = 2e-3
+_SAME_RANGE_M = 2e-3
+_DISPLACEMENT_STEPS = 3
+
+
+def find_flow(
+    renderer: TraceRenderer,
+    source: RaySource,
+    other: CameraState,
+    points: npt.NDArray[np.float32],
+    ids: npt.NDArray[np.uint16],
+    motions: Mapping[int, tuple[Pose, Pose]],
+    gone: Collection[int],
+) -> Flow:
+    """(h, w, 2) displacement of each pixel's point from here to the other image, px.
+
+    Args:
+        renderer: Traces the rays that tell whether a point is visible.
+        source: Camera of both images.
+        other: State of the other exposure; its middle counts.
+        points: (h, w, 3) points that the pixels show, world frame; nan where they show none.
+        ids: (h, w) numbers of the objects that these belong to.
+        motions: Poses of each moving object by number, here and there.
+        gone: Numbers of objects that the other exposure lacks.
+    """
+    height, width = ids.shape
+    moved = _move_points(points.astype(np.float64), ids, motions)
+    known = np.isfinite(moved).all(axis=-1) & ~np.isin(ids, list(gone))
+    rows, columns = np.nonzero(known)
+    in_mirror = other.world_from_mirror.inverse().transform_points(moved[rows, columns])
+    pixel, shown = project_points(source.camera, in_mirror)
+    rows, columns, in_mirror, pixel = (one[shown] for one in (rows, columns, in_mirror, pixel))
+    is_visible = _find_visible(renderer, source.camera, other, pixel, in_mirror)
+    flow = np.full((height, width, 2), np.nan, dtype=np.float32)
+    here = np.stack((columns + 0.5, rows + 0.5), axis=-1)
+    there = _displace(source, pixel)
+    flow[rows[is_visible], columns[is_visible]] = (there - here)[is_visible]
+    return flow
+
+
+def project_points(camera: LabelCamera, in_mirror: Floats) -> tuple[Floats, Bools]:
+    """(n, 2) pixels of (n, 3) points in the mirror frame, and validity, within the image alone."""
+    if isinstance(camera, PerspectiveCamera):
+        pixel, valid = camera.pixel_from_direction(in_mirror)
+    else:
+        pixel, valid = pixel_from_point(camera, in_mirror)
+    size = (camera.width_px, camera.height_px)
+    inside = ((pixel >= 0.0) & (pixel < size)).all(axis=-1)
+    return pixel, valid & inside
+
+
+def _displace(source: RaySource, pixel: Floats) -> Floats:
+    """Pixels of a displaced capture camera that look up (n, 2) pixels of the aligned one."""
+    if source.misalignment is None or not isinstance(source.camera, OmniCamera):
+        return pixel
+    lookup = lookup_offset_map(source.misalignment, source.camera)
+    last = np.array((source.camera.width_px, source.camera.height_px)) - 1
+    displaced = pixel
+    # Offsets change by hundredths from pixel to pixel: each step is a hundred times as near.
+    for _ in range(_DISPLACEMENT_STEPS):
+        at = np.clip(displaced.astype(np.intp), 0, last)
+        displaced = pixel - lookup[at[:, 1], at[:, 0], :2]
+    return np.asarray(displaced)
+
+
+def _move_points(
+    points: Floats, ids: npt.NDArray[np.uint16], motions: Mapping[int, tuple[Pose, Pose]]
+) -> Floats:
+    """Points where their objects are in the other exposure."""
+    moved = points.copy()
+    for number, (here, there) in motions.items():
+        those = ids == number
+        moved[those] = (there @ here.inverse()).transform_points(points[those])
+    return moved
+
+
+def _find_visible(
+    renderer: TraceRenderer,
+    camera: LabelCamera,
+    other: CameraState,
+    pixel: Floats,
+    in_mirror: Floats,
+) -> Bools:
+    """(n,) whether the rays of pixels end at the points that they should show."""
+    if isinstance(camera, PerspectiveCamera):
+        directions, _ = camera.direction_from_pixel(pixel)
+        origins = np.zeros_like(directions)
+    else:
+        origins, directions, _ = ray_from_pixel(camera, pixel)
+    table = _pack_rays(origins, directions)
+    rays = renderer.prepare_rays(table)
+    try:
+        sharp = replace(other, shutter=None, has_shadows=False, fog=None)
+        ranges = rays.find_hits(sharp).range_m.reshape(-1)[: len(pixel)]
+    finally:
+        rays.close()
+    expected = np.linalg.norm(in_mirror - origins, axis=-1)
+    visible: Bools = np.abs(ranges - expected) <= _SAME_RANGE * expected + _SAME_RANGE_M
+    return visible
+
+
+def _pack_rays(origins: Floats, directions: Floats) -> RayTable:
+    """Table of any rays, in rows of tiles of one image."""
+    num_tiles = max(1, -(-len(directions) // BLOCK_RAYS))
+    packed = np.zeros((2, num_tiles * BLOCK_RAYS, 3), dtype=np.float32)
+    packed[0, :, 2] = 1.0
+    packed[0, : len(directions)], packed[1, : len(directions)] = directions, origins
+    blocks = packed.reshape(2, num_tiles, 1, BLOCK_RAYS, 3).swapaxes(-1, -2)
+    valid = np.zeros(num_tiles * BLOCK_RAYS, dtype=np.uint8)
+    valid[: len(directions)] = 1
+    bits = np.packbits(valid.reshape(num_tiles, 1, BLOCK_RAYS), axis=-1, bitorder="little")
+    return RayTable(
+        4 * num_tiles,
+        4,
+        1,
+        np.arange(num_tiles, dtype=np.int32),
+        np.ascontiguousarray(blocks[0]),
+        bits.view("<u2")[..., 0],
+        np.ascontiguousarray(blocks[1]),
+    )

@@ -1,0 +1,194 @@
+"""Ground truth of frames: rays of their cameras, prepared once, and what these meet.
+
+Belongs to the thread of the renderers. The rays of a camera are kept as long as there is room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.labels.channels import LABEL_CHANNELS, parse_channels
+from catoptra_protocol.labels.ground_truth import GroundTruth
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.medium.misalignment import Misalignment
+from catoptra_server.ground_truth.flow import find_flow
+from catoptra_server.ground_truth.label_rays import (
+    LabelCamera,
+    RaySource,
+    build_label_rays,
+    label_exposure,
+    make_ray_source,
+)
+from catoptra_server.ground_truth.scene_labels import SceneLabels
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.label_tables import LabelTables
+from catoptra_server.render.trace.ray_table import RayTable
+from catoptra_server.render.trace.trace_engine import PixelLabels, TracedRays, assemble_grid
+from catoptra_server.scene.scene_mesh import SceneMesh
+
+# Rays of labels beside those of pictures: 13 bytes a sample, so that two cameras of 2048 px stay.
+_MAX_RAY_BYTES = 256 * 2**20
+# Channels of one image: a client may request all of a camera of 2500 px.
+MAX_CHANNEL_BYTES = 256 * 2**20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnExposure:
+    """An exposure as its picture was drawn."""
+
+    camera: LabelCamera
+    """Exact model of the camera."""
+    camera_state: CameraState
+    """State with all objects that the picture shows, and its shutter."""
+    image_effects: tuple[ImageEffect, ...] = ()
+    """Image effects that the picture has."""
+    samples: int = 1
+    """Samples along a pixel's side."""
+
+    @property
+    def ray_source(self) -> RaySource:
+        """Everything that the rays depend on, but for the poses."""
+        displaced = (one for one in self.image_effects if isinstance(one, Misalignment))
+        return make_ray_source(self.camera, next(displaced, None), self.camera_state.shutter)
+
+
+@dataclass(slots=True, eq=False)
+class _PreparedRays:
+    table: RayTable
+    rays: TracedRays
+
+    @property
+    def memory_bytes(self) -> int:
+        return self.rays.memory_bytes
+
+
+class LabelRenderer:
+    """Ground truth in one scene."""
+
+    def __init__(self, renderer: TraceRenderer, scene: SceneMesh) -> None:
+        """Number the scene's objects.
+
+        Args:
+            renderer: Traces the rays; closed by its owner.
+            scene: The same scene.
+
+        Raises:
+            DomainError: The world has more objects than labels number.
+        """
+        self._renderer = renderer
+        self.labels = SceneLabels(scene)
+        """Numbers of objects and classes."""
+        self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
+
+    def render(
+        self,
+        drawn: DrawnExposure,
+        channels: Collection[str],
+        other: CameraState | None = None,
+    ) -> GroundTruth:
+        """Ground truth of an exposure.
+
+        Args:
+            drawn: The exposure.
+            channels: Names of the channels that are wanted.
+            other: State of the frame that `flow` leads to, with the objects of that frame; None:
+                there is no such frame, and the flow is unknown.
+
+        Raises:
+            DomainError: There is no channel of a name, or the image is too large.
+        """
+        wanted = {channel.name for channel in parse_channels(tuple(channels))}
+        _require_room(drawn.camera, wanted)
+        centres = self._prepare(drawn.ray_source, 1)
+        exposure = label_exposure(drawn.camera_state)
+        tables = self._tables(drawn.camera_state)
+        # Samples are compared with the ids of the centres, and flow begins at their points.
+        needed = wanted | ({"ids"} if {"agreement", "flow"} & wanted else set())
+        needed |= {"point"} if "flow" in wanted else set()
+        found = centres.rays.label_pixels(exposure, tables, needed)
+        if "agreement" in wanted:
+            samples = self._prepare(drawn.ray_source, drawn.samples)
+            found |= samples.rays.count_agreement(exposure, tables, found["ids"])
+        if "flow" in wanted:
+            found |= self._find_flow(drawn, found, other)
+        if "valid" in wanted:
+            found["valid"] = mask_of_rays(centres.table)
+        objects = self.labels.describe(drawn.camera_state.objects)
+        return GroundTruth({name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects)
+
+    def _tables(self, camera_state: CameraState) -> LabelTables:
+        """Numbers of the objects of an exposure."""
+        numbers = [self.labels.number_of(placed) for placed in camera_state.objects]
+        return LabelTables(
+            self.labels.triangle_numbers,
+            np.array(numbers, dtype=np.uint16),
+            self.labels.class_table,
+        )
+
+    def _find_flow(
+        self, drawn: DrawnExposure, found: PixelLabels, other: CameraState | None
+    ) -> PixelLabels:
+        if other is None:
+            height_px, width_px = drawn.camera.height_px, drawn.camera.width_px
+            unknown = np.full((height_px, width_px, 2), np.nan, dtype=np.float32)
+            return {"flow": unknown}
+        motions = {
+            self.labels.number_of(there): (here.world_from_object, there.world_from_object)
+            for here in drawn.camera_state.objects
+            for there in other.objects
+            if self.labels.number_of(here) == self.labels.number_of(there)
+        }
+        gone = {self.labels.number_of(here) for here in drawn.camera_state.objects} - set(motions)
+        flow = find_flow(
+            self._renderer, drawn.ray_source, other, found["point"], found["ids"], motions, gone
+        )
+        return {"flow": flow}
+
+    def _prepare(self, source: RaySource, samples: int) -> _PreparedRays:
+        """Rays of an image, prepared at the first use."""
+        key = source, samples
+        prepared = self._prepared.pop(key, None)
+        if prepared is None:
+            table = build_label_rays(source, samples)
+            prepared = _PreparedRays(table, self._renderer.prepare_rays(table))
+        self._prepared[key] = prepared
+        while len(self._prepared) > 2 and self._memory_bytes > _MAX_RAY_BYTES:
+            self._prepared.pop(next(iter(self._prepared))).rays.close()
+        return prepared
+
+    @property
+    def _memory_bytes(self) -> int:
+        return sum(prepared.memory_bytes for prepared in self._prepared.values())
+
+    def close(self) -> None:
+        """Free all rays."""
+        while self._prepared:
+            self._prepared.popitem()[1].rays.close()
+
+
+def mask_of_rays(table: RayTable) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    """(h, w) 1 where a pixel's centre has a ray, else 0."""
+    bits = np.unpackbits(table.valid[..., None].view(np.uint8), axis=-1, bitorder="little")
+    grid = assemble_grid(table, bits[..., None].astype(np.float32), fill=np.float32(0.0))
+    return np.ascontiguousarray(grid[..., 0], dtype=np.uint8)
+
+
+def _require_room(camera: LabelCamera, channels: Collection[str]) -> None:
+    """Raise DomainError for channels that take too much memory."""
+    bytes_per_pixel = sum(
+        np.dtype(LABEL_CHANNELS[name].dtype).itemsize * LABEL_CHANNELS[name].depth
+        for name in channels
+    )
+    size = camera.width_px * camera.height_px * bytes_per_pixel
+    if size > MAX_CHANNEL_BYTES:
+        raise DomainError(
+            f"the channels {', '.join(sorted(channels))} of {camera.width_px} x "
+            f"{camera.height_px} px take {size / 2**20:.0f} MiB, more than "
+            f"{MAX_CHANNEL_BYTES / 2**20:.0f}: request fewer at a time"
+        )

@@ -1,0 +1,155 @@
+"""Numbers, classes and boxes of all objects of a world."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.labels.ground_truth import LabelledObject
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.scene_object import ROBOT_CLASS
+
+Numbers = npt.NDArray[np.uint16]
+
+# Values of 16 bits, some of them for robots.
+MAX_OBJECTS = 65000
+_MAX_NUMBER = 65535
+# Headings that a box may have: those of the largest walls of its object.
+_MAX_HEADINGS = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Extent:
+    """Box around an object of the static scene."""
+
+    world_from_box: Pose
+    half_size_m: Floats
+
+
+class SceneLabels:
+    """Numbers of the objects and classes of one world.
+
+    Objects of the static scene have the numbers from 1 in the order of the world file, robots those
+    after them in the order in which they were spawned. Classes have the numbers from 1 in the order
+    of their names, the same for every robot in the world.
+    """
+
+    def __init__(self, scene: SceneMesh) -> None:
+        """Number the objects of a scene.
+
+        Raises:
+            DomainError: The world has more objects than numbers.
+        """
+        if len(scene.objects) > MAX_OBJECTS:
+            raise DomainError(
+                f"this world has {len(scene.objects)} objects, and labels number at most "
+                f"{MAX_OBJECTS}: give items that belong together one Name="
+            )
+        self._scene = scene
+        names = {one.class_name for one in scene.objects} | {ROBOT_CLASS}
+        self.classes = tuple(sorted(names))
+        """Name of each class, the first of number 1."""
+        self._class_numbers = {name: number for number, name in enumerate(self.classes, 1)}
+        self.triangle_numbers: Numbers = (scene.object_index + 1).astype(np.uint16)
+        """(n,) number of each triangle's object."""
+
+    @cached_property
+    def class_table(self) -> Numbers:
+        """(65536,) number of the class of each object's number; robots' behind the scene's."""
+        table = np.full(_MAX_NUMBER + 1, self._class_numbers[ROBOT_CLASS], dtype=np.uint16)
+        static = [self._class_numbers[one.class_name] for one in self._scene.objects]
+        table[1 : len(static) + 1] = static
+        table[0] = 0
+        return table
+
+    def number_of(self, placed: DynamicObject) -> int:
+        """Number of a robot."""
+        first = len(self._scene.objects) + 1
+        # After more robots than there are numbers the first ones are used again.
+        return first + max(placed.number - 1, 0) % (_MAX_NUMBER + 1 - first)
+
+    def describe(self, objects: tuple[DynamicObject, ...]) -> tuple[LabelledObject, ...]:
+        """All objects of the world and those of an exposure, by ascending number."""
+        static = [
+            self._label(number, one.name, one.class_name, extent)
+            for number, (one, extent) in enumerate(
+                zip(self._scene.objects, self._extents, strict=True), 1
+            )
+        ]
+        robots = {self.number_of(placed): placed for placed in objects}
+        return (
+            *static,
+            *(
+                self._label(number, robots[number].name, ROBOT_CLASS, _extent_of(robots[number]))
+                for number in sorted(robots)
+            ),
+        )
+
+    def _label(self, number: int, name: str, class_name: str, extent: _Extent) -> LabelledObject:
+        return LabelledObject(
+            number,
+            name,
+            class_name,
+            self._class_numbers[class_name],
+            extent.world_from_box,
+            extent.half_size_m,
+        )
+
+    @cached_property
+    def _extents(self) -> tuple[_Extent, ...]:
+        """Upright boxes around the objects of the static scene."""
+        scene = self._scene
+        order = np.argsort(scene.object_index, kind="stable")
+        bounds = np.searchsorted(
+            scene.object_index[order], np.arange(len(scene.objects) + 1)
+        ).tolist()
+        return tuple(
+            _enclose(scene, order[begin:end])
+            for begin, end in zip(bounds, bounds[1:], strict=False)
+        )
+
+
+def _extent_of(placed: DynamicObject) -> _Extent:
+    """Box of a robot, along its own axes."""
+    pose = placed.world_from_object
+    return _Extent(Pose(pose.rotation, placed.centre), placed.mesh.half_size_m)
+
+
+def _enclose(scene: SceneMesh, triangles: npt.NDArray[np.intp]) -> _Extent:
+    """Smallest upright box around triangles, by the headings of their walls."""
+    corners = scene.corners[triangles].reshape(-1, 3)
+    if not len(corners):
+        return _Extent(Pose.identity(), np.zeros(3))
+    boxes = [_box_at(corners, heading) for heading in _headings(scene, triangles)]
+    return min(boxes, key=lambda box: float(np.prod(box.half_size_m[:2])))
+
+
+def _headings(scene: SceneMesh, triangles: npt.NDArray[np.intp]) -> list[float]:
+    """Headings modulo 90 degrees of the largest upright triangles; 0 among them."""
+    normals, corners = scene.normals[triangles], scene.corners[triangles]
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1
+    )
+    area = np.where(np.abs(normals[:, 2]) < 0.5, area, 0.0)
+    largest = np.argsort(-area, kind="stable")[:_MAX_HEADINGS]
+    walls = largest[area[largest] > 0.0]
+    azimuth = np.arctan2(normals[walls, 1], normals[walls, 0])
+    # Rounded to a microradian, so that the walls of one box count once.
+    return sorted({0.0, *np.round(np.mod(azimuth, 0.5 * math.pi), 6).tolist()})
+
+
+def _box_at(corners: Floats, heading_rad: float) -> _Extent:
+    """Box of a heading around (n, 3) points."""
+    turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, heading_rad))
+    turned = corners @ turn.rotation
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    centre = turn.rotation @ (0.5 * (low + high))
+    return _Extent(Pose(turn.rotation, centre), 0.5 * (high - low))

@@ -1,0 +1,22 @@
+"""Numbers that label what rays meet, in the layout of a scene's triangles and an exposure's objects."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.slotted_dataclass import dataclass
+
+LabelNumbers = npt.NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelTables:
+    """Numbers of objects and classes."""
+
+    triangle_numbers: LabelNumbers
+    """(n,) number of the object of each triangle of the static scene."""
+    object_numbers: LabelNumbers
+    """(o,) number of each dynamic object of an exposure, in its order."""
+    class_table: LabelNumbers
+    """(65536,) number of the class of each object's number."""
