@@ -58,8 +58,8 @@ def find_flow(
     rows, columns = np.nonzero(known)
     in_mirror = other.world_from_mirror.inverse().transform_points(moved[rows, columns])
     pixel, shown = project_points(source.camera, in_mirror)
-    rows, columns, in_mirror, pixel = (one[shown] for one in (rows, columns, in_mirror, pixel))
-    is_visible = _find_visible(renderer, source.camera, other, pixel, in_mirror)
+    rows, columns, pixel = rows[shown], columns[shown], pixel[shown]
+    is_visible = _find_visible(renderer, source.camera, other, pixel, in_mirror[shown])
     flow = np.full((height, width, 2), np.nan, dtype=np.float32)
     here = np.stack((columns + 0.5, rows + 0.5), axis=-1)
     there = _displace(source, pixel)

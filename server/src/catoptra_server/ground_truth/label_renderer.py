@@ -6,7 +6,6 @@ Belongs to the thread of the renderers. The rays of a camera are kept as long as
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
 
 import numpy as np
 
@@ -120,7 +119,9 @@ class LabelRenderer:
         if "valid" in wanted:
             found["valid"] = mask_of_rays(centres.table)
         objects = self.labels.describe(drawn.camera_state.objects)
-        return GroundTruth({name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects)
+        return GroundTruth(
+            {name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects
+        )
 
     def _tables(self, camera_state: CameraState) -> LabelTables:
         """Numbers of the objects of an exposure."""

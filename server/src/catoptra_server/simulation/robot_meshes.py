@@ -26,9 +26,7 @@ class RobotMeshes:
 
     def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
         """Robots as dynamic objects, at their present poses."""
-        return tuple(
-            _place_mesh(self._meshes[robot.class_name], robot) for robot in robots
-        )
+        return tuple(_place_mesh(self._meshes[robot.class_name], robot) for robot in robots)
 
     def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
         """Parts of a robot that its own mirror may show; None unless the effect is configured."""

@@ -1,4 +1,4 @@
-"""Numbers that label what rays meet, in the layout of a scene's triangles and an exposure's objects."""
+"""Numbers of the objects and classes that rays meet."""
 
 from __future__ import annotations
 

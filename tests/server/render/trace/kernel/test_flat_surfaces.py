@@ -153,6 +153,7 @@ def test_edge_when_three_triangles_share_it_is_outer() -> None:
         texture_index=scene.texture_index[rows],
         item_index=scene.item_index[rows],
         casts_shadows=scene.casts_shadows[rows],
+        object_index=scene.object_index[rows],
     )
     assert find_flat_surfaces(tripled).outer_edges.tolist() == [7, 7, 7]
 

@@ -1,4 +1,4 @@
-"""Channels of labels by the hits of the pixels' rays: float64 in NumPy, the twin of `src/labels.c`."""
+"""Channels of labels by the hits of the pixels' rays, in NumPy: the twin of `src/labels.c`."""
 
 from __future__ import annotations
 
@@ -70,9 +70,7 @@ def label_pixels(
         facing = np.einsum("...i,...i->...", normals, directions)
         normals = np.where(facing[..., None] > 0.0, -normals, normals)
         values["normal"] = np.einsum("...ji,...j->...i", rotations, normals)
-    return {
-        name: _assemble(table, name, values[name]) for name in values if name in channels
-    }
+    return {name: _assemble(table, name, values[name]) for name in values if name in channels}
 
 
 def hit_numbers(hits: RayHits, tables: LabelTables) -> LabelNumbers:
@@ -95,9 +93,9 @@ def count_agreement(table: RayTable, numbers: LabelNumbers, ids: LabelNumbers) -
     """
     samples = table.samples
     grid = assemble_grid(table, numbers[..., None].astype(np.float32), fill=np.float32(0.0))
-    valid = np.unpackbits(
-        table.valid[..., None].view(np.uint8), axis=-1, bitorder="little"
-    ).astype(np.float32)
+    valid = np.unpackbits(table.valid[..., None].view(np.uint8), axis=-1, bitorder="little").astype(
+        np.float32
+    )
     shown = assemble_grid(table, valid[..., None], fill=np.float32(0.0))[..., 0] > 0.0
     wanted = np.repeat(np.repeat(ids, samples, axis=0), samples, axis=1)
     agrees = shown & (grid[..., 0] == wanted)

@@ -294,9 +294,7 @@ class ReferenceRays:
         """Channels of what the rays meet, of a table of one sample a pixel."""
         static, _ = self._make_frame(exposure).meshes[0]
         hits = self.find_hits(exposure)
-        return label_pixels(
-            self._table, hits, exposure, static.facets.normals, tables, channels
-        )
+        return label_pixels(self._table, hits, exposure, static.facets.normals, tables, channels)
 
     def count_agreement(
         self, exposure: TracedExposure, tables: LabelTables, ids: LabelNumbers

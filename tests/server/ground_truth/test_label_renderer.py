@@ -1,0 +1,260 @@
+"""Channels against rays cast without any of the renderer's code, for three kinds of cameras."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.shutter import INSTANTANEOUS
+from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
+from catoptra_server.ground_truth.label_renderer import DrawnExposure
+from catoptra_server.render.time_samples import advance
+from catoptra_server.scene.twist import Twist
+from helpers.labelled_rooms import CAMERAS, FISH_EYE, ROBOTS, STATE, cast_image, open_labels
+
+ALL = tuple(LABEL_CHANNELS)
+
+
+@pytest.fixture(params=CAMERAS)
+def camera(request: pytest.FixtureRequest) -> OmniCamera:
+    return CAMERAS[request.param]
+
+
+@pytest.mark.parametrize("engine", ["kernel", "reference"])
+def test_channels_are_those_of_an_independent_caster(camera: OmniCamera, engine) -> None:
+    cast = cast_image(camera, STATE)
+    with open_labels(engine) as labels:
+        found = labels.render(DrawnExposure(camera, STATE), ALL).channels
+    sure = cast.is_certain
+    assert sure.mean() > 0.5 * found["valid"].mean()
+    seen = sure & np.isfinite(cast.range_m)
+    assert seen.sum() > 1500
+    np.testing.assert_array_equal(found["ids"][sure], cast.ids[sure])
+    # Robots and things are in view, not the floor alone.
+    assert len(np.unique(cast.ids[seen])) >= 6
+    np.testing.assert_array_equal(np.isinf(found["range"][sure]), np.isinf(cast.range_m[sure]))
+    np.testing.assert_allclose(found["range"][seen], cast.range_m[seen], rtol=1e-4)
+    np.testing.assert_allclose(found["point"][seen], cast.point[seen], atol=1e-3)
+    cosine = np.einsum("ni,ni->n", found["normal"][seen], cast.normal[seen])
+    assert np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).max() < 0.1
+
+
+def test_ids_beside_edges_are_the_majority_of_samples(camera: OmniCamera) -> None:
+    """Pixels that edges cross have the id of most of 16 x 16 rays, where most agree clearly."""
+    side = 16
+    offsets = (np.arange(side) + 0.5) / side
+    with open_labels() as labels:
+        found = labels.render(
+            DrawnExposure(camera, STATE, samples=4), ("ids", "agreement")
+        ).channels
+    mixed = (found["agreement"] > 0) & (found["agreement"] < 255) & (found["ids"] > 0)
+    rows, columns = np.nonzero(mixed)
+    assert len(rows) > 100
+    chosen = np.random.default_rng(7).choice(len(rows), 40, replace=False)
+    decided = 0
+    for row, column in zip(rows[chosen], columns[chosen], strict=True):
+        pixels = np.stack(np.meshgrid(column + offsets, row + offsets), axis=-1)
+        ids = cast_image(camera, STATE, pixels).ids
+        values, counts = np.unique(ids, return_counts=True)
+        agreement = (ids == found["ids"][row, column]).mean()
+        # 4 x 4 samples of the 16 x 16: an edge through the pixel moves the fraction by so much.
+        assert found["agreement"][row, column] / 255.0 == pytest.approx(agreement, abs=0.17)
+        if counts.max() > 0.67 * side * side:
+            assert found["ids"][row, column] == values[counts.argmax()]
+            decided += 1
+    assert decided > 5
+
+
+def test_agreement_is_whole_where_a_pixel_shows_one_object() -> None:
+    camera = CAMERAS["paper"]
+    with open_labels() as labels:
+        found = labels.render(
+            DrawnExposure(camera, STATE, samples=2), ("ids", "agreement")
+        ).channels
+    ids = found["ids"].astype(int)
+    inner = np.zeros(ids.shape, dtype=bool)
+    inner[1:-1, 1:-1] = True
+    for axis in (0, 1):
+        for step in (-1, 1):
+            inner &= np.roll(ids, step, axis=axis) == ids
+    inner &= ids > 0
+    assert (found["agreement"][inner] == 255).mean() > 0.98
+
+
+def test_classes_are_those_of_the_ids() -> None:
+    with open_labels() as labels:
+        truth = labels.render(DrawnExposure(CAMERAS["paper"], STATE), ("ids", "classes"))
+        classes = {one.number: one.class_number for one in truth.objects}
+        names = {one.number: one.class_name for one in truth.objects}
+    ids = truth.channels["ids"]
+    for number in np.unique(ids[ids > 0]):
+        assert (truth.channels["classes"][ids == number] == classes[number]).all()
+    assert names[6] == names[7] == "robot"
+    assert (truth.channels["classes"][ids == 0] == 0).all()
+
+
+def test_ranges_of_two_poses_make_one_cloud(camera: OmniCamera) -> None:
+    """Back-projected points lie on the planes that the other pose saw, at the rim as in the
+    middle."""
+    other = replace(STATE, world_from_mirror=Pose.from_rpy((0.1, -0.3, -0.75), (0.05, 0.1, -1.1)))
+    with open_labels() as labels:
+        clouds = [
+            labels.render(DrawnExposure(camera, state), ("point", "normal", "ids")).channels
+            for state in (STATE, other)
+        ]
+    first, second = clouds
+    planes = 0
+    for number in np.unique(second["ids"]):
+        if number == 0 or number > 5:
+            continue
+        here, there = first["ids"] == number, second["ids"] == number
+        normals = second["normal"][there] @ other.world_from_mirror.rotation.T
+        offsets = np.einsum("ni,ni->n", normals, second["point"][there])
+        # Facets of the same object: each plane once.
+        facets = np.column_stack((normals, offsets))
+        _, once = np.unique(facets.round(2), axis=0, return_index=True)
+        facets = facets[once]
+        own = first["normal"][here] @ STATE.world_from_mirror.rotation.T
+        distance = np.abs(first["point"][here] @ facets[:, :3].T - facets[:, 3])
+        # Of those facets that have the direction of the point's own.
+        distance[own @ facets[:, :3].T < 0.9999] = np.inf
+        nearest = distance.min(axis=1)
+        if np.isfinite(nearest).sum() > 20:
+            planes += 1
+            assert nearest[np.isfinite(nearest)].max() < 1e-3
+    assert planes >= 3
+
+
+def test_rows_of_a_rolling_shutter_are_labelled_at_their_own_times() -> None:
+    camera = CAMERAS["paper"]
+    moving = replace(
+        STATE,
+        twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.0)),
+        objects=tuple(replace(robot, twist=Twist((0.0, 1.0, 0.0))) for robot in ROBOTS),
+        shutter=INSTANTANEOUS.with_exposure(0.02, 3.0).with_readout(0.06, 9.0),
+    )
+    with open_labels() as labels:
+        found = labels.render(DrawnExposure(camera, moving), ("range", "ids")).channels
+    for row in (10, 48, 80):
+        time_s = 0.06 * ((row + 0.5) / camera.height_px - 0.5)
+        cast = cast_image(camera, advance(moving, time_s))
+        sure = cast.is_certain[row]
+        # Poses between two states are interpolated entry by entry: a few pixels at edges.
+        assert (found["ids"][row] == cast.ids[row])[sure].mean() > 0.97
+        same = sure & (found["ids"][row] == cast.ids[row]) & np.isfinite(cast.range_m[row])
+        np.testing.assert_allclose(found["range"][row][same], cast.range_m[row][same], rtol=5e-3)
+
+
+def test_global_shutter_is_labelled_at_the_middle_of_the_exposure() -> None:
+    camera = CAMERAS["paper"]
+    moving = replace(
+        STATE,
+        twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.0)),
+        shutter=INSTANTANEOUS.with_exposure(0.05, 3.0),
+    )
+    with open_labels() as labels:
+        blurred = labels.render(DrawnExposure(camera, moving), ("ids",)).channels
+        still = labels.render(DrawnExposure(camera, STATE), ("ids",)).channels
+    np.testing.assert_array_equal(blurred["ids"], still["ids"])
+
+
+def test_displaced_camera_is_labelled_as_its_picture_shows() -> None:
+    camera = CAMERAS["paper"]
+    displaced = Misalignment(x_m=0.004, pitch_rad=0.01)
+    drawn = DrawnExposure(camera, STATE, image_effects=(displaced,))
+    with open_labels() as labels:
+        found = labels.render(drawn, ("ids", "valid")).channels
+        aligned = labels.render(DrawnExposure(camera, STATE), ("ids",)).channels
+    lookup = lookup_offset_map(displaced, camera)
+    assert np.hypot(lookup[..., 0], lookup[..., 1])[lookup[..., 2] > 0].max() > 1.0
+    u, v = np.meshgrid(np.arange(96) + 0.5, np.arange(96) + 0.5)
+    cast = cast_image(camera, STATE, np.stack((u, v), axis=-1) + lookup[..., :2])
+    sure = cast.is_certain & (lookup[..., 2] > 0.0)
+    np.testing.assert_array_equal(found["ids"][sure], cast.ids[sure])
+    assert (found["ids"] != aligned["ids"]).sum() > 50
+
+
+def test_flow_leads_to_the_point_in_the_other_image_and_back(camera: OmniCamera) -> None:
+    here = STATE
+    there = replace(
+        STATE,
+        world_from_mirror=Pose.from_rpy((0.36, 0.2, -0.61), (0.01, -0.02, 0.36)),
+        objects=tuple(
+            replace(robot, world_from_object=robot.world_from_object @ Pose.from_rpy((0.05, 0, 0)))
+            for robot in ROBOTS
+        ),
+    )
+    with open_labels() as labels:
+        forward = labels.render(
+            DrawnExposure(camera, here), ("flow", "ids", "point"), there
+        ).channels
+        backward = labels.render(DrawnExposure(camera, there), ("flow", "ids"), here).channels
+    flow = forward["flow"]
+    known = np.isfinite(flow).all(axis=-1)
+    assert 0.5 < known[forward["ids"] > 0].mean() < 1.0
+    rows, columns = np.nonzero(known)
+    ends = np.column_stack((columns, rows)) + 0.5 + flow[known]
+    # The ray of the end point meets the same object at the same, moved, point.
+    cast = cast_image(camera, there, ends[:, None])
+    sure = cast.is_certain[:, 0]
+    np.testing.assert_array_equal(cast.ids[sure, 0], forward["ids"][known][sure])
+    still = sure & (forward["ids"][known] <= 5)
+    miss = np.linalg.norm(cast.point[still, 0] - forward["point"][known][still], axis=-1)
+    # As an angle at the point's distance, 0.02 px of the coarsest part of the image.
+    assert np.quantile(miss / cast.range_m[still, 0], 0.99) < 0.02 / 20.0
+    # Forward and backward cancel where the flow varies little over a pixel.
+    column, row = np.floor(ends).astype(int).T
+    back = backward["flow"][row, column]
+    alike = np.isfinite(back).all(axis=-1)
+    alike &= backward["ids"][row, column] == forward["ids"][known]
+    total = np.linalg.norm(back + flow[known], axis=-1)[alike]
+    assert np.median(total) < 0.05
+
+
+def test_flow_is_unknown_without_another_frame_and_of_what_is_gone() -> None:
+    camera = CAMERAS["paper"]
+    with open_labels() as labels:
+        none = labels.render(DrawnExposure(camera, STATE), ("flow",)).channels["flow"]
+        found = labels.render(
+            DrawnExposure(camera, STATE), ("flow", "ids"), replace(STATE, objects=())
+        ).channels
+    assert np.isnan(none).all()
+    assert np.isnan(found["flow"][found["ids"] > 5]).all()
+    assert np.isfinite(found["flow"][found["ids"] == 1]).all(axis=-1).mean() > 0.9
+
+
+def test_still_scene_has_no_flow(camera: OmniCamera) -> None:
+    with open_labels() as labels:
+        found = labels.render(DrawnExposure(camera, STATE), ("flow", "ids"), STATE).channels
+    flow = found["flow"]
+    known = np.isfinite(flow).all(axis=-1)
+    assert known[found["ids"] > 0].mean() > 0.98
+    assert np.abs(flow[known]).max() < 0.02
+
+
+def test_perspective_cameras_have_the_same_channels() -> None:
+    camera = PerspectiveCamera(64, 48, 1.2)
+    with open_labels() as labels:
+        found = labels.render(DrawnExposure(camera, STATE, samples=2), ALL).channels
+    assert found["range"].shape == (48, 64)
+    assert found["valid"].all()
+    assert len(np.unique(found["ids"])) > 2
+
+
+def test_only_requested_channels_are_rendered() -> None:
+    with open_labels() as labels:
+        assert list(labels.render(DrawnExposure(FISH_EYE, STATE), ("valid",)).channels) == ["valid"]
+        assert labels.render(DrawnExposure(FISH_EYE, STATE), ()).channels == {}
+
+
+def test_channels_beyond_the_memory_are_rejected() -> None:
+    huge = replace(FISH_EYE, width_px=8192, height_px=8192)
+    with open_labels() as labels, pytest.raises(DomainError, match=r"8192 x 8192 px take .* MiB"):
+        labels.render(DrawnExposure(huge, STATE), ALL)
