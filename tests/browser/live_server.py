@@ -97,6 +97,23 @@ def write_parabolic_robot(folder: Path) -> Path:
     )
 
 
+def write_fisheye_robot(folder: Path, *edits: Edit) -> Path:
+    """Write the bundled robot with two fish-eyes: 220 degrees hanging, 185 looking ahead."""
+    return write_edited_copy(
+        ROBOTS / "p2at_fisheye.ini",
+        folder,
+        Edit("BasedOn=p2at.ini", f"BasedOn={ROBOTS / 'p2at.ini'}"),
+        *edits,
+    )
+
+
+def write_tilted_robot(folder: Path) -> Path:
+    """Write the robot with two fish-eyes; that in front rolled, raised, and turned to the right."""
+    mount = "Position=(X=0.24,Y=0,Z=-0.20),Direction="
+    edit = Edit(f"{mount}(X=0,Y=0,Z=0)", f"{mount}(X=0.15,Y=-0.35,Z=0.5)")
+    return write_fisheye_robot(folder, edit)
+
+
 def write_full_robot(folder: Path, size_px: int = 360) -> Path:
     """Write a robot with all sensors, two cameras, and all image effects of `p2at_omni_real`."""
     real = (ROBOTS / "p2at_omni_real.ini").read_text(encoding="utf-8")

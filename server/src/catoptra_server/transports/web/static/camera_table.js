@@ -5,6 +5,10 @@
 
 import { fetchJson } from "./connection.js";
 
+const STEEPEST_SLOPE = 1.2;
+/** Cosine of the tilt up to which a camera's axis is the robot's vertical. */
+const LEVEL = 1 - 1e-6;
+
 /** Pixels of directions in the mirror frame, and directions of pixels. */
 export class CameraTable {
   #inverse;
@@ -74,10 +78,20 @@ export class CameraTable {
     return theta_rad === null ? null : { theta_rad, azimuth_rad: Math.atan2(y, x) };
   }
 
+  /** Pixels around the rim, closed. */
+  rim() {
+    return turn().map((azimuth_rad) => this.pixelFromAngles(this.max_theta_rad, azimuth_rad));
+  }
+
   /** Whether a pixel lies within the image. */
   contains([u, v]) {
     return u >= 0 && v >= 0 && u <= this.width_px && v <= this.height_px;
   }
+}
+
+/** Azimuths of a full turn in steps of two degrees, from -pi to pi. */
+export function turn() {
+  return Array.from({ length: 181 }, (_, i) => ((i - 90) * Math.PI) / 90);
 }
 
 /** Fetch the table of a camera; null for one without such a model. */
@@ -88,13 +102,16 @@ export async function fetchCameraTable(className, camera) {
 }
 
 /**
- * Cylinder of square pixels from the rim to 50 degrees below the horizon, as `choose_cylinder` of
- * catoptra_client.
+ * Cylinder of square pixels about the robot's vertical, from the rim to 50 degrees below the
+ * horizon, and from 50 degrees above it for a camera that does not look down: as `choose_cylinder`
+ * of catoptra_client. `robot_from_mirror`: nine row-major numbers.
  */
-export function chooseCylinder(table, columns) {
-  const STEEPEST_SLOPE = 1.2;
-  const top_slope = Math.max(1 / Math.tan(table.max_theta_rad), -STEEPEST_SLOPE);
+export function chooseCylinder(table, columns, robot_from_mirror) {
+  const looksDown = robot_from_mirror[8] > LEVEL;
+  const rim_slope = looksDown ? 1 / Math.tan(table.max_theta_rad) : -STEEPEST_SLOPE;
+  const top_slope = Math.max(rim_slope, -STEEPEST_SLOPE);
   const bottom_slope = Math.max(STEEPEST_SLOPE, top_slope + 1);
   const rows = Math.max(Math.round(((bottom_slope - top_slope) * columns) / (2 * Math.PI)), 1);
-  return { columns, rows, top_slope, bottom_slope, seam_azimuth_rad: -Math.PI };
+  const seam_azimuth_rad = -Math.PI;
+  return { columns, rows, top_slope, bottom_slope, seam_azimuth_rad, robot_from_mirror };
 }

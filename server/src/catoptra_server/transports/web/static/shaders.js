@@ -24,6 +24,7 @@ uniform sampler2D azimuths;    // cosine and sine of each column of a cylinder
 uniform bool isCylinder;
 uniform vec2 slope;            // slope of a row = slope.x + slope.y * row
 uniform mat3 viewAxes;         // columns: forward, right, down
+uniform mat3 mirrorFromRobot;
 uniform vec3 view;             // focal length, centre of the view
 out vec4 colour;
 
@@ -59,6 +60,7 @@ vec3 sampleFrame(vec2 pixel) {
   return inside.x * inside.y * texture(frame, pixel / size).rgb;
 }
 
+// In the axes of the robot.
 vec3 directionOf(vec2 target) {
   if (isCylinder) {
     vec2 level = texelFetch(azimuths, ivec2(int(target.x), 0), 0).rg;
@@ -69,7 +71,7 @@ vec3 directionOf(vec2 target) {
 
 void main() {
   vec2 target = vec2(gl_FragCoord.x, row.x + row.y * gl_FragCoord.y);
-  vec3 direction = directionOf(target);
+  vec3 direction = mirrorFromRobot * directionOf(target);
   float rho = length(direction.xy);
   float theta = incidence(rho, direction.z);
   vec2 level = rho > 0.0 ? direction.xy / rho : vec2(1.0, 0.0);

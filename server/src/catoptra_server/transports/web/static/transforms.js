@@ -1,5 +1,11 @@
 /** Rigid transforms of the protocol, {position_m, rotation}: parent = R child + p. */
 
+/** The rotation that changes nothing. */
+export const NO_TURN = [1, 0, 0, 0, 1, 0, 0, 0, 1];
+
+/** Rotation of the mirror frame on the robot that a header states; that of none without one. */
+export const robotFromMirror = (header) => header?.robot_from_mirror?.rotation ?? NO_TURN;
+
 /** R v of nine row-major numbers and a vector. */
 export function rotate(rotation, [x, y, z]) {
   return [0, 3, 6].map((i) => rotation[i] * x + rotation[i + 1] * y + rotation[i + 2] * z);
@@ -22,7 +28,7 @@ export function cameraFromWorld(header, point) {
 }
 
 /**
- * Axes (forward, right, down) of a view in the mirror frame: yaw to the right, pitch up, as in
+ * Axes (forward, right, down) of a view in those of the robot: yaw to the right, pitch up, as in
  * `PerspectiveGeometry` of catoptra_client.
  */
 export function viewAxes(yaw_rad, pitch_rad) {

@@ -6,7 +6,7 @@
  */
 
 import { FRAGMENT_SHADER, VERTEX_SHADER } from "./shaders.js";
-import { viewAxes } from "./transforms.js";
+import { NO_TURN, viewAxes } from "./transforms.js";
 
 const FRAME_UNIT = 0;
 const RADII_UNIT = 1;
@@ -61,7 +61,8 @@ export class UnwarpRenderer {
 
   /**
    * Bitmap of a view: a cylinder, as of chooseCylinder, or a perspective view {width_px, height_px,
-   * fov_rad, yaw_rad, pitch_rad}.
+   * fov_rad, yaw_rad, pitch_rad}, in the axes of the robot by its robot_from_mirror: nine row-major
+   * numbers, or in those of the mirror frame without.
    */
   draw(view) {
     const [width, height] = sizeOf(view);
@@ -234,6 +235,8 @@ export class UnwarpRenderer {
       const focalLength_px = (0.5 * width) / Math.tan(0.5 * view.fov_rad);
       gl.uniform3f(uniforms.view, focalLength_px, 0.5 * width, 0.5 * height);
     }
+    // Rows there, columns here: read as columns, the rotation is its inverse.
+    gl.uniformMatrix3fv(uniforms.mirrorFromRobot, false, view.robot_from_mirror ?? NO_TURN);
     gl.uniform2f(uniforms.row, row[0], row[1]);
     gl.viewport(0, 0, width, height);
     gl.drawArrays(gl.TRIANGLES, 0, 3);

@@ -3,9 +3,20 @@
 import { makeLegend } from "../landmarks.js";
 import { bodyOf, isShown, make, onShown, setText } from "../panel.js";
 import { degrees } from "../scan_geometry.js";
+import { robotFromMirror, rotate } from "../transforms.js";
+import { aimFromDirection, directionFromAngles } from "../views/directions.js";
 
 const INTERVAL_MS = 100;
-const OUTSIDE = "outside the mirror";
+const NAMES = [
+  "pixel",
+  "incidence angle",
+  "azimuth",
+  "elevation",
+  "range",
+  "object",
+  "error bound",
+];
+const OUTSIDE = "outside the image of the camera";
 
 /** Create the panel. */
 export function create(section, context) {
@@ -30,7 +41,7 @@ class CursorPanel {
     this.#section = section;
     this.#context = context;
     const list = make("dl", { className: "values" });
-    for (const name of ["pixel", "incidence angle", "azimuth", "range", "object", "error bound"]) {
+    for (const name of NAMES) {
       const value = make("dd", {}, "\u2013");
       this.#values.set(name, value);
       list.append(make("dt", {}, name), value);
@@ -47,8 +58,7 @@ class CursorPanel {
     this.#set("pixel", pixel ? `${pixel[0].toFixed(1)}, ${pixel[1].toFixed(1)}` : null);
     const angles = pixel && table ? table.anglesFromPixel(pixel) : null;
     const isOutside = Boolean(pixel && table && !angles);
-    this.#set("incidence angle", angles ? degrees(angles.theta_rad, 2) : isOutside ? OUTSIDE : null);
-    this.#set("azimuth", angles ? degrees(angles.azimuth_rad, 2) : null);
+    this.#showAngles(angles && { ...angles, direction: directionFromAngles(angles) }, isOutside);
     if (!pixel || isOutside) this.#showReply(null);
     this.#setHint(cursor);
     this.ask();
@@ -84,8 +94,10 @@ class CursorPanel {
     const isOutside = reply !== null && reply.theta_rad === null;
     // A camera without a table: the server knows its model.
     if (reply !== null && !table && cursor.pixel) {
-      this.#set("incidence angle", isOutside ? OUTSIDE : degrees(reply.theta_rad, 2));
-      this.#set("azimuth", isOutside ? null : degrees(reply.azimuth_rad, 2));
+      // An ordinary camera looks along x, and its azimuth is about that axis.
+      const [right, down, ahead] = isOutside ? [] : directionFromAngles(reply);
+      const angles = { theta_rad: reply.theta_rad, direction: [ahead, right, down] };
+      this.#showAngles(isOutside ? null : angles, isOutside);
     }
     const isSeen = reply !== null && !isOutside;
     const range = isSeen && reply.range_m !== null ? `${reply.range_m.toFixed(3)} m` : null;
@@ -93,6 +105,16 @@ class CursorPanel {
     this.#set("object", isSeen ? reply.object : null);
     const hasBound = isSeen && reply.bound_px !== null;
     this.#set("error bound", hasBound ? `${reply.bound_px.toPrecision(3)} px` : null);
+  }
+
+  /** Incidence angle from the optical axis; azimuth and elevation in the axes of the robot. */
+  #showAngles(angles, isOutside) {
+    const theta = angles ? degrees(angles.theta_rad, 2) : null;
+    this.#set("incidence angle", isOutside ? OUTSIDE : theta);
+    const rotation = robotFromMirror(this.#context.frame?.header);
+    const aim = angles && aimFromDirection(rotate(rotation, angles.direction));
+    this.#set("azimuth", aim && degrees(aim.yaw_rad, 2));
+    this.#set("elevation", aim && degrees(aim.pitch_rad, 2));
   }
 
   #setHint({ pixel, isHeld }) {

@@ -2,6 +2,7 @@
 
 import { chooseCylinder } from "../camera_table.js";
 import { bodyOf, make, makeButton } from "../panel.js";
+import { robotFromMirror } from "../transforms.js";
 
 const MAX_COLUMNS = 4096;
 
@@ -53,7 +54,7 @@ async function savePanorama(context) {
   const { header, blob } = await requestPng(context);
   const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none" });
   const columns = Math.min(MAX_COLUMNS, 2 * header.width_px);
-  const cylinder = chooseCylinder(table, columns);
+  const cylinder = chooseCylinder(table, columns, robotFromMirror(header));
   const pixels = await unwarper.read(cylinder, bitmap);
   bitmap.close();
   const panorama = await pngOf(new ImageData(pixels, columns, cylinder.rows));

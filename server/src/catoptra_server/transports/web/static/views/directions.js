@@ -1,12 +1,33 @@
-/** Directions that views draw: landmarks at the pose of the frame, and the perspective window. */
+/**
+ * Directions that views draw, at the viewpoint and in the axes of the robot: landmarks at the pose
+ * of the frame, the cursor, the perspective window. Of a camera that looks ahead or is tilted the
+ * mirror frame, in which its model is, is turned to them as the frame's header says.
+ */
 
-import { cameraFromWorld, viewAxes } from "../transforms.js";
+import { turn } from "../camera_table.js";
+import { cameraFromWorld, robotFromMirror, rotate, rotateBack, viewAxes } from "../transforms.js";
 
 const STEPS_PER_SIDE = 16;
 
+/** Pixel of a direction of any length; null where the camera shows nothing. */
+export function pixelFromDirection({ frame, table }, direction) {
+  return table.pixelFromDirection(rotateBack(robotFromMirror(frame?.header), direction));
+}
+
+/** Unit direction of a pixel; null outside of what the camera shows, and without its model. */
+export function directionFromPixel({ frame, table }, pixel) {
+  const angles = table?.anglesFromPixel(pixel);
+  return angles ? rotate(robotFromMirror(frame?.header), directionFromAngles(angles)) : null;
+}
+
+/** Direction in which the frame of a header shows a point of the world. */
+export function directionFromWorld(header, point) {
+  return rotate(robotFromMirror(header), cameraFromWorld(header, point));
+}
+
 /**
- * Landmarks, {name, status, direction}, as the present frame shows them in the mirror frame: the
- * positions of the reply are older than the frame.
+ * Landmarks, {name, status, direction}, as the present frame shows them: the positions of the reply
+ * are older than the frame.
  */
 export function landmarkDirections(context) {
   const header = context.frame?.header;
@@ -16,7 +37,7 @@ export function landmarkDirections(context) {
     .map(({ name, status, x_m, y_m, z_m }) => ({
       name,
       status,
-      direction: cameraFromWorld(header, [x_m, y_m, z_m]),
+      direction: directionFromWorld(header, [x_m, y_m, z_m]),
     }));
 }
 
@@ -48,17 +69,21 @@ export function windowOutline({ yaw_rad, pitch_rad, fov_rad, aspect }) {
   return directions;
 }
 
-/** Unit-free direction of the cursor in the mirror frame; null without one on the mirror. */
+/** Unit direction of the cursor; null without one on what the camera shows. */
 export function cursorDirection(context) {
-  const { cursor, table } = context;
-  const angles = cursor.pixel === null ? null : table?.anglesFromPixel(cursor.pixel);
-  return angles ? directionFromAngles(angles) : null;
+  const { pixel } = context.cursor;
+  return pixel && directionFromPixel(context, pixel);
 }
 
-/** Unit direction of incidence angle and azimuth. */
+/** Unit direction in the mirror frame of incidence angle and azimuth. */
 export function directionFromAngles({ theta_rad, azimuth_rad }) {
   const sine = Math.sin(theta_rad);
   return [sine * Math.cos(azimuth_rad), sine * Math.sin(azimuth_rad), Math.cos(theta_rad)];
+}
+
+/** Level directions around the robot, from behind it by its left to behind it again. */
+export function levelDirections() {
+  return turn().map((azimuth_rad) => [Math.cos(azimuth_rad), Math.sin(azimuth_rad), 0]);
 }
 
 /** Yaw and pitch of a perspective view whose centre has this direction. */

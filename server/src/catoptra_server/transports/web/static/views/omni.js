@@ -8,8 +8,10 @@ import { drawLandmarks, drawLabel } from "../landmarks.js";
 import { bodyOf, drawOnDemand, isShown, make, makeButton, toolsOf } from "../panel.js";
 import {
   aimFromDirection,
-  directionFromAngles,
+  directionFromPixel,
   landmarkPlaces,
+  levelDirections,
+  pixelFromDirection,
   reasonForNoPicture,
   windowOutline,
 } from "./directions.js";
@@ -84,8 +86,8 @@ class OmniView {
     const { table, cursor, window: perspective } = this.#context;
     if (reasonForNoPicture(this.#context)) return;
     if (table) {
-      this.#drawCircle(pen, table.rim_radius_px, "#b0b8c0", []);
-      this.#drawCircle(pen, table.radiusFromTheta(0.5 * Math.PI), "#e6e6e6", [6, 6]);
+      this.#drawLine(pen, table.rim().map((pixel) => this.#positionFromPixel(pixel)), "#b0b8c0");
+      this.#drawHorizon(pen);
       tracePolyline(pen, windowOutline(perspective).map((one) => this.#project(one)));
       strokeOutlined(pen, "#ff9de1");
     }
@@ -105,15 +107,21 @@ class OmniView {
     drawLandmarks(pen, places, this.#canvases.width);
   }
 
-  #drawCircle(pen, radius_px, colour, dash) {
-    if (radius_px === null) return;
-    const [x, y] = this.#positionFromPixel(this.#context.table.centre_px);
-    pen.setLineDash(dash);
-    pen.beginPath();
-    pen.arc(x, y, radius_px * this.#placement().scale, 0, 2 * Math.PI);
+  #drawLine(pen, points, colour) {
+    tracePolyline(pen, points);
     strokeOutlined(pen, colour, 1);
+  }
+
+  /** A circle for a camera that looks down. */
+  #drawHorizon(pen) {
+    const points = levelDirections().map((one) => this.#project(one));
+    pen.setLineDash([6, 6]);
+    this.#drawLine(pen, points, "#e6e6e6");
     pen.setLineDash([]);
-    if (dash.length) drawLabel(pen, "horizon", x + 4, y + radius_px * this.#placement().scale);
+    const shown = points.filter((point) => point !== null);
+    // Of a level line the left end.
+    const lowest = shown.reduce((a, b) => (b[1] > a[1] + 1 ? b : a), shown[0]);
+    if (lowest) drawLabel(pen, "horizon", lowest[0] + 4, lowest[1]);
   }
 
   /** Rate and age, as a text that changes slowly enough to be read. */
@@ -171,7 +179,7 @@ class OmniView {
   }
 
   #project(direction) {
-    const pixel = this.#context.table.pixelFromDirection(direction);
+    const pixel = pixelFromDirection(this.#context, direction);
     return pixel && this.#positionFromPixel(pixel);
   }
 
@@ -236,8 +244,8 @@ class OmniView {
   }
 
   #aim(pixel) {
-    const angles = pixel && this.#context.table?.anglesFromPixel(pixel);
-    if (angles) this.#context.setWindow(aimFromDirection(directionFromAngles(angles)));
+    const direction = pixel && directionFromPixel(this.#context, pixel);
+    if (direction) this.#context.setWindow(aimFromDirection(direction));
   }
 
   #onKey(event) {

@@ -1,12 +1,18 @@
 /**
- * The panorama: all that the mirror shows, on a cylinder around the viewpoint, ahead in the middle
+ * The panorama: what the camera shows, on a cylinder about the robot's vertical, ahead in the middle
  * and right on the right. Rows are linear in slope, as in `CylinderGeometry` of catoptra_client.
  */
 
 import { chooseCylinder } from "../camera_table.js";
 import { screenScale } from "../canvas.js";
 import { drawLabel } from "../landmarks.js";
-import { aimFromDirection, cursorDirection, windowOutline } from "./directions.js";
+import { robotFromMirror, viewAxes } from "../transforms.js";
+import {
+  aimFromDirection,
+  cursorDirection,
+  pixelFromDirection,
+  windowOutline,
+} from "./directions.js";
 import { ARROWS, watchGestures } from "./gestures.js";
 import { UnwarpedView } from "./unwarped_view.js";
 import { strokeOutlined, tracePolyline } from "./view_canvases.js";
@@ -14,6 +20,8 @@ import { strokeOutlined, tracePolyline } from "./view_canvases.js";
 const MAX_COLUMNS = 1440;
 const AZIMUTH_LABELS_DEG = [-135, -90, -45, 0, 45, 90, 135];
 const KEY_STEP_RAD = (2 * Math.PI) / 180;
+/** Of the cursor: straight up or down it would forget its azimuth. */
+const STEEPEST_RAD = 1.57;
 const HELP =
   "Arrow keys move the cursor. Click or Enter holds it, Escape releases it. Double click or L " +
   "turns the perspective view there.";
@@ -47,9 +55,9 @@ class PanoramaView {
   /** The cylinder at the resolution of the screen. */
   #cylinder() {
     const { width } = this.#view.canvases;
-    const { table, unwarper } = this.#context;
+    const { frame, table, unwarper } = this.#context;
     const columns = Math.min(Math.round(width * screenScale() * unwarper.detail), MAX_COLUMNS);
-    return chooseCylinder(table, Math.max(columns, 1));
+    return chooseCylinder(table, Math.max(columns, 1), robotFromMirror(frame?.header));
   }
 
   /** Where style.css (object-fit: contain) places the picture, in CSS pixels. */
@@ -127,19 +135,25 @@ class PanoramaView {
     return true;
   }
 
-  /** From its present direction, or from straight ahead. */
+  /**
+   * From its present direction, or from straight ahead, or of a camera that does not show that from
+   * its optical axis; not out of what the camera shows.
+   */
   #moveCursor([dx, dy], step) {
     const { table } = this.#context;
     if (!table) return;
     const start = cursorDirection(this.#context);
     if (!start) {
-      this.#view.placeCursor([1, 0, 0], true);
+      const ahead = pixelFromDirection(this.#context, [1, 0, 0]);
+      this.#context.setCursor(ahead && table.contains(ahead) ? ahead : table.centre_px, true);
       return;
     }
-    const { theta_rad, azimuth_rad } = table.anglesFromPixel(this.#context.cursor.pixel);
+    const { yaw_rad, pitch_rad } = aimFromDirection(start);
     const delta_rad = step * KEY_STEP_RAD;
-    const theta = Math.min(Math.max(theta_rad - dy * delta_rad, 0), table.max_theta_rad);
-    this.#context.setCursor(table.pixelFromAngles(theta, azimuth_rad + dx * delta_rad), true);
+    const pitch = Math.min(Math.max(pitch_rad - dy * delta_rad, -STEEPEST_RAD), STEEPEST_RAD);
+    const { forward } = viewAxes(yaw_rad + dx * delta_rad, pitch);
+    const pixel = pixelFromDirection(this.#context, forward);
+    if (pixel && table.contains(pixel)) this.#context.setCursor(pixel, true);
   }
 }
 

@@ -2,7 +2,12 @@
 
 import { drawLandmarks } from "../landmarks.js";
 import { drawOnDemand, isShown } from "../panel.js";
-import { cursorDirection, landmarkPlaces, reasonForNoUnwarping } from "./directions.js";
+import {
+  cursorDirection,
+  landmarkPlaces,
+  pixelFromDirection,
+  reasonForNoUnwarping,
+} from "./directions.js";
 import { cursorGestures } from "./gestures.js";
 import { drawCrosshair, ViewCanvases } from "./view_canvases.js";
 
@@ -64,11 +69,11 @@ export class UnwarpedView {
     return cursorGestures(this.#context, place);
   }
 
-  /** Place the cursor at a direction; null and directions that the mirror hides remove it. */
+  /** Place the cursor at a direction; null and directions that the camera does not show remove it. */
   placeCursor(direction, isHeld) {
     const { table } = this.#context;
     if (!table) return;
-    const pixel = direction && table.pixelFromDirection(direction);
+    const pixel = direction && pixelFromDirection(this.#context, direction);
     this.#context.setCursor(pixel && table.contains(pixel) ? pixel : null, isHeld);
   }
 
