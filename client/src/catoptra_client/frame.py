@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
+from catoptra_protocol.labels.ground_truth import GroundTruth
 from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -28,6 +29,20 @@ _IMREAD_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 _PNG_HEADER = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
 
 Pixels = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledPixels:
+    """Ground truth of a frame's pixels."""
+
+    truth: GroundTruth
+    """Channels by name, and the objects in view."""
+    has_row_times: bool
+    """Whether each row of pixels has its own time (rolling shutter), else all that of the frame."""
+    is_displaced: bool
+    """Whether the labels are of a displaced capture camera, as the picture is."""
+    flow_to_time_s: float | None
+    """Simulated time of the frame that the flow leads to; None without one."""
 
 
 # eq=False: comparing arrays gives an array, so frames compare by identity.
@@ -85,6 +100,8 @@ class Frame:
     """Difference from the reference that a variant names, in numbers."""
     difference_rgb: Pixels | None = None
     """The same as (h, w, 3) absolute differences, uint8."""
+    labels: LabelledPixels | None = None
+    """Channels of ground truth and the objects in view, where they were requested."""
 
     def __repr__(self) -> str:
         """Summary in a line: of the fields that the transport delivers, those of interest."""

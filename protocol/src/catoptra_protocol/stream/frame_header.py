@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.stream.label_records import LabelsRecord
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.stream.transform import Transform
 
@@ -110,6 +111,8 @@ class FrameHeader:
     """Next cheaper plan, likewise."""
     difference: DifferenceRecord | None = None
     """Set where the request names a reference: the image is twice as wide as the picture."""
+    labels: LabelsRecord | None = None
+    """Set where the request names channels, which follow the image in parts of their own."""
 
     def __str__(self) -> str:
         # Without the pairs of the camera model, which would fill the log of every frame.

@@ -14,6 +14,7 @@ from enum import Enum
 from typing import ClassVar
 
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.stream.label_records import ChannelEncoding
 from catoptra_protocol.vectors import Vector3
 
 
@@ -73,6 +74,9 @@ class GetFrameRequest:
     # A default, as for all fields that clients of an earlier release do not send.
     variant: FrameVariant | None = None
     """Other settings, of an omnidirectional camera that is requested by name; None for its own."""
+    channels: tuple[str, ...] = ()
+    """Channels of labels that follow the image, of one camera of any kind: names of SPEC.md 9.8."""
+    channel_encoding: ChannelEncoding = ChannelEncoding.RAW
 
 
 @dataclass(frozen=True, slots=True)

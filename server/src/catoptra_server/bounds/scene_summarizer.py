@@ -40,7 +40,8 @@ class SceneSummarizer:
     """Summaries of one world."""
 
     def __init__(self, scene: SceneMesh, world: World) -> None:
-        self._scene = scene
+        self.scene = scene
+        """The scene."""
         self._world = world
         self._distance_bounds = DistanceBoundCache(scene)
         self._bounds = SceneBounds(scene)
@@ -51,7 +52,7 @@ class SceneSummarizer:
     @cached_property
     def max_radiance(self) -> float:
         """Largest radiance of the static scene."""
-        return max_radiance(self._scene, self._world)
+        return max_radiance(self.scene, self._world)
 
     def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
         """Angle by which a renderer's coordinates displace nothing farther, rounded up.

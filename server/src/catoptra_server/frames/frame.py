@@ -15,6 +15,7 @@ from catoptra_server.frames.encode import (
     is_quick,
     payload_of_reply,
 )
+from catoptra_server.frames.frame_labels import FrameLabels
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, FrameMetadata
 from catoptra_server.frames.image_difference import ImageDifference
 from catoptra_server.planning.plan_choice import PlanChoice
@@ -54,6 +55,8 @@ class Frame:
     """Choice of the plan, in a frame of one omnidirectional camera."""
     difference: ImageDifference | None = None
     """Set where the right half of the image shows a difference from a reference."""
+    labels: FrameLabels | None = None
+    """Labels of the picture, where the channel has any."""
     # A frozen frame with caches: encodings follow from the image alone.
     _encoded: dict[_Encoding, Payload] = field(default_factory=dict)
     _running: dict[_Encoding, asyncio.Task[Payload]] = field(default_factory=dict)

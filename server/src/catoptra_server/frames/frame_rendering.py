@@ -9,7 +9,13 @@ import numpy as np
 
 from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_request import FrameComposition, FrameRequest, ViewRequest
+from catoptra_server.frames.frame_labels import FrameLabels
+from catoptra_server.frames.frame_request import (
+    Channel,
+    FrameComposition,
+    FrameRequest,
+    ViewRequest,
+)
 from catoptra_server.frames.image_difference import append_difference
 from catoptra_server.frames.multi_view import compose_tiles
 from catoptra_server.frames.view_cache import RenderedView
@@ -22,6 +28,11 @@ class ViewProvider(Protocol):
 
     def render(self, request: ViewRequest) -> RenderedView:
         """Render a view."""
+
+    def label(
+        self, rendered: RenderedView, channels: tuple[str, ...], channel: Channel, time_s: float
+    ) -> FrameLabels:
+        """Label the pixels of a rendered view."""
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
@@ -48,6 +59,10 @@ def render_frame(
         reference = views.render(composition.reference)
         reference_rgb = _turn(composition, reference.image.rgb)
         rgb, difference = append_difference(rgb, reference_rgb, reference.plan)
+    labels = None
+    if composition.channels and views is not None and rendered[0] is not None:
+        labels = views.label(rendered[0], composition.channels, request.channel, request.time_s)
+        labels = labels.turn() if composition.is_turned else labels
     # Up to here the duration counts: the rest gathers numbers.
     end_s = monotonic()
     present = [view for view in rendered if view is not None]
@@ -71,6 +86,7 @@ def render_frame(
         effect_decisions=single.effect_decisions if single else (),
         choice=single.choice if single else None,
         difference=difference,
+        labels=labels,
     )
 
 

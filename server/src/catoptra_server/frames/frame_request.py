@@ -86,6 +86,8 @@ class FrameComposition:
     """View to compare a single view with; None for no comparison."""
     is_turned: bool = False
     """Whether the pictures are turned round left to right."""
+    channels: tuple[str, ...] = ()
+    """Channels of labels that are wanted beside a single view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

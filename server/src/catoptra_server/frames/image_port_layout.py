@@ -114,6 +114,9 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
         DomainError: The camera is no omnidirectional one, or has no effect of a name.
     """
     (view,) = composition.views
+    composition = replace(composition, channels=variant.channels)
+    if not variant.changes_picture:
+        return composition
     if view is None or not isinstance(view.camera, OmniCameraSpec):
         raise DomainError("only omnidirectional cameras have variants")
     reference = variant.make_reference(view.camera)

@@ -8,13 +8,14 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import cast
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.effect import needs_radiance_only
+from catoptra_server.effects.effect import ImageEffect, needs_radiance_only
 from catoptra_server.effects.effect_plan import (
     EffectDecision,
     EffectPlan,
@@ -29,11 +30,14 @@ from catoptra_server.frames.camera_plans import (
     ErrorBoundTable,
     ViewState,
 )
-from catoptra_server.frames.frame_request import ViewRequest
+from catoptra_server.frames.frame_labeller import FrameLabeller
+from catoptra_server.frames.frame_labels import FrameLabels
+from catoptra_server.frames.frame_request import Channel, ViewRequest
 from catoptra_server.frames.planned_camera import PlannedCamera
 from catoptra_server.frames.renderer_recovery import RendererRecovery
 from catoptra_server.frames.renderer_trial import RendererTrials
 from catoptra_server.frames.view_store import MAX_VIEW_BYTES, MAX_VIEWS, ViewStore
+from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.exposure_budget import explain_limit, limit_time_samples
@@ -47,6 +51,7 @@ from catoptra_server.planning.viewpoint_choice import (
 )
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.render.renderer_kind import RendererKind
 
 log = logging.getLogger(__name__)
 
@@ -67,6 +72,8 @@ class RenderedView:
     """Decisions about the effects of the camera, in optical order."""
     choice: PlanChoice | None = None
     """Choice of the plan; None for a perspective camera."""
+    drawn: DrawnExposure | None = None
+    """The exposure as the image shows it, for labels."""
 
 
 class ViewCache:
@@ -101,6 +108,7 @@ class ViewCache:
         self._last_drawn: LruDict[OmniCameraSpec, OmniCameraSpec] = LruDict(_MAX_CHOICES)
         """Of mirrors without a viewpoint, the camera that the last frame drew."""
         self._views = ViewStore(planner.renderers, max_bytes=max_bytes, max_views=max_views)
+        self._labeller = FrameLabeller(planner.renderers, summarizer)
         self._plans = CameraPlans(
             planner, calibration_states=calibration_states, error_bounds=error_bounds
         )
@@ -108,15 +116,20 @@ class ViewCache:
             planner,
             draw=self._draw,
             plan_anew=self._plans.forget,
-            close_views=self._views.close_views_of,
+            close_views=self._close_views_of,
             clock=clock,
         )
         self._recovery = RendererRecovery(
             planner,
             self._plans,
-            close_views=self._views.close_views_of,
+            close_views=self._close_views_of,
             cancel_trials=self._trials.cancel,
         )
+
+    def _close_views_of(self, kind: RendererKind) -> None:
+        """Close all views of one renderer, and the rays of labels, which may be of the same."""
+        self._labeller.close()
+        self._views.close_views_of(kind)
 
     def __len__(self) -> int:
         """Number of prepared views."""
@@ -146,7 +159,27 @@ class ViewCache:
         rendered = self._recovery.work(camera, partial(self._render_by_plan, request.camera_state))
         if camera is not request.camera:
             self._plans.publish_bound(request.camera, rendered.choice)
+            # Labels are of the mirror's own rays, however far a frame's scene is.
+            assert rendered.drawn is not None
+            drawn = replace(rendered.drawn, camera=request.camera.camera)
+            return replace(rendered, drawn=drawn)
         return rendered
+
+    def label(
+        self, rendered: RenderedView, channels: tuple[str, ...], channel: Channel, time_s: float
+    ) -> FrameLabels:
+        """Label the pixels of a rendered view.
+
+        Args:
+            rendered: The view.
+            channels: Names of the channels that are wanted.
+            channel: Channel of the frame, to whose last frame the flow leads.
+            time_s: Simulation time of the exposure.
+
+        Raises:
+            ViewFailedError: The labels take too much memory, or no ray can be traced here.
+        """
+        return self._labeller.label(rendered.drawn, channels, channel, time_s)
 
     def _choose_viewpoint(self, request: ViewRequest) -> CameraSpec:
         """Camera of a frame: with one viewpoint where the scene is far enough."""
@@ -206,6 +239,7 @@ class ViewCache:
                 planned.plan_text,
                 planned.bounds,
                 choice=planned.choice,
+                drawn=_drawn_exposure(planned, camera_state),
             )
         plan = self._decide_effects(camera, camera_state)
         wanted = apply_scene_effects(camera_state, plan)
@@ -215,7 +249,14 @@ class ViewCache:
         decisions = plan.decide_by_frame(image.changes)
         self._log_decisions(planned, decisions)
         decisions = explain_limit(decisions, wanted, limited)
-        return RenderedView(image, planned.plan_text, planned.bounds, decisions, planned.choice)
+        return RenderedView(
+            image,
+            planned.plan_text,
+            planned.bounds,
+            decisions,
+            planned.choice,
+            _drawn_exposure(planned, limited, plan.image_effects),
+        )
 
     def _log_decisions(self, planned: PlannedCamera, decisions: tuple[EffectDecision, ...]) -> None:
         """Log the decisions of a camera's first frame, later those that changed."""
@@ -251,6 +292,15 @@ class ViewCache:
 
     def close(self) -> None:
         """Close all views, and the renderers."""
+        self._labeller.close()
         self._views.close()
         self._plans.forget_all()
         self._planner.close()
+
+
+def _drawn_exposure(
+    planned: PlannedCamera,
+    camera_state: CameraState,
+    image_effects: tuple[ImageEffect, ...] = (),
+) -> DrawnExposure:
+    return DrawnExposure(planned.spec.camera, camera_state, image_effects, planned.plan.samples)

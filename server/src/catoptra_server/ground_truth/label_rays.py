@@ -20,6 +20,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import Shutter
+from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
 from catoptra_server.render.time_samples import trajectory
 from catoptra_server.render.trace.ray_table import (
@@ -45,6 +46,26 @@ class RaySource:
     """Exposure time of a row; of no effect without a readout."""
     readout_s: float = 0.0
     """Readout time; 0 for a global shutter."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnExposure:
+    """An exposure as its picture was drawn."""
+
+    camera: LabelCamera
+    """Exact model of the camera."""
+    camera_state: CameraState
+    """State with all objects that the picture shows, and its shutter."""
+    image_effects: tuple[ImageEffect, ...] = ()
+    """Image effects that the picture has."""
+    samples: int = 1
+    """Samples along a pixel's side."""
+
+    @property
+    def ray_source(self) -> RaySource:
+        """Everything that the rays depend on, but for the poses."""
+        displaced = (one for one in self.image_effects if isinstance(one, Misalignment))
+        return make_ray_source(self.camera, next(displaced, None), self.camera_state.shutter)
 
 
 def make_ray_source(

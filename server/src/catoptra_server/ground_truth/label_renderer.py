@@ -9,20 +9,17 @@ from collections.abc import Collection
 
 import numpy as np
 
-from catoptra_protocol.errors import DomainError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, parse_channels
+from catoptra_protocol.labels.channels import LABEL_CHANNELS, LabelChannel, parse_channels
 from catoptra_protocol.labels.ground_truth import GroundTruth
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.ground_truth.flow import find_flow
 from catoptra_server.ground_truth.label_rays import (
+    DrawnExposure,
     LabelCamera,
     RaySource,
     build_label_rays,
     label_exposure,
-    make_ray_source,
 )
 from catoptra_server.ground_truth.scene_labels import SceneLabels
 from catoptra_server.render.trace import TraceRenderer
@@ -33,28 +30,6 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 
 # Rays of labels beside those of pictures: 13 bytes a sample, so that two cameras of 2048 px stay.
 _MAX_RAY_BYTES = 256 * 2**20
-# Channels of one image: a client may request all of a camera of 2500 px.
-MAX_CHANNEL_BYTES = 256 * 2**20
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DrawnExposure:
-    """An exposure as its picture was drawn."""
-
-    camera: LabelCamera
-    """Exact model of the camera."""
-    camera_state: CameraState
-    """State with all objects that the picture shows, and its shutter."""
-    image_effects: tuple[ImageEffect, ...] = ()
-    """Image effects that the picture has."""
-    samples: int = 1
-    """Samples along a pixel's side."""
-
-    @property
-    def ray_source(self) -> RaySource:
-        """Everything that the rays depend on, but for the poses."""
-        displaced = (one for one in self.image_effects if isinstance(one, Misalignment))
-        return make_ray_source(self.camera, next(displaced, None), self.camera_state.shutter)
 
 
 @dataclass(slots=True, eq=False)
@@ -100,10 +75,9 @@ class LabelRenderer:
                 there is no such frame, and the flow is unknown.
 
         Raises:
-            DomainError: There is no channel of a name, or the image is too large.
+            DomainError: There is no channel of a name.
         """
         wanted = {channel.name for channel in parse_channels(tuple(channels))}
-        _require_room(drawn.camera, wanted)
         centres = self._prepare(drawn.ray_source, 1)
         exposure = label_exposure(drawn.camera_state)
         tables = self._tables(drawn.camera_state)
@@ -180,16 +154,7 @@ def mask_of_rays(table: RayTable) -> np.ndarray[tuple[int, ...], np.dtype[np.uin
     return np.ascontiguousarray(grid[..., 0], dtype=np.uint8)
 
 
-def _require_room(camera: LabelCamera, channels: Collection[str]) -> None:
-    """Raise DomainError for channels that take too much memory."""
-    bytes_per_pixel = sum(
-        np.dtype(LABEL_CHANNELS[name].dtype).itemsize * LABEL_CHANNELS[name].depth
-        for name in channels
-    )
-    size = camera.width_px * camera.height_px * bytes_per_pixel
-    if size > MAX_CHANNEL_BYTES:
-        raise DomainError(
-            f"the channels {', '.join(sorted(channels))} of {camera.width_px} x "
-            f"{camera.height_px} px take {size / 2**20:.0f} MiB, more than "
-            f"{MAX_CHANNEL_BYTES / 2**20:.0f}: request fewer at a time"
-        )
+def count_bytes(camera: LabelCamera, channels: Collection[LabelChannel]) -> int:
+    """Size of the arrays of channels of one image."""
+    per_pixel = sum(np.dtype(channel.dtype).itemsize * channel.depth for channel in channels)
+    return camera.width_px * camera.height_px * per_pixel

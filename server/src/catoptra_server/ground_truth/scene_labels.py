@@ -112,10 +112,7 @@ class SceneLabels:
         bounds = np.searchsorted(
             scene.object_index[order], np.arange(len(scene.objects) + 1)
         ).tolist()
-        return tuple(
-            _enclose(scene, order[begin:end])
-            for begin, end in pairwise(bounds)
-        )
+        return tuple(_enclose(scene, order[begin:end]) for begin, end in pairwise(bounds))
 
 
 def _extent_of(placed: DynamicObject) -> _Extent:

@@ -66,6 +66,8 @@ class CameraVariant:
     reference: ReferenceKind | None = None
     picture: Picture | None = None
     """Hand of the image: the finished picture is turned round, whatever its effects."""
+    channels: tuple[str, ...] = ()
+    """Channels of labels beside the picture, by name."""
 
     def __post_init__(self) -> None:
         AccuracyTarget().with_changes(max_error_px=self.max_error_px, budget_ms=self.budget_ms)
@@ -76,6 +78,11 @@ class CameraVariant:
             raise DomainError(f"samples are 1 to {MAX_SAMPLES} along a side, not {self.samples}")
         if len(self.effects) > _MAX_EFFECTS:
             raise DomainError(f"modes of {len(self.effects)} effects: at most {_MAX_EFFECTS}")
+
+    @property
+    def changes_picture(self) -> bool:
+        """Whether the picture may differ from the camera's own."""
+        return replace(self, channels=()) != CameraVariant()
 
     def apply_to(self, camera: OmniCameraSpec) -> OmniCameraSpec:
         """Camera with the changes.

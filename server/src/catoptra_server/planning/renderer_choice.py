@@ -61,6 +61,8 @@ class RendererChoice:
     """Factory of the renderer itself, for one that failed; None: it cannot be made anew."""
     rule: RendererRule | None = None
     """Rule that frames measured on this machine may overrule; None where the choice is final."""
+    tracer: _Factory | None = None
+    """Factory of the renderer whose rays label frames, whichever draws them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +117,9 @@ def choose_renderer(
         return choose(inputs, image)
     kind = RendererKind(requested)
     factory = partial(RENDERER_FACTORIES[kind], inputs)
-    return RendererChoice(factory(), kind, "requested", factory=factory)
+    return RendererChoice(
+        factory(), kind, "requested", factory=factory, tracer=partial(_create_trace, inputs)
+    )
 
 
 def create_renderer(
@@ -210,7 +214,9 @@ def _raster_choice_without_trace(inputs: _Scene) -> RendererChoice:
         raise RendererUnavailableError(
             f"no renderer can run. Raster: {error}. Trace: {reason}: {REMEDY}"
         ) from error
-    return RendererChoice(renderer, RendererKind.RASTER, reason, factory=factory)
+    # Its error says what to install.
+    tracer = partial(_create_trace, inputs)
+    return RendererChoice(renderer, RendererKind.RASTER, reason, factory=factory, tracer=tracer)
 
 
 def _make_rule(inputs: _Scene, trace: RenderEngine) -> RendererRule:
@@ -247,7 +253,7 @@ def _trace_choice(
     factory = partial(_create_trace, inputs)
     others = {RendererKind.RASTER: partial(_create_raster, inputs)}
     return RendererChoice(
-        renderer or factory(), RendererKind.TRACE, reason, others, factory, rule=rule
+        renderer or factory(), RendererKind.TRACE, reason, others, factory, rule, factory
     )
 
 
@@ -265,5 +271,6 @@ def _raster_choice(
         reason,
         others,
         partial(_create_raster, inputs),
-        rule=rule,
+        rule,
+        partial(_create_trace, inputs),
     )

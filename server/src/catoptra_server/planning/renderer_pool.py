@@ -6,6 +6,7 @@ Belongs to the thread that made the first renderer: OpenGL contexts are bound to
 from __future__ import annotations
 
 import logging
+from typing import TYPE_CHECKING, cast
 
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_server.fault_log import log_fault
@@ -14,7 +15,13 @@ from catoptra_server.planning.renderer_rule import RendererRule
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 
+if TYPE_CHECKING:
+    from catoptra_server.render.trace import TraceRenderer
+
 log = logging.getLogger(__name__)
+
+# Faces have texels of their own: rays alone meet the model's exact surfaces.
+_TRACING_KIND = next(kind for kind in RendererKind if not kind.uses_faces)
 
 
 class RendererPool:
@@ -36,6 +43,7 @@ class RendererPool:
         self._may_replace = may_replace
         self._default_kind = choice.kind
         self._replaced: dict[RendererKind, RendererKind] = {}
+        self._tracer: Renderer | None = None
 
     @property
     def default_kind(self) -> RendererKind:
@@ -78,6 +86,21 @@ class RendererPool:
             self._renderers[kind] = self._factories[kind]()
             log.info("%s", self._renderers[kind].describe())
         return self._renderers[kind]
+
+    def get_tracer(self) -> TraceRenderer:
+        """Renderer whose rays label frames: the one that draws, or one of its own.
+
+        Raises:
+            RendererUnavailableError: No ray can be traced on this machine.
+        """
+        if _TRACING_KIND in self._renderers:
+            return cast("TraceRenderer", self._renderers[_TRACING_KIND])
+        if self._tracer is None:
+            if self._choice.tracer is None:
+                raise RendererUnavailableError("this server has no renderer that traces rays")
+            self._tracer = self._choice.tracer()
+            log.info("labels by %s", self._tracer.describe())
+        return cast("TraceRenderer", self._tracer)
 
     def describe(self, kind: RendererKind) -> str:
         """Description of a renderer, with engine and device; creates it."""
@@ -129,6 +152,9 @@ class RendererPool:
         for renderer in self._renderers.values():
             _close(renderer)
         self._renderers.clear()
+        if self._tracer is not None:
+            _close(self._tracer)
+        self._tracer = None
 
 
 def _close(renderer: Renderer) -> None:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_client.frame import Frame, Pixels, rgb_from_image_bytes
+from catoptra_client.frame import Frame, LabelledPixels, Pixels, rgb_from_image_bytes
+from catoptra_client.frame_sources.stream.label_decoding import (
+    labels_from_parts,
+    pose_from_transform,
+)
 from catoptra_protocol.camera_conf import any_camera_from_pairs
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.requests import ImageEncoding
-from catoptra_protocol.stream.transform import Transform
 from catoptra_protocol.usarsim.image_port import ImageType
 
 
@@ -52,9 +54,8 @@ def frame_from_parts(
     Raises:
         RemoteProtocolError: The image does not match the header.
     """
-    if len(parts) != 1:
-        raise RemoteProtocolError(f"{header}: {len(parts)} parts after the header, expected one")
-    mirror, rgb = header.robot_from_mirror, _decode_rgb(header, parts[0])
+    image, labels = _split_parts(header, parts)
+    mirror, rgb = header.robot_from_mirror, _decode_rgb(header, image)
     difference_rgb = None
     if header.difference is not None:
         if header.width_px % 2:
@@ -85,13 +86,22 @@ def frame_from_parts(
         faster=header.faster,
         difference=header.difference,
         difference_rgb=difference_rgb,
+        labels=labels,
     )
 
 
-def pose_from_transform(transform: Transform) -> Pose:
-    """Pose of a transform in a message."""
-    rotation = np.array(transform.rotation, dtype=np.float64).reshape(3, 3)
-    return Pose(rotation, np.array(transform.position_m, dtype=np.float64))
+def _split_parts(header: FrameHeader, parts: list[bytes]) -> tuple[bytes, LabelledPixels | None]:
+    """The image's part, and the labels in the parts behind it."""
+    channels = header.labels.channels if header.labels is not None else ()
+    if len(parts) != 1 + len(channels):
+        raise RemoteProtocolError(
+            f"{header}: {len(parts)} parts after the header, expected {1 + len(channels)}"
+        )
+    if header.labels is None:
+        return parts[0], None
+    return parts[0], labels_from_parts(
+        header.labels, parts[1:], (header.height_px, header.width_px)
+    )
 
 
 def _decode_rgb(header: FrameHeader, payload: bytes) -> Pixels:

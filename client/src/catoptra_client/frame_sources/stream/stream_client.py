@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
@@ -17,8 +17,8 @@ from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.frame_decoding import (
     CameraModelCache,
     frame_from_parts,
-    pose_from_transform,
 )
+from catoptra_client.frame_sources.stream.label_decoding import pose_from_transform
 from catoptra_client.frame_sources.stream.landmark_projections import (
     LandmarkProjection,
     landmarks_from_reply,
@@ -36,6 +36,7 @@ from catoptra_protocol.notes import text_from_note
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.stream.label_records import ChannelEncoding
 from catoptra_protocol.stream.replies import (
     CameraReply,
     Ok,
@@ -312,6 +313,8 @@ class StreamClient:
         robot: str = "",
         camera: str = "",
         variant: FrameVariant | None = None,
+        channels: Sequence[str] = (),
+        channel_encoding: ChannelEncoding = ChannelEncoding.RAW,
     ) -> Frame:
         """Request the newest frame and wait.
 
@@ -321,8 +324,13 @@ class StreamClient:
             camera: Name of the camera; empty = the first one of the robot.
             variant: Other settings for this frame, of an omnidirectional camera; the camera's own
                 stay as they are.
+            channels: Names of channels of ground truth (`catoptra_protocol.labels.channels`), of
+                one camera of any kind; the frame's `labels` has them.
+            channel_encoding: Raw values, or compressed by zlib.
         """
-        request = GetFrameRequest(next(self._ids), robot, camera, encoding, variant)
+        request = GetFrameRequest(
+            next(self._ids), robot, camera, encoding, variant, tuple(channels), channel_encoding
+        )
         header, parts = self._exchange.request_frame(request)
         return frame_from_parts(
             header, parts, camera_cache=self._camera_cache, received_s=self._clock()

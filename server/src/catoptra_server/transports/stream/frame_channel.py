@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from catoptra_protocol.labels.channels import parse_channels
 from catoptra_protocol.stream.requests import FrameVariant, GetFrameRequest
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
 from catoptra_server.planning.camera_variant import (
@@ -20,6 +23,9 @@ def select_channel(request: GetFrameRequest) -> Channel:
         DomainError: The request asks for a variant that cannot be.
     """
     variant = None if request.variant is None else _make_variant(request.variant)
+    if request.channels:
+        names = tuple(channel.name for channel in parse_channels(request.channels))
+        variant = replace(variant or CameraVariant(), channels=names)
     if not (request.robot or request.camera or variant):
         return IMAGE_PORT
     return CameraChannel(request.robot, request.camera, variant)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.stream.frame_header import DifferenceRecord, FrameHeader
+from catoptra_protocol.stream.label_records import LabelsRecord
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
 from catoptra_protocol.stream.replies import Error, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest
@@ -22,6 +23,7 @@ from catoptra_server.frames.frame_request import Channel, is_variant
 from catoptra_server.frames.image_difference import ImageDifference
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.transports.stream.frame_channel import select_channel
+from catoptra_server.transports.stream.label_parts import EncodedLabels, encode_labels
 from catoptra_server.transports.stream.landmark_replies import camera_not_found
 from catoptra_server.transports.stream.outbox import Outbox
 from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT, SendReply
@@ -131,7 +133,8 @@ class FrameSender:
             return
         self._encoding = request = self._take_waiting()
         payload = await frame.encode(request.encoding)
-        self._send_frame(frame, request, payload, last=last)
+        labels = await encode_labels(frame.labels, request.channel_encoding)
+        self._send_frame(frame, request, payload, labels, last=last)
         self._encoding = None
         self._remember(channel, mailbox, frame.sequence)
 
@@ -153,7 +156,13 @@ class FrameSender:
         self._subscriptions[channel] = (mailbox, sequence)
 
     def _send_frame(
-        self, frame: Frame, request: GetFrameRequest, payload: Payload, *, last: int
+        self,
+        frame: Frame,
+        request: GetFrameRequest,
+        payload: Payload,
+        labels: EncodedLabels,
+        *,
+        last: int,
     ) -> None:
         if last:
             # At least 0: a robot that respawned under its old name restarts its count.
@@ -163,15 +172,17 @@ class FrameSender:
             self.num_sent -= 1
             self.num_dropped += 1
             self._reject_old_request(self._last_sent_id, by=request.id)
-        header = self._make_header(frame, request)
-        self._outbox.send_frame(self._encode(header), payload)
+        header = self._make_header(frame, request, labels.record)
+        self._outbox.send_frame(self._encode(header), payload, *labels.parts)
         self._last_sent_id = request.id
         self.num_sent += 1
 
     def _reject_old_request(self, id_: int, *, by: int) -> None:
         self._send_reply(Error(id_, f"superseded by request {by}"))
 
-    def _make_header(self, frame: Frame, request: GetFrameRequest) -> FrameHeader:
+    def _make_header(
+        self, frame: Frame, request: GetFrameRequest, labels: LabelsRecord | None
+    ) -> FrameHeader:
         metadata, mount = frame.metadata, frame.metadata.robot_from_camera
         height_px, width_px = frame.rgb.shape[:2]
         choice = frame.choice
@@ -202,6 +213,7 @@ class FrameSender:
             more_accurate=plan_alternative(choice.more_accurate) if choice else None,
             faster=plan_alternative(choice.faster) if choice else None,
             difference=_record_from_difference(frame.difference),
+            labels=labels,
         )
 
 

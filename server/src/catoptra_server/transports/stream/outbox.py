@@ -60,10 +60,10 @@ class Outbox:
         """Send a reply of one part, after all that wait."""
         self._put([message])
 
-    def send_frame(self, header: bytes, image: Payload) -> None:
+    def send_frame(self, header: bytes, *payloads: Payload) -> None:
         """Send a frame, after all that wait; none may wait before, see `withdraw_frame`."""
         assert self._frame is None, "a waiting frame is withdrawn before the next one"
-        parts: list[Payload] = [header, image]
+        parts: list[Payload] = [header, *payloads]
         if not self._put(parts):
             self._frame = parts
 

@@ -1,0 +1,91 @@
+"""Labels of frames: the rays that a frame's picture was drawn by, and where they lead to.
+
+Belongs to the thread of the renderers. Nothing exists before the first request for a channel.
+"""
+
+from __future__ import annotations
+
+from catoptra_protocol.errors import DomainError, RendererUnavailableError
+from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.effects.medium.misalignment import Misalignment
+from catoptra_server.frames.frame_labels import FrameLabels
+from catoptra_server.frames.frame_request import Channel
+from catoptra_server.frames.renderer_recovery import ViewFailedError
+from catoptra_server.ground_truth.label_rays import DrawnExposure
+from catoptra_server.ground_truth.label_renderer import LabelRenderer, count_bytes
+from catoptra_server.lru_dict import LruDict
+from catoptra_server.planning.renderer_pool import RendererPool
+
+# All channels of one frame: what a client accepts of an image. Frames wait one a client.
+MAX_CHANNEL_BYTES = 64 * 2**20
+# Channels whose last frame a flow may lead to.
+_MAX_LAST_STATES = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LastExposure:
+    time_s: float
+    camera_state: CameraState
+
+
+class FrameLabeller:
+    """Labels of the frames of one scene."""
+
+    def __init__(self, renderers: RendererPool, summarizer: SceneSummarizer) -> None:
+        """Prepare nothing yet.
+
+        Args:
+            renderers: Traces the rays.
+            summarizer: Has the scene.
+        """
+        self._renderers = renderers
+        self._summarizer = summarizer
+        self._labels: LabelRenderer | None = None
+        self._last: LruDict[Channel, _LastExposure] = LruDict(_MAX_LAST_STATES)
+
+    def label(
+        self,
+        drawn: DrawnExposure | None,
+        names: tuple[str, ...],
+        channel: Channel,
+        time_s: float,
+    ) -> FrameLabels:
+        """Labels of a view; see `ViewCache.label`."""
+        assert drawn is not None, "a view with labels was drawn here"
+        _require_room(drawn, names)
+        last = self._last.get(channel) if "flow" in names else None
+        try:
+            if self._labels is None:
+                self._labels = LabelRenderer(self._renderers.get_tracer(), self._summarizer.scene)
+            truth = self._labels.render(drawn, names, None if last is None else last.camera_state)
+        except (DomainError, RendererUnavailableError) as error:
+            raise ViewFailedError(f"no labels: {error}") from error
+        if "flow" in names:
+            self._last.put(channel, _LastExposure(time_s, drawn.camera_state))
+        return FrameLabels(
+            truth,
+            has_row_times=drawn.ray_source.readout_s > 0.0,
+            is_displaced=any(isinstance(one, Misalignment) for one in drawn.image_effects),
+            flow_to_time_s=None if last is None else last.time_s,
+        )
+
+    def close(self) -> None:
+        """Free all rays."""
+        if self._labels is not None:
+            self._labels.close()
+        self._labels = None
+
+
+def _require_room(drawn: DrawnExposure, names: tuple[str, ...]) -> None:
+    """Raise ViewFailedError for channels that take too much memory."""
+    camera = drawn.camera
+    size = count_bytes(camera, [LABEL_CHANNELS[name] for name in names])
+    if size > MAX_CHANNEL_BYTES:
+        raise ViewFailedError(
+            f"no labels: the channels {', '.join(names)} of {camera.width_px} x "
+            f"{camera.height_px} px take {size / 2**20:.0f} MiB, more than "
+            f"{MAX_CHANNEL_BYTES // 2**20}: request fewer channels at a time"
+        )
