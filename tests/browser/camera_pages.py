@@ -18,6 +18,7 @@ from browser.live_server import (
     CAMERA,
     LiveServer,
     start_live_server,
+    write_decentred_robot,
     write_fisheye_robot,
     write_parabolic_robot,
     write_plain_robot,
@@ -54,6 +55,7 @@ CAMERA_CASES = {
     "parabolic": CameraCase(write_parabolic_robot),
     "hanging fish-eye": CameraCase(write_fisheye_robot, _FISHEYE, "OmniCam"),
     "fish-eye ahead": CameraCase(write_fisheye_robot, _FISHEYE, "FrontCam"),
+    "decentred fish-eye": CameraCase(write_decentred_robot, _FISHEYE, "OmniCam"),
     "tilted fish-eye": CameraCase(write_tilted_robot, _FISHEYE, "FrontCam"),
 }
 # A frame as PNG and a view of that same frame: the JPEG that the page draws does not count, and no

@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from browser.stream_probe import StreamProbe, connect_probe
-from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS, Edit, write_edited_copy
+from helpers.configs import CAMERAS, FIELD, OMNI_ROBOT, ROBOTS, Edit, write_edited_copy
 from helpers.server_process import RunningServer, start_server
 
 # The capture camera of OmniP2AT.
@@ -112,6 +112,19 @@ def write_tilted_robot(folder: Path) -> Path:
     mount = "Position=(X=0.24,Y=0,Z=-0.20),Direction="
     edit = Edit(f"{mount}(X=0,Y=0,Z=0)", f"{mount}(X=0.15,Y=-0.35,Z=0.5)")
     return write_fisheye_robot(folder, edit)
+
+
+def write_decentred_robot(folder: Path) -> Path:
+    """Write the robot with two fish-eyes; the hanging one is that of KITTI-360, with p1 and p2."""
+    return write_fisheye_robot(
+        folder,
+        Edit("class'Catoptra.HangingFisheye'", "class'Catoptra.Kitti360'"),
+        Edit("BasedOn=", f"BasedOn={CAMERAS / 'kitti_360.ini'}\nBasedOn="),
+        # Of 1400 px: with more samples the tests take minutes.
+        Edit(
+            "[Catoptra.HangingFisheye]", "[Catoptra.Kitti360]\nSamples=1\n[Catoptra.HangingFisheye]"
+        ),
+    )
 
 
 def write_full_robot(folder: Path, size_px: int = 360) -> Path:

@@ -13,6 +13,11 @@ import pytest
 from browser.chromium import Browser
 from browser.live_server import LiveServer
 from browser.tab import Tab, open_tab
+from catoptra_protocol.optics.image_plane import ImagePlane
+from catoptra_protocol.optics.lenses import UnifiedLens
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.picture import Picture
+from catoptra_server.transports.web.camera_table import camera_table
 
 # Arithmetic in float64 over a few operations.
 _TOLERANCE = 1e-9
@@ -239,3 +244,43 @@ def test_path_stays_bounded_and_keeps_both_ends(page: Tab) -> None:
 def test_names_lose_what_is_not_seen(page: Tab) -> None:
     assert run(page, "panel", r"m.shorten('a\u202eb\u0007c')") == "a\ufffdb\ufffdc"
     assert run(page, "panel", "m.shorten('x'.repeat(99), 5)") == "xxxx\u2026"
+
+
+@pytest.mark.parametrize("picture", list(Picture))
+def test_camera_table_of_a_decentred_lens_finds_pixels_and_angles(
+    page: Tab, picture: Picture
+) -> None:
+    plane = ImagePlane((1.0, 0.01, 0.0, 1.02), p1=4e-3, p2=-3e-3)
+    lens = UnifiedLens(2.2, 0.0168, 1.65)
+    camera = OmniCamera(lens, 1400, 1400, (710.0, 690.0), 1336.0, 1.6, 0.4, picture, plane)
+    theta, azimuth = np.meshgrid([0.0, 0.01, 0.7, 1.2, 1.599], [-3.0, -1.0, 0.5, 2.2])
+    x, y = np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth)
+    directions = np.stack((x, y, np.cos(theta)), axis=-1).reshape(-1, 3)
+    expected, valid = pixel_from_direction(camera, directions)
+    assert valid.all()
+    body = f"""{{
+      const table = new m.CameraTable({json.dumps(camera_table(camera))});
+      const pixels = {directions.tolist()}.map((one) => table.pixelFromDirection(one));
+      const angles = pixels.map((pixel) => table.anglesFromPixel(pixel));
+      return [pixels, angles.map((one) => [one.theta_rad, one.azimuth_rad])];
+    }}"""
+    pixels, angles = run(page, "camera_table", body)
+    # Of the linear interpolation between 4096 entries.
+    assert np.abs(np.array(pixels) - expected).max() < 1e-4
+    found = np.array(angles)
+    assert found[:, 0] == pytest.approx(theta.ravel(), abs=1e-8)
+    away = theta.ravel() > 0.0
+    assert found[away, 1] == pytest.approx(azimuth.ravel()[away], abs=1e-7)
+
+
+def test_camera_table_has_no_angles_beyond_the_rim(page: Tab) -> None:
+    plane = ImagePlane(p1=4e-3, p2=-3e-3)
+    lens = UnifiedLens(2.2, 0.0168, 1.65)
+    camera = OmniCamera(lens, 1400, 1400, (700.0, 700.0), 1336.0, 1.2, 0.0, plane=plane)
+    rim = camera.rim_radius_px
+    beyond = [[700.0 + 1.05 * rim, 700.0], [700.0, 700.0 - 3.0 * rim], [1e9, -1e9]]
+    body = f"""{{
+      const table = new m.CameraTable({json.dumps(camera_table(camera))});
+      return {beyond}.map((pixel) => table.anglesFromPixel(pixel));
+    }}"""
+    assert run(page, "camera_table", body) == [None, None, None]

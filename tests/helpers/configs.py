@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[2]
+CAMERAS = REPOSITORY / "configs/cameras"
 ROBOTS = REPOSITORY / "configs/robots"
 WORLDS = REPOSITORY / "configs/worlds"
 OMNI_ROBOT = ROBOTS / "p2at_omni.ini"

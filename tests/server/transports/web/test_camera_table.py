@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from catoptra_protocol.optics.image_plane import ImagePlane
-from catoptra_protocol.optics.lenses import EquidistantLens
+from catoptra_protocol.optics.lenses import EquidistantLens, UnifiedLens
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ConicalMirror, Mirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
@@ -32,7 +33,12 @@ def pixel_from_table(table: dict[str, Any], theta_rad: Floats, phi_rad: Floats) 
     radius = np.interp(theta_rad, thetas, table["radius_px"])
     x, y = np.cos(phi_rad), np.sin(phi_rad)
     u, v = table["centre_px"]
-    return np.stack((u + radius * (a * x + b * y), v + radius * (c * x + d * y)), axis=-1)
+    pixel = np.stack((u + radius * (a * x + b * y), v + radius * (c * x + d * y)), axis=-1)
+    if "decentring_px" in table:
+        squared = np.interp(theta_rad, thetas, table["decentring_px"])
+        matrix = np.reshape(table["decentring_matrix"], (2, 3))
+        pixel += squared[..., None] * (np.stack((x * x, x * y, y * y), axis=-1) @ matrix.T)
+    return pixel
 
 
 def make_camera(mirror: Mirror, *, up_rad: float, is_cropped: bool) -> OmniCamera:
@@ -93,6 +99,20 @@ def test_table_of_a_stretched_lens_gives_its_pixels(picture: Picture) -> None:
     assert_table_projects(camera, np.radians([1.0, 45.0, 90.0, 170.0]))
 
 
+@pytest.mark.parametrize("picture", list(Picture))
+def test_table_of_a_decentred_lens_gives_its_pixels(picture: Picture) -> None:
+    # Ten times the tangential distortion of a published fish-eye: it moves the rim by 3.5 px.
+    plane = ImagePlane((1.0, 0.01, 0.0, 1.02), p1=4e-3, p2=-3e-3)
+    lens = UnifiedLens(2.2, 0.0168, 1.65)
+    camera = OmniCamera(lens, 1400, 1400, (710.0, 690.0), 1336.0, 1.6, 0.4, picture, plane)
+    radial = replace(camera, plane=replace(plane, p1=0.0, p2=0.0))
+    assert "decentring_px" not in camera_table(radial)
+    theta_rad = np.array([0.01, 0.5, 1.0, 1.6])
+    assert_table_projects(camera, theta_rad)
+    displaced = [pixels_of_model(one, theta_rad, 1.0) for one in (camera, radial)]
+    assert np.abs(displaced[0] - displaced[1])[-1].max() > 3.0
+
+
 def test_table_of_a_cone_begins_at_its_apex() -> None:
     cone = ConicalMirror(math.radians(60.0), 0.1, math.radians(88.0))
     camera = camera_with_inscribed_rim(cone, width_px=360, height_px=360, rim_rad=cone.rim_rad)
@@ -104,9 +124,14 @@ def assert_table_projects(camera: OmniCamera, theta_rad: Floats) -> None:
     table: Any = camera_table(camera)
     for azimuth in (0.0, 1.0, -2.5):
         found = pixel_from_table(table, theta_rad, np.full_like(theta_rad, azimuth))
-        x, y = math.cos(azimuth), math.sin(azimuth)
-        sine = np.sin(theta_rad)
-        direction = np.stack((sine * x, sine * y, np.cos(theta_rad)), axis=-1)
-        expected, valid = pixel_from_direction(camera, direction)
-        assert valid.all()
-        assert found == pytest.approx(expected, abs=1e-3)
+        assert found == pytest.approx(pixels_of_model(camera, theta_rad, azimuth), abs=1e-3)
+
+
+def pixels_of_model(camera: OmniCamera, theta_rad: Floats, azimuth_rad: float) -> Floats:
+    """Pixels (n, 2) of the camera model at (n,) incidence angles."""
+    sine = np.sin(theta_rad)
+    x, y = math.cos(azimuth_rad), math.sin(azimuth_rad)
+    direction = np.stack((sine * x, sine * y, np.cos(theta_rad)), axis=-1)
+    pixels, valid = pixel_from_direction(camera, direction)
+    assert valid.all()
+    return pixels

@@ -1,11 +1,14 @@
 /**
- * The model of an omnidirectional camera as a table of image radii, from the server: the page knows
- * no mirror's formula.
+ * The model of an omnidirectional camera as tables of the server (SPEC.md, chapter 10): the page
+ * knows no formula of a mirror or a lens.
  */
 
 import { fetchJson } from "./connection.js";
 
 const STEEPEST_SLOPE = 1.2;
+/** Tangential distortion is a hundredth of the radius at most: 3 to 6 steps of two digits each. */
+const MAX_STEPS = 50;
+const TOLERANCE_PX = 1e-7;
 /** Cosine of the tilt up to which a camera's axis is the robot's vertical. */
 const LEVEL = 1 - 1e-6;
 
@@ -13,37 +16,32 @@ const LEVEL = 1 - 1e-6;
 export class CameraTable {
   #inverse;
 
-  /** Take the reply of /api/camera_table.json. */
+  /** Take the reply of /api/camera_table.json, and its fields. */
   constructor(json) {
-    this.width_px = json.width_px;
-    this.height_px = json.height_px;
-    this.centre_px = json.centre_px;
-    this.max_theta_rad = json.max_theta_rad;
-    this.azimuth_matrix = json.azimuth_matrix;
-    this.radius_px = Float64Array.from(json.radius_px);
+    this.json = json;
+    Object.assign(this, json);
     const [a, b, c, d] = json.azimuth_matrix;
     const determinant = a * d - b * c;
     this.#inverse = [d, -b, -c, a].map((value) => value / determinant);
   }
 
-  /** Image radius of the rim of the mirror. */
+  /** Image radius of the rim. */
   get rim_radius_px() {
     return this.radius_px.at(-1);
   }
 
-  /** Image radius of an incidence angle, by linear interpolation; null beyond the rim. */
-  radiusFromTheta(theta_rad) {
-    if (!(theta_rad >= 0 && theta_rad <= this.max_theta_rad)) return null;
-    const last = this.radius_px.length - 1;
+  /** Value at an incidence angle of a table, by linear interpolation. */
+  #valueAt(values, theta_rad) {
+    const last = values.length - 1;
     const position = (theta_rad / this.max_theta_rad) * last;
     const i = Math.min(Math.floor(position), last - 1);
-    return this.radius_px[i] + (position - i) * (this.radius_px[i + 1] - this.radius_px[i]);
+    return values[i] + (position - i) * (values[i + 1] - values[i]);
   }
 
-  /** Incidence angle of an image radius; null beyond the rim. */
-  thetaFromRadius(radius_px) {
+  /** Incidence angle of an image radius; that of the rim beyond. */
+  #thetaFromRadius(radius_px) {
     const radii = this.radius_px;
-    if (!(radius_px >= 0 && radius_px <= this.rim_radius_px)) return null;
+    if (radius_px >= this.rim_radius_px) return this.max_theta_rad;
     let [low, high] = [0, radii.length - 1];
     while (high - low > 1) {
       const middle = (low + high) >> 1;
@@ -54,14 +52,23 @@ export class CameraTable {
     return ((low + fraction) / (radii.length - 1)) * this.max_theta_rad;
   }
 
+  /** Displacement [u, v] by the tangential distortion of a decentred lens. */
+  #decentring(theta_rad, x, y) {
+    if (!this.decentring_px) return [0, 0];
+    const [e, f, g, h, i, j] = this.decentring_matrix;
+    const q = this.#valueAt(this.decentring_px, theta_rad);
+    return [q * (e * x * x + f * x * y + g * y * y), q * (h * x * x + i * x * y + j * y * y)];
+  }
+
   /** Pixel [u, v] of incidence angle and azimuth; null beyond the rim. */
   pixelFromAngles(theta_rad, azimuth_rad) {
-    const radius_px = this.radiusFromTheta(theta_rad);
-    if (radius_px === null) return null;
+    if (!(theta_rad >= 0 && theta_rad <= this.max_theta_rad)) return null;
+    const radius_px = this.#valueAt(this.radius_px, theta_rad);
     const [a, b, c, d] = this.azimuth_matrix;
     const [x, y] = [Math.cos(azimuth_rad), Math.sin(azimuth_rad)];
     const [u, v] = this.centre_px;
-    return [u + radius_px * (a * x + b * y), v + radius_px * (c * x + d * y)];
+    const [du, dv] = this.#decentring(theta_rad, x, y);
+    return [u + du + radius_px * (a * x + b * y), v + dv + radius_px * (c * x + d * y)];
   }
 
   /** Pixel [u, v] of a direction of any length in the mirror frame; null beyond the rim. */
@@ -69,13 +76,25 @@ export class CameraTable {
     return this.pixelFromAngles(Math.atan2(Math.hypot(x, y), z), Math.atan2(y, x));
   }
 
-  /** {theta_rad, azimuth_rad} of a pixel; null outside the mirror. */
+  /**
+   * {theta_rad, azimuth_rad} of a pixel; null beyond the rim. A fixed point: the tangential
+   * distortion at the angles of a pixel without it leads to the next such pixel.
+   */
   anglesFromPixel([u, v]) {
-    const [du, dv] = [u - this.centre_px[0], v - this.centre_px[1]];
     const [a, b, c, d] = this.#inverse;
-    const [x, y] = [a * du + b * dv, c * du + d * dv];
-    const theta_rad = this.thetaFromRadius(Math.hypot(x, y));
-    return theta_rad === null ? null : { theta_rad, azimuth_rad: Math.atan2(y, x) };
+    let shift = [0, 0];
+    for (let step = 0; step < MAX_STEPS; step += 1) {
+      const [du, dv] = [u - this.centre_px[0] - shift[0], v - this.centre_px[1] - shift[1]];
+      const [x, y] = [a * du + b * dv, c * du + d * dv];
+      const radius_px = Math.hypot(x, y);
+      const theta_rad = this.#thetaFromRadius(radius_px);
+      const azimuth_rad = Math.atan2(y, x);
+      const next = this.#decentring(theta_rad, Math.cos(azimuth_rad), Math.sin(azimuth_rad));
+      if (Math.hypot(next[0] - shift[0], next[1] - shift[1]) < TOLERANCE_PX)
+        return radius_px <= this.rim_radius_px ? { theta_rad, azimuth_rad } : null;
+      shift = next;
+    }
+    return null;
   }
 
   /** Pixels around the rim, closed. */

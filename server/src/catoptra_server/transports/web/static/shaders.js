@@ -15,10 +15,11 @@ precision highp sampler2D;
 
 uniform sampler2D frame;       // filtered linearly
 uniform ivec2 frameSize;
-uniform sampler2D radii;       // of equidistant incidence angles; each with the next one
+uniform sampler2D radii;       // and decentring of equidistant angles; each with the next one
 uniform float maxTheta;
 uniform vec2 centre;
 uniform mat2 azimuthMatrix;
+uniform mat3x2 decentring;
 uniform vec2 row;              // row of the target = row.x + row.y * gl_FragCoord.y
 uniform sampler2D azimuths;    // cosine and sine of each column of a cylinder
 uniform bool isCylinder;
@@ -44,12 +45,12 @@ float incidence(float rho, float z) {
   return z >= 0.0 ? angle : 3.141592653589793 - angle;
 }
 
-float radiusFromTheta(float theta) {
+vec2 radiiFromTheta(float theta) {
   int last = textureSize(radii, 0).x - 1;
   float position = theta / maxTheta * float(last);
   int i = clamp(int(position), 0, last - 1);
-  vec2 neighbours = texelFetch(radii, ivec2(i, 0), 0).rg;
-  return mix(neighbours.x, neighbours.y, position - float(i));
+  vec4 neighbours = texelFetch(radii, ivec2(i, 0), 0);
+  return mix(neighbours.xy, neighbours.zw, position - float(i));
 }
 
 // Bilinear interpolation with pixel centres at +0.5. Within half a pixel of the border it tends to
@@ -75,7 +76,9 @@ void main() {
   float rho = length(direction.xy);
   float theta = incidence(rho, direction.z);
   vec2 level = rho > 0.0 ? direction.xy / rho : vec2(1.0, 0.0);
-  vec2 pixel = centre + radiusFromTheta(theta) * (azimuthMatrix * level);
+  vec2 radius = radiiFromTheta(theta);
+  vec2 pixel = centre + radius.x * (azimuthMatrix * level)
+      + radius.y * (decentring * vec3(level.x * level, level.y * level.y));
   bool valid = theta <= maxTheta && all(greaterThanEqual(pixel, vec2(0.0)))
       && all(lessThanEqual(pixel, vec2(frameSize)));
   colour = vec4(valid ? sampleFrame(pixel) : vec3(0.0), 1.0);

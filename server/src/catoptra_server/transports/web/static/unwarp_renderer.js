@@ -179,15 +179,19 @@ export class UnwarpRenderer {
 
   #uploadTable() {
     const [gl, table] = [this.#gl, this.#table];
+    const { radius_px, decentring_px, decentring_matrix } = table;
     // Each radius with the next one: one access instead of two, since floats are not filtered.
-    const last = table.radius_px.length - 1;
-    const radii = new Float32Array(2 * (last + 1));
-    table.radius_px.forEach((radius_px, i) => {
-      radii[2 * i] = radius_px;
-      radii[2 * i + 1] = table.radius_px[Math.min(i + 1, last)];
-    });
+    const last = radius_px.length - 1;
+    const radii = new Float32Array(4 * (last + 1));
+    for (let i = 0; i <= last; i += 1) {
+      const next = Math.min(i + 1, last);
+      const squares = decentring_px ? [decentring_px[i], decentring_px[next]] : [0, 0];
+      radii.set([radius_px[i], squares[0], radius_px[next], squares[1]], 4 * i);
+    }
     gl.activeTexture(gl.TEXTURE0 + RADII_UNIT);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RG32F, last + 1, 1, 0, gl.RG, gl.FLOAT, radii);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, last + 1, 1, 0, gl.RGBA, gl.FLOAT, radii);
+    const [e, f, g, h, i, j] = decentring_matrix ?? [0, 0, 0, 0, 0, 0];
+    gl.uniformMatrix3x2fv(this.#uniforms.decentring, false, [e, h, f, i, g, j]);
     gl.uniform1f(this.#uniforms.maxTheta, table.max_theta_rad);
     gl.uniform2fv(this.#uniforms.centre, table.centre_px);
     // Rows there, columns here.

@@ -57,10 +57,7 @@ export class Unwarper {
   /** Take the model of the camera; null for a camera that cannot be unwarped. */
   setTable(table) {
     this.#table = table;
-    if (table === null) return;
-    const { width_px, height_px, centre_px, max_theta_rad, azimuth_matrix, radius_px } = table;
-    const model = { width_px, height_px, centre_px, max_theta_rad, azimuth_matrix, radius_px };
-    this.#worker?.postMessage({ kind: "table", table: model });
+    if (table !== null) this.#worker?.postMessage({ kind: "table", table: table.json });
   }
 
   /**
