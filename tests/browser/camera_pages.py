@@ -22,6 +22,7 @@ from browser.live_server import (
     write_fisheye_robot,
     write_parabolic_robot,
     write_plain_robot,
+    write_sphere_robot,
     write_tilted_robot,
 )
 from browser.stream_probe import connect_probe
@@ -53,6 +54,7 @@ _FISHEYE = "USARBot.FisheyeP2AT"
 CAMERA_CASES = {
     "hyperbolic": CameraCase(write_plain_robot),
     "parabolic": CameraCase(write_parabolic_robot),
+    "ball": CameraCase(write_sphere_robot, "USARBot.SphereP2AT"),
     "hanging fish-eye": CameraCase(write_fisheye_robot, _FISHEYE, "OmniCam"),
     "fish-eye ahead": CameraCase(write_fisheye_robot, _FISHEYE, "FrontCam"),
     "decentred fish-eye": CameraCase(write_decentred_robot, _FISHEYE, "OmniCam"),
@@ -88,7 +90,7 @@ _READ_VIEW = """async (kind, view) => {
 _MARK_POINTS = """async (points) => {
   const { context } = catoptra;
   const { directionFromWorld } = await import("/static/views/directions.js");
-  return points.map((point) => directionFromWorld(context.frame.header, point));
+  return points.map((point) => directionFromWorld(context, point));
 }"""
 
 

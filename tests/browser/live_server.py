@@ -114,6 +114,21 @@ def write_tilted_robot(folder: Path) -> Path:
     return write_fisheye_robot(folder, edit)
 
 
+def write_sphere_robot(folder: Path) -> Path:
+    """Write the robot with a ball for a mirror, without a single viewpoint; exact rays always."""
+    return write_edited_copy(
+        ROBOTS / "p2at_sphere.ini",
+        folder,
+        Edit("BasedOn=p2at_omni.ini", f"BasedOn={OMNI_ROBOT}"),
+        Edit("Central=auto", "Central=never"),
+        Edit(
+            "[Catoptra.SphericalMirror]",
+            "[Catoptra.OmniCaptureCamera]\nResolutionX=640\nResolutionY=640\n\n"
+            "[Catoptra.SphericalMirror]",
+        ),
+    )
+
+
 def write_decentred_robot(folder: Path) -> Path:
     """Write the robot with two fish-eyes; the hanging one is that of KITTI-360, with p1 and p2."""
     return write_fisheye_robot(

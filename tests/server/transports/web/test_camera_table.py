@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import EquidistantLens, UnifiedLens
-from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ConicalMirror, Mirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ConicalMirror, Mirror, SphericalMirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
@@ -117,6 +118,29 @@ def test_table_of_a_cone_begins_at_its_apex() -> None:
     cone = ConicalMirror(math.radians(60.0), 0.1, math.radians(88.0))
     camera = camera_with_inscribed_rim(cone, width_px=360, height_px=360, rim_rad=cone.rim_rad)
     assert_table_projects(camera, np.radians([61.0, 75.0, 87.0]))
+
+
+def test_table_of_a_ball_states_where_its_rays_begin() -> None:
+    ball = SphericalMirror(0.03, 0.2, math.radians(120.0))
+    camera = camera_with_inscribed_rim(ball, width_px=360, height_px=360, rim_rad=ball.rim_rad)
+    table: Any = camera_table(camera)
+    pixels = np.array([(180.5, 180.0), (200.0, 300.0), (40.0, 100.0)])
+    origins, directions, valid = ray_from_pixel(camera, pixels)
+    assert valid.all()
+    x, y, z = directions.T
+    thetas = np.linspace(0.0, table["max_theta_rad"], len(table["surface_r_m"]))
+    theta_rad = np.arctan2(np.hypot(x, y), z)
+    r, depth = (np.interp(theta_rad, thetas, table[f"surface_{name}_m"]) for name in "rz")
+    assert r == pytest.approx(np.hypot(origins[:, 0], origins[:, 1]), abs=1e-8)
+    assert depth == pytest.approx(origins[:, 2], abs=1e-8)
+
+
+def test_table_of_a_camera_with_a_viewpoint_has_no_surface() -> None:
+    camera = make_camera(PAPER_MIRROR, up_rad=0.0, is_cropped=False)
+    assert "surface_r_m" not in camera_table(camera)
+    ball = SphericalMirror(0.03, 0.2, math.radians(120.0))
+    exact = camera_with_inscribed_rim(ball, width_px=360, height_px=360, rim_rad=ball.rim_rad)
+    assert "surface_r_m" not in camera_table(replace(exact, is_approximated=True))
 
 
 def assert_table_projects(camera: OmniCamera, theta_rad: Floats) -> None:

@@ -5,7 +5,8 @@ A direction with incidence angle theta and azimuth phi, (x, y) = (cos phi, sin p
     centre + r(theta) * [[a, b], [c, d]] @ [x, y] + q(theta) * [[e, f, g], [h, i, j]] @ [xx, xy, yy]
 
 r and q are interpolated between table entries. The second term is the tangential distortion of a
-decentred lens, of second order in the azimuth; other cameras have none.
+decentred lens, of second order in the azimuth; other cameras have none. Of a mirror without a
+single viewpoint theta is that of things far away, and the ray begins on the mirror's surface.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ def camera_table(camera: OmniCamera) -> dict[str, object]:
         "azimuth_matrix": azimuth_matrix.ravel().tolist(),
         "radius_px": camera.radius_px_from_t(t).tolist(),
         **_decentring(camera, t, middle_t, even),
+        **_surface(camera, t),
     }
 
 
@@ -71,3 +73,11 @@ def _decentring(camera: OmniCamera, t: Floats, middle_t: float, even: Floats) ->
         "decentring_matrix": matrix.ravel().tolist(),
         "decentring_px": squared_px(t).tolist(),
     }
+
+
+def _surface(camera: OmniCamera, t: Floats) -> dict[str, object]:
+    """Where the rays of a mirror without a single viewpoint begin; nothing for other cameras."""
+    if camera.is_central:
+        return {}
+    r, z = camera.mirror.surface_point(np.minimum(t, camera.rim_t))
+    return {"surface_r_m": r.tolist(), "surface_z_m": z.tolist()}

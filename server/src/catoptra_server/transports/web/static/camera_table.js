@@ -77,6 +77,25 @@ export class CameraTable {
   }
 
   /**
+   * Direction in which the image shows a point, [x, y, z] in metres. The rays of a mirror without a
+   * single viewpoint begin on its surface: that of the one through the point, by bisection.
+   */
+  directionFromPoint([x, y, z]) {
+    if (!this.surface_r_m) return [x, y, z];
+    const rho = Math.hypot(x, y);
+    let [low, high] = [0, this.max_theta_rad];
+    for (let step = 0; step < 50; step += 1) {
+      const theta = 0.5 * (low + high);
+      const along = rho - this.#valueAt(this.surface_r_m, theta);
+      const above = z - this.#valueAt(this.surface_z_m, theta);
+      if (along * Math.cos(theta) > above * Math.sin(theta)) low = theta;
+      else high = theta;
+    }
+    const sine = Math.sin(low) / (rho || 1);
+    return [sine * x, sine * y, Math.cos(low)];
+  }
+
+  /**
    * {theta_rad, azimuth_rad} of a pixel; null beyond the rim. A fixed point: the tangential
    * distortion at the angles of a pixel without it leads to the next such pixel.
    */

@@ -20,9 +20,10 @@ export function directionFromPixel({ frame, table }, pixel) {
   return angles ? rotate(robotFromMirror(frame?.header), directionFromAngles(angles)) : null;
 }
 
-/** Direction in which the frame of a header shows a point of the world. */
-export function directionFromWorld(header, point) {
-  return rotate(robotFromMirror(header), cameraFromWorld(header, point));
+/** Direction in which the present frame shows a point of the world. */
+export function directionFromWorld({ frame: { header }, table }, point) {
+  const inMirror = cameraFromWorld(header, point);
+  return rotate(robotFromMirror(header), table?.directionFromPoint(inMirror) ?? inMirror);
 }
 
 /**
@@ -37,7 +38,7 @@ export function landmarkDirections(context) {
     .map(({ name, status, x_m, y_m, z_m }) => ({
       name,
       status,
-      direction: directionFromWorld(header, [x_m, y_m, z_m]),
+      direction: directionFromWorld(context, [x_m, y_m, z_m]),
     }));
 }
 
