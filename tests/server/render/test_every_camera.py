@@ -27,7 +27,7 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Item, World
-from catoptra_studies.cameras.camera_file import CameraFile, carry_camera, read_camera_files
+from catoptra_server.config.camera_file import CameraFile, carry_camera, read_camera_files
 from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.worlds import CAMERA_STATE
 

@@ -14,7 +14,7 @@ from catoptra_studies.cameras.camera_comparison import (
     compare_cameras,
     make_row,
 )
-from catoptra_studies.cameras.camera_file import read_camera_files
+from catoptra_server.config.camera_file import read_camera_files
 from catoptra_studies.cameras.camera_stage import CameraStage, open_stage, stage_cameras
 from helpers.configs import FIELD
 

@@ -38,9 +38,12 @@ class IniFile:
         self.path = path
         self._sections: _Sections = {}
         self._absent: dict[str, str] = {}  # names of requested sections, by lower-case name
+        seen = {path.resolve()}
         # Bases first: each file overrides those it is based on.
-        for sections in _read_files(path, kind):
+        for sections in _read_files(path, kind, seen):
             self._apply(sections)
+        self.paths = tuple(sorted(seen))
+        """Resolved paths of the file and of those that it is based on."""
 
     def _apply(self, sections: _Sections) -> None:
         for key, settings in sections.items():
@@ -83,10 +86,10 @@ class IniFile:
         return unknown
 
 
-def _read_files(path: Path, kind: FileKind) -> list[_Sections]:
+def _read_files(path: Path, kind: FileKind, seen: set[Path]) -> list[_Sections]:
     """Sections of the files that a file is based on, then its own; each file once."""
     files: list[_Sections] = []
-    _collect_files(path, kind, (), {path.resolve()}, files)
+    _collect_files(path, kind, (), seen, files)
     return files
 
 

@@ -16,6 +16,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.trace.kernel.instruction_sets import AUTO
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 from catoptra_server.scene.facets import hit_normals
@@ -42,10 +43,15 @@ class SceneRayCaster(Protocol):
         """(n,) distances and triangles; infinite and -1 without a hit."""
 
 
-def commit_ray_caster(scene: SceneMesh) -> SceneRayCaster:
-    """Commit a scene for distance queries: to the kernel, or to embreex where that cannot run."""
+def commit_ray_caster(scene: SceneMesh, instruction_set: str = AUTO) -> SceneRayCaster:
+    """Commit a scene for distance queries: to the kernel, or to embreex where that cannot run.
+
+    Args:
+        scene: Triangles.
+        instruction_set: Of the kernel; embreex always takes the processor's best.
+    """
     try:
-        return KernelRayCaster(scene)
+        return KernelRayCaster(scene, instruction_set)
     except KernelUnavailableError as error:
         log.info("sensors cast their rays by embreex: %s", error)
     return EmbreeRayCaster(scene)

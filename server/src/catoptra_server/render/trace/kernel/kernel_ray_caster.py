@@ -27,8 +27,13 @@ class KernelRayCaster:
     Not those of the renderer: one that fails is closed and made anew while sensors measure.
     """
 
-    def __init__(self, scene: SceneMesh) -> None:
+    def __init__(self, scene: SceneMesh, instruction_set: str = AUTO) -> None:
         """Commit the triangles.
+
+        Args:
+            scene: Triangles.
+            instruction_set: Embree's name; "auto" for the processor's best. The last bits of
+                distances depend on it.
 
         Raises:
             KernelUnavailableError: The kernel's or Embree's library is missing.
@@ -36,7 +41,7 @@ class KernelRayCaster:
         self._normals = scene.normals
         self._centre = scene_centre(scene)
         self._device = KernelDevice(
-            choose_instruction_set(AUTO), count_processors(), packet_width=1
+            choose_instruction_set(instruction_set), count_processors(), packet_width=1
         )
         try:
             self._arrays = corner_arrays(scene.corners, self._centre)

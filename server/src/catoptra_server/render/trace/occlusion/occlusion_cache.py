@@ -19,6 +19,7 @@ import numpy as np
 from catoptra_server import __version__
 from catoptra_server.processor_count import count_processors
 from catoptra_server.render.trace.kernel.flat_surfaces import MAX_TRIANGLES
+from catoptra_server.render.trace.kernel.instruction_sets import AUTO
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.scene import shading
@@ -47,19 +48,24 @@ def wants_occlusion(scene: SceneMesh, world: World) -> bool:
     )
 
 
-def find_occlusion(scene: SceneMesh, folder: Path | None) -> OcclusionMap | None:
+def find_occlusion(
+    scene: SceneMesh, folder: Path | None, instruction_set: str = AUTO
+) -> OcclusionMap | None:
     """Occlusion map of a scene, from a folder's cache or baked now; None: nothing is occluded.
 
     Args:
         scene: Triangles of a world that wants a map.
         folder: Folder of the cache; None for no cache.
+        instruction_set: Of the rays, on which a factor in many depends by one step; a map of a
+            named one needs a folder of its own.
     """
     file = None if folder is None else folder / f"{hash_scene(scene)}.bin"
     cached = None if file is None else _read(file, len(scene))
     if cached is not None:
         return cached
     start = time.perf_counter()
-    occlusion = bake_occlusion(scene, commit_ray_caster(scene), threads=count_processors())
+    caster = commit_ray_caster(scene, instruction_set)
+    occlusion = bake_occlusion(scene, caster, threads=count_processors())
     log.info("ambient occlusion baked in %.2f s", time.perf_counter() - start)
     if file is not None and occlusion is not None:
         _write(file, occlusion)

@@ -11,7 +11,7 @@ import pytest
 from catoptra_protocol.errors import CatoptraError, ConfigError
 from catoptra_protocol.optics.picture import Picture
 from catoptra_server.config.bundled_files import bundled_files
-from catoptra_studies.cameras.camera_file import (
+from catoptra_server.config.camera_file import (
     carry_camera,
     read_camera_file,
     read_camera_files,

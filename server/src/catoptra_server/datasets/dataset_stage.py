@@ -1,0 +1,193 @@
+"""Worlds and cameras of a recipe, loaded: the input of poses and of renderers, with its digest.
+
+Each process loads them once. The digest covers all that samples follow from, so that a worker on
+another machine, which has read its own copies of the files, can be compared with the driver.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from catoptra_protocol.errors import CatoptraError, ConfigError
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.calibration_command import find_camera
+from catoptra_server.config.camera_file import carry_camera, read_camera_file
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.config.unknown_names import report_unknown_names
+from catoptra_server.config.world_file import read_world
+from catoptra_server.datasets.recipe import CameraChoice, Recipe, WorldChoice
+from catoptra_server.frames.multi_view import Tile
+from catoptra_server.memory_budget import MemoryBudget
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.cost_cache import default_cache_folder, hash_scene
+from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
+from catoptra_server.render.trace.occlusion import occlusion_cache
+from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
+from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
+from catoptra_server.scene.world_description import World
+from catoptra_server.sensors.omni_camera import OmniCameraSensor
+from catoptra_server.simulation.collision_index import CollisionIndex
+from catoptra_server.simulation.robot_meshes import build_ego_mesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StagedWorld:
+    """A world, loaded."""
+
+    choice: WorldChoice
+    world: World
+    scene: SceneMesh
+    caster: KernelRayCaster
+    obstacles: CollisionIndex
+    """Obstacles of all robots of the recipe."""
+
+    @property
+    def name(self) -> str:
+        """Name in samples."""
+        return self.choice.name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StagedCamera:
+    """A camera and the robot that carries it."""
+
+    choice: CameraChoice
+    name: str
+    """Name in samples: that of the camera file, or of robot file and camera."""
+    robot: RobotDescription
+    omni: OmniCameraDescription
+    sensor: OmniCameraSensor
+    spec: OmniCameraSpec
+    """Camera at the size of its images, with its own effects."""
+    ego_mesh: ObjectMesh | None
+    """The robot itself, where the camera's effects may show it."""
+
+    @property
+    def tile(self) -> Tile | None:
+        """Tile of the size that the recipe asks for; None for the camera's own."""
+        size = self.choice.size_px
+        return Tile(0, 0, *size) if size else None
+
+
+class DatasetStage:
+    """All worlds and cameras of a recipe; worlds are read at their first use."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        """Read the cameras.
+
+        Raises:
+            ConfigError: A file is wrong.
+            CatoptraError: Two cameras have one name, or a plan would depend on measured times.
+        """
+        self.recipe = recipe
+        self._files: list[Path] = []
+        self.cameras = tuple(self._read_cameras())
+        names = [camera.name for camera in self.cameras]
+        for camera in self.cameras:
+            if names.count(camera.name) > 1:
+                raise CatoptraError(f"{camera.choice.where}: a second camera {camera.name}")
+        self._worlds: dict[str, StagedWorld] = {}
+
+    def world(self, number: int) -> StagedWorld:
+        """World by its number in the recipe."""
+        choice = self.recipe.worlds[number]
+        if choice.name not in self._worlds:
+            self._worlds[choice.name] = self._read_world(choice)
+        return self._worlds[choice.name]
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that the samples follow from, whatever the paths of its files."""
+        digest = hashlib.sha256(self.recipe.text.encode())
+        worlds = [self.world(number) for number in range(len(self.recipe.worlds))]
+        for path in self._files:
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+        # Meshes and textures as they are read, and calibrated cameras as they are understood.
+        for world in worlds:
+            for scene_hash in (hash_scene(world.scene), occlusion_cache.hash_scene(world.scene)):
+                digest.update(scene_hash.encode())
+        with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
+            for camera in self.cameras:
+                digest.update(f"{camera.name} {camera.spec!r}".encode())
+        return digest.hexdigest()
+
+    def _read_cameras(self) -> Iterator[StagedCamera]:
+        for choice in self.recipe.cameras:
+            robot, name = self._read_robot(choice)
+            try:
+                omni = find_camera(robot, choice.camera)
+            except CatoptraError as error:
+                raise CatoptraError(f"{choice.where}: Cameras: {error}") from error
+            if omni.render_settings.accuracy_target.is_set:
+                raise CatoptraError(
+                    f"{choice.where}: Cameras: {omni.name} has an accuracy target, whose plan "
+                    "follows measured times: state Samples in its file instead"
+                )
+            sensor = OmniCameraSensor(omni, robot)
+            camera = StagedCamera(
+                choice=choice,
+                name=name or f"{choice.robot_file.stem}.{omni.name}",
+                robot=robot,
+                omni=omni,
+                sensor=sensor,
+                spec=sensor.camera_spec(Tile(0, 0, *choice.size_px) if choice.size_px else None),
+                ego_mesh=build_ego_mesh(robot),
+            )
+            yield camera
+
+    def _read_robot(self, choice: CameraChoice) -> tuple[RobotDescription, str]:
+        """Robot of a choice, and the camera's name where a camera file gives it."""
+        robot, file = read_robot(choice.robot_file)
+        self._note_files(file)
+        if choice.model_file is None:
+            return robot, ""
+        camera_file = read_camera_file(choice.model_file)
+        self._note_files(IniFile(choice.model_file))
+        with tempfile.TemporaryDirectory(prefix="catoptra-") as folder:
+            path = Path(folder, "robot.ini")
+            carry_camera(camera_file, path, base_robot=str(choice.robot_file))
+            return read_robot(path)[0], camera_file.name
+
+    def _read_world(self, choice: WorldChoice) -> StagedWorld:
+        world, file = read_world(choice.file)
+        report_unknown_names(file.unknown_names())
+        self._note_files(file)
+        scene = build_scene(world, MemoryBudget())
+        instruction_set = self.recipe.instruction_set
+        if occlusion_cache.wants_occlusion(scene, world):
+            # In a folder of the instruction set: its last bits may round a factor the other way.
+            folder = default_cache_folder().parent / "occlusion" / instruction_set
+            occlusion = occlusion_cache.find_occlusion(scene, folder, instruction_set)
+            scene = replace(scene, occlusion=occlusion)
+        robots = {camera.robot.class_name: camera.robot for camera in self.cameras}
+        return StagedWorld(
+            choice,
+            world,
+            scene,
+            KernelRayCaster(scene, instruction_set),
+            CollisionIndex(scene, tuple(robots.values())),
+        )
+
+    def _note_files(self, file: IniFile) -> None:
+        self._files += [path for path in file.paths if path not in self._files]
+
+
+def find_digest_error(stage: DatasetStage, expected: str) -> str:
+    """Why a worker must not draw for a driver; empty where both have the same files."""
+    try:
+        digest = stage.digest
+    except (ConfigError, OSError) as error:
+        return f"a file of the recipe cannot be read here: {error}"
+    if digest != expected:
+        return "recipe, worlds, robots or cameras differ from those of the driver"
+    return ""

@@ -1,0 +1,149 @@
+"""Recipe files: from `[Catoptra.Dataset]` and the sections of poses, lights and effects to a Recipe.
+
+    [Catoptra.Dataset]  Name, Samples, Seed, ShardSamples, Worlds, Cameras, Poses, Channels, Formats,
+                        Renderer, InstructionSet
+    [Catoptra.Lights]   Brightness=(Min=,Max=,Levels=)
+    [Catoptra.Effects]  modes and parameters as in a robot file; parameters may be ranges
+
+Worlds and Cameras are lines: `Worlds=corridor`, `Cameras=(Robot="p2at_omni")`. Files are paths
+relative to the recipe, or names of bundled ones. The sections of poses: `pose_sections`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.text_files import read_text_file
+from catoptra_server.config.capture_section import MAX_SIDE_PX
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.config.unknown_names import report_unknown_names, suggest_name
+from catoptra_server.datasets.effect_ranges import SECTION as EFFECTS
+from catoptra_server.datasets.effect_ranges import read_effects
+from catoptra_server.datasets.pose_sections import POSE_KINDS, read_poses
+from catoptra_server.datasets.recipe import (
+    BrightnessLevels,
+    CameraChoice,
+    GivenPoses,
+    PoseRecipe,
+    Recipe,
+    WorldChoice,
+    follow_each_other,
+)
+from catoptra_server.datasets.recipe_values import read_range_struct, read_words
+from catoptra_server.render.trace.kernel.instruction_sets import INSTRUCTION_SETS
+
+FORMATS = ("coco", "tum", "parquet")
+"""Files that a recipe may have beside its shards."""
+
+_SECTION = "Catoptra.Dataset"
+_LIGHTS = "Catoptra.Lights"
+_RENDERERS = ("trace", "raster")
+_MAX_FILE_BYTES = 4 * 2**20
+_MAX_SAMPLES = 2**31
+# Objects of a COCO file count from 1, and a shard is one unit of repeated work.
+_MAX_SHARD_SAMPLES = 100_000
+# A brightness is a renderer of its own in each worker.
+_MAX_LEVELS = 16
+
+
+def read_recipe(path: Path) -> Recipe:
+    """Recipe of a file; the files that it names are found, not read.
+
+    Raises:
+        ConfigError: With file, line, key, value and the expected form.
+    """
+    file = IniFile(path)
+    section = file.get_section(_SECTION)
+    if not file.has_section(_SECTION):
+        close = suggest_name(_SECTION, file.section_names())
+        expected = f"[{_SECTION}], which says what to draw"
+        raise section.make_error("section", expected=expected + (f", not [{close}]" * bool(close)))
+    worlds = tuple(_read_worlds(section, path.parent))
+    cameras = tuple(_read_cameras(section, path.parent))
+    poses = read_poses(file, section.get_choice("Poses", POSE_KINDS, "random"))
+    recipe = Recipe(
+        path=path,
+        text=read_text_file(path, kind="recipe", max_bytes=_MAX_FILE_BYTES),
+        name=section.get_wire_name("Name", path.stem),
+        num_samples=_read_num_samples(section, poses, len(worlds) * len(cameras)),
+        seed=section.get_int("Seed", 0),
+        samples_per_shard=section.get_int(
+            "ShardSamples", 100, min_value=1, max_value=_MAX_SHARD_SAMPLES
+        ),
+        worlds=worlds,
+        cameras=cameras,
+        poses=poses,
+        brightness=_read_brightness(file.get_section(_LIGHTS)),
+        effects=read_effects(file.get_section(EFFECTS)),
+        channels=_read_channels(section, poses),
+        formats=read_words(section, "Formats", FORMATS, ()),
+        renderer=section.get_choice("Renderer", _RENDERERS, "trace"),
+        instruction_set=section.get_choice("InstructionSet", INSTRUCTION_SETS, "avx2"),
+    )
+    report_unknown_names(file.unknown_names())
+    return recipe
+
+
+def _read_worlds(section: SectionReader, folder: Path) -> Iterator[WorldChoice]:
+    seen: set[str] = set()
+    where = section.find_location("Worlds")
+    for path in section.get_paths("Worlds", folder, bundled="worlds"):
+        if path.stem in seen:
+            raise section.make_error("Worlds", expected=f"each world once, not {path.stem} twice")
+        seen.add(path.stem)
+        yield WorldChoice(path, where)
+    if not seen:
+        raise section.make_error("Worlds", expected="at least one world, such as corridor")
+
+
+def _read_cameras(section: SectionReader, folder: Path) -> Iterator[CameraChoice]:
+    structs = section.get_structs("Cameras", example='(Robot="p2at_omni")')
+    if not structs:
+        raise section.make_error("Cameras", expected='at least one, such as (Robot="p2at_omni")')
+    for struct in structs:
+        model = None
+        if struct.get_str("Model", ""):
+            model = struct.get_path("Model", folder, bundled="cameras")
+        yield CameraChoice(
+            robot_file=struct.get_path("Robot", folder, bundled="robots"),
+            camera=struct.get_str("Camera", ""),
+            model_file=model,
+            size_px=_read_size(struct),
+            where=struct.where,
+        )
+
+
+def _read_size(struct: SectionReader) -> tuple[int, int] | None:
+    if not (struct.has_key("Width") or struct.has_key("Height")):
+        return None
+    width, height = (
+        struct.get_int(key, min_value=1, max_value=MAX_SIDE_PX) for key in ("Width", "Height")
+    )
+    return width, height
+
+
+def _read_num_samples(section: SectionReader, poses: PoseRecipe, num_combinations: int) -> int:
+    """Samples as stated; of given poses by default each once for each world and camera."""
+    default = len(poses.poses) * num_combinations if isinstance(poses, GivenPoses) else None
+    return section.get_int("Samples", default, min_value=1, max_value=_MAX_SAMPLES)
+
+
+def _read_brightness(section: SectionReader) -> BrightnessLevels:
+    if not section.get_str("Brightness", ""):
+        return BrightnessLevels(1.0, 1.0, 1)
+    struct = section.get_struct("Brightness", example="(Min=0.5,Max=1.5,Levels=5)")
+    extent = read_range_struct(section, "Brightness", struct, 0.0, 1000.0)
+    levels = struct.get_int("Levels", 5, min_value=1, max_value=_MAX_LEVELS)
+    return BrightnessLevels(extent.low, extent.high, levels)
+
+
+def _read_channels(section: SectionReader, poses: PoseRecipe) -> tuple[str, ...]:
+    channels = read_words(section, "Channels", tuple(LABEL_CHANNELS), ())
+    if "flow" in channels and not follow_each_other(poses):
+        raise section.make_error(
+            "Channels", expected="no flow where poses do not follow each other: Poses=path or drive"
+        )
+    return channels
