@@ -19,6 +19,7 @@ COMMANDS: Mapping[str, str] = {
     "explain": "report the effects that a robot's camera needs in a world, with their cost",
     "doctor": "check whether the server can run on this machine",
     "calibration": "write a robot's camera as calibration files of other programs",
+    "dataset": "draw pictures with ground truth by a recipe, in shards",
     "list": "list robots, worlds, landmarks and classes",
 }
 """Commands and their help; the server itself has none."""
@@ -50,6 +51,10 @@ def _run(words: Sequence[str], termination: Termination) -> int:
             from catoptra_server.calibration_command import main as write_calibration
 
             return write_calibration(rest)
+        case ["dataset", *rest]:
+            from catoptra_server.datasets.dataset_command import main as draw_dataset
+
+            return draw_dataset(rest, termination)
         case ["list", *rest]:
             from catoptra_server.list_command import main as list_names
 

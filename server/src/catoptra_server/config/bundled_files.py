@@ -14,8 +14,14 @@ BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
 # Files of a folder share their suffix: none.glb (0.71) is no misspelt ok.glb.
 _MIN_SIMILARITY = 0.8
 
-FileKind = Literal["robots", "worlds", "landmarks", "cameras"]
-_SUFFIXES = {"robots": ".ini", "worlds": ".ini", "landmarks": ".csv", "cameras": ".ini"}
+FileKind = Literal["robots", "worlds", "landmarks", "cameras", "datasets"]
+_SUFFIXES = {
+    "robots": ".ini",
+    "worlds": ".ini",
+    "landmarks": ".csv",
+    "cameras": ".ini",
+    "datasets": ".ini",
+}
 
 
 def bundled_files(kind: FileKind) -> tuple[Path, ...]:

@@ -11,7 +11,7 @@ import math
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.usarsim.commands import Drive
+from catoptra_protocol.usarsim.commands_drive import Drive
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.datasets.dataset_stage import DatasetStage, StagedCamera
 from catoptra_server.datasets.free_space import draw_free_pose, find_fault
@@ -126,8 +126,11 @@ def check_given_poses(stage: DatasetStage) -> None:
     if not isinstance(poses, GivenPoses):
         return
     checked: set[tuple[int, str, int]] = set()
-    for index in range(stage.recipe.num_samples):
-        place = find_place(stage.recipe, index)
+    recipe = stage.recipe
+    # Sequences repeat after all combinations of worlds and cameras.
+    num_places = len(poses.poses) * len(recipe.worlds) * len(recipe.cameras)
+    for index in range(min(recipe.num_samples, num_places)):
+        place = find_place(recipe, index)
         camera = stage.cameras[place.camera]
         key = (place.world, camera.robot.class_name, place.step)
         if key in checked:

@@ -1,0 +1,125 @@
+"""`catoptra-server dataset`: draw a data set by a recipe, or verify one."""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import multiprocessing.connection
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_server.command_parser import CommandParser
+from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.datasets.dataset_run import PreparedRun, complete_run, prepare_run
+from catoptra_server.datasets.local_workers import DatasetInterruptedError, LocalWorkers
+from catoptra_server.datasets.progress_report import ProgressReport
+from catoptra_server.datasets.shard_job import ShardJob
+from catoptra_server.datasets.shard_writer import ShardRecord, remove_parts
+from catoptra_server.datasets.verification import verify_dataset
+from catoptra_server.processor_count import count_processors
+from catoptra_server.termination import Termination
+
+EXIT_FAILURE = 2
+EXIT_INTERRUPTED = 130
+_MAX_WORKERS = 1024
+
+
+def main(arguments: Sequence[str], termination: Termination) -> int:
+    """Run the command.
+
+    Args:
+        arguments: Words after `dataset`.
+        termination: Signals that end the process.
+
+    Returns:
+        Exit status: 0, 2 after a message for a failure, 130 after Ctrl-C.
+    """
+    parsed = _build_parser().parse_args(arguments)
+    own, others = multiprocessing.Pipe(duplex=False)
+    # The first signal ends the workers in order; unfinished files of shards are removed.
+    with termination.call_on_signal(lambda: others.send(None), flush=lambda: None):
+        try:
+            return _run(parsed, own)
+        except DatasetInterruptedError:
+            _report("finished shards are kept: the same command goes on")
+            return EXIT_INTERRUPTED
+        except (CatoptraError, OSError) as error:
+            _report(str(error))
+            return EXIT_FAILURE
+
+
+def _report(text: str) -> None:
+    print(f"catoptra-server dataset: {text}", file=sys.stderr)
+
+
+def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Connection) -> int:
+    if parsed.verify and not parsed.recipe:
+        for line in verify_dataset(parsed.out):
+            print(line)
+        return 0
+    run = prepare_run(find_configuration("datasets", parsed.recipe), parsed.out)
+    if not run.is_whole or run.missing:
+        progress = ProgressReport(
+            run.stage.recipe.name,
+            run.stage.recipe.num_samples,
+            run.num_finished_samples,
+            sys.stderr,
+        )
+        try:
+            complete_run(run, lambda job, shards: _draw(parsed, job, shards, progress, interrupt))
+        except CatoptraError:
+            remove_parts(run.folder)
+            raise
+        progress.finish()
+    print(_describe_result(run))
+    if parsed.verify:
+        for line in verify_dataset(parsed.out):
+            print(line)
+    return 0
+
+
+def _draw(
+    parsed: argparse.Namespace,
+    job: ShardJob,
+    shards: Sequence[int],
+    progress: ProgressReport,
+    interrupt: multiprocessing.connection.Connection,
+) -> Iterator[ShardRecord]:
+    def count(number: int, is_begun: bool) -> None:
+        if is_begun:
+            progress.count_sample()
+        else:
+            progress.uncount_samples(number)
+
+    workers = LocalWorkers(job, parsed.workers, count=count, interrupt=interrupt)
+    yield from workers.draw(shards)
+
+
+def _describe_result(run: PreparedRun) -> str:
+    recipe = run.stage.recipe
+    return f"{run.folder}: {recipe.num_samples} samples in {recipe.num_shards} shards"
+
+
+def _build_parser() -> argparse.ArgumentParser:
+    parser = CommandParser(
+        prog="catoptra-server dataset",
+        description="Draw pictures with ground truth by a recipe: sample i depends on the recipe "
+        "and i alone. An interrupted run goes on by the same command.",
+    )
+    add = parser.add_argument
+    add("recipe", nargs="?", default="", metavar="RECIPE",
+        help="recipe file, or the name of a bundled one; with --verify it may be left out")  # fmt: skip
+    add("--out", required=True, type=Path, metavar="DIR", help="folder, made if absent")
+    add("--workers", type=_parse_workers, default=count_processors(), metavar="N",
+        help="processes of one thread each; default: one for each processor")  # fmt: skip
+    add("--verify", action="store_true",
+        help="read back every shard, and compare its hash")  # fmt: skip
+    return parser
+
+
+def _parse_workers(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= _MAX_WORKERS:
+        raise argparse.ArgumentTypeError(f"a number from 1 to {_MAX_WORKERS}, not {text!r}")
+    return int(text)

@@ -1,0 +1,110 @@
+"""Samples drawn by the functions of served frames, with one thread and without measured costs.
+
+Renderers stay warm: one for each world and brightness, those used last, and one for the labels of
+each world. Nothing here depends on time or on the samples before: any process draws the same bytes.
+"""
+
+from __future__ import annotations
+
+from catoptra_protocol.labels.ground_truth import GroundTruth
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.datasets.dataset_stage import DatasetStage, StagedWorld
+from catoptra_server.datasets.light_scaling import scale_lights
+from catoptra_server.datasets.sample import RenderedSample, SampleDescription
+from catoptra_server.datasets.sample_metadata import describe_sample_metadata
+from catoptra_server.frames.frame_request import ViewRequest
+from catoptra_server.frames.view_cache import RenderedView, ViewCache
+from catoptra_server.ground_truth.label_renderer import DrawnExposure, LabelRenderer
+from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.trace import TraceRenderer
+
+# A renderer of a shipped world takes 8 ms to make, and its view of 640 x 640 px 60 ms; sixteen of
+# these views are 0.5 GB.
+_MAX_RENDERERS = 16
+_MAX_VIEW_BYTES = 64 * 2**20
+_NOTHING = GroundTruth({})
+
+
+class SampleRenderer:
+    """Renderers of a recipe's worlds, for one process; closing frees them."""
+
+    def __init__(self, stage: DatasetStage) -> None:
+        self._stage = stage
+        self._views: dict[tuple[int, float], ViewCache] = {}  # the last used at the end
+        self._labels: dict[int, tuple[LabelRenderer, TraceRenderer]] = {}
+
+    def render_sample(self, description: SampleDescription) -> RenderedSample:
+        """Render a sample.
+
+        Raises:
+            ViewFailedError: The renderer cannot draw it.
+            RendererUnavailableError: The renderer cannot run on this machine.
+        """
+        views = self._find_views(description.place.world, description.brightness)
+        view = views.render(ViewRequest(description.spec, description.state))
+        truth = self._render_labels(description, view)
+        world = self._stage.recipe.worlds[description.place.world].name
+        return RenderedSample(
+            key=description.key,
+            rgb=view.image.rgb,
+            channels=truth.channels,
+            metadata=describe_sample_metadata(description, view, world),
+            objects=truth.objects,
+        )
+
+    def _render_labels(self, description: SampleDescription, view: RenderedView) -> GroundTruth:
+        """Ground truth of the picture; nothing is computed for a recipe without channels."""
+        channels = self._stage.recipe.channels
+        if not channels:
+            return _NOTHING
+        world = description.place.world
+        if world not in self._labels:
+            staged = self._stage.world(world)
+            renderer = TraceRenderer(
+                staged.scene,
+                staged.world,
+                threads=1,
+                instruction_set=self._stage.recipe.instruction_set,
+            )
+            self._labels[world] = (LabelRenderer(renderer, staged.scene), renderer)
+        drawn = DrawnExposure(description.spec.camera, description.state)
+        return self._labels[world][0].render(drawn, channels, description.next_state)
+
+    def _find_views(self, world: int, brightness: float) -> ViewCache:
+        key = (world, brightness)
+        views = self._views.pop(key, None) or self._make_views(
+            self._stage.world(world), brightness
+        )
+        self._views[key] = views
+        while len(self._views) > _MAX_RENDERERS:
+            self._views.pop(next(iter(self._views))).close()
+        return views
+
+    def _make_views(self, staged: StagedWorld, brightness: float) -> ViewCache:
+        recipe = self._stage.recipe
+        world = scale_lights(staged.world, brightness)
+        choice = choose_renderer(
+            recipe.renderer,
+            staged.scene,
+            world,
+            threads=1,
+            instruction_set=recipe.instruction_set,
+            is_reproducible=True,
+        )
+        return ViewCache(
+            RenderPlanner(RendererPool(choice, may_replace=False)),
+            SceneSummarizer(staged.scene, world),
+            max_bytes=_MAX_VIEW_BYTES,
+        )
+
+    def close(self) -> None:
+        """Free all renderers."""
+        for labels, renderer in self._labels.values():
+            labels.close()
+            renderer.close()
+        for views in self._views.values():
+            views.close()
+        self._labels.clear()
+        self._views.clear()
