@@ -66,6 +66,7 @@ def iterate_samples(path: Path, suffixes: frozenset[str] | None = None) -> Itera
     """
     key, files = "", dict[str, bytes]()
     try:
+        _require_end(path)
         with tarfile.open(path, "r:") as shard:
             for member in shard:
                 sample, _, suffix = member.name.partition(".")
@@ -84,6 +85,16 @@ def iterate_samples(path: Path, suffixes: frozenset[str] | None = None) -> Itera
         raise CatoptraError(f"{path} is no whole shard: {error}") from error
     if files:
         yield StoredSample(key, files)
+
+
+def _require_end(path: Path) -> None:
+    """Raise CatoptraError for a file without the two empty blocks that end an archive."""
+    # A file that is cut off within the header of a member ends like a whole one for `tarfile`.
+    end_bytes = 2 * tarfile.BLOCKSIZE
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - end_bytes))
+        if file.read() != bytes(end_bytes):
+            raise CatoptraError(f"{path} is no whole shard: its end is missing")
 
 
 def hash_file(path: Path) -> str:

@@ -15,6 +15,7 @@ import pytest
 from catoptra_protocol.optics.camera_rays import pixel_from_point, rays_from_pixel_grid
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_server.config.camera_file import CameraFile, carry_camera, read_camera_files
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.explicit_choice import can_follow_settings
@@ -27,7 +28,6 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Item, World
-from catoptra_server.config.camera_file import CameraFile, carry_camera, read_camera_files
 from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.worlds import CAMERA_STATE
 

@@ -59,6 +59,8 @@ def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Conne
         for line in verify_dataset(parsed.out):
             print(line)
         return 0
+    if not parsed.recipe:
+        raise CatoptraError("which RECIPE? A file, or a name of the bundled ones")
     run = prepare_run(find_configuration("datasets", parsed.recipe), parsed.out)
     if not run.is_whole or run.missing:
         progress = ProgressReport(
@@ -110,7 +112,7 @@ def _build_parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("recipe", nargs="?", default="", metavar="RECIPE",
-        help="recipe file, or the name of a bundled one; with --verify it may be left out")  # fmt: skip
+        help="recipe file, or a bundled one's name; not needed with --verify")  # fmt: skip
     add("--out", required=True, type=Path, metavar="DIR", help="folder, made if absent")
     add("--workers", type=_parse_workers, default=count_processors(), metavar="N",
         help="processes of one thread each; default: one for each processor")  # fmt: skip

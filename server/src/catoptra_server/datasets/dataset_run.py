@@ -1,4 +1,4 @@
-"""A data set from its recipe to its manifest, with any kind of workers; resumes where it was left."""
+"""A data set from its recipe to its manifest, by any workers; resumes where it was left."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from catoptra_server.datasets.dataset_folder import (
 )
 from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.drawing_environment import describe_environment
+from catoptra_server.datasets.parquet_index import require_pyarrow
 from catoptra_server.datasets.pinned_process import call_pinned
 from catoptra_server.datasets.pose_sources import check_given_poses
 from catoptra_server.datasets.recipe_file import read_recipe
@@ -60,6 +61,8 @@ def prepare_run(recipe_path: Path, folder: Path) -> PreparedRun:
         CatoptraError: A pose is not free, the folder holds something else, or the disk is full.
     """
     recipe = read_recipe(recipe_path)
+    if "parquet" in recipe.formats:
+        require_pyarrow()
     stage = DatasetStage(recipe)
     check_given_poses(stage)
     digest = call_pinned(recipe.instruction_set, digest_recipe, recipe_path)

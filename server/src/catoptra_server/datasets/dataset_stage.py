@@ -148,6 +148,7 @@ class DatasetStage:
     def _read_robot(self, choice: CameraChoice) -> tuple[RobotDescription, str]:
         """Robot of a choice, and the camera's name where a camera file gives it."""
         robot, file = read_robot(choice.robot_file)
+        report_unknown_names(file.unknown_names())
         self._note_files(file)
         if choice.model_file is None:
             return robot, ""

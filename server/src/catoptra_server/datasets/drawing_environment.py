@@ -11,7 +11,7 @@ import hashlib
 import platform
 from collections.abc import Mapping
 from functools import cache
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 
 import catoptra_protocol
@@ -68,9 +68,8 @@ def _is_later(feature: str, instruction_set: str) -> bool:
 def _numpy_features() -> dict[str, bool]:
     """Features that NumPy has code for beyond its baseline, and whether each is enabled here."""
     # No public function lists them for programs; `numpy.show_runtime` prints these.
-    from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
-
-    return {name: bool(__cpu_features__[name]) for name in __cpu_dispatch__}
+    umath = import_module("numpy._core._multiarray_umath")
+    return {name: bool(umath.__cpu_features__[name]) for name in umath.__cpu_dispatch__}
 
 
 @cache
@@ -125,5 +124,3 @@ def _hash_code() -> str:
 
 def _hash(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-

@@ -103,8 +103,8 @@ def _unfilter(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> npt.NDArray[np.u
         raise ValueError("a filter that is not written here")
     image = np.array(filtered)
     left = numbers == _FILTER_SUB
-    pixels = filtered[left].reshape(int(left.sum()), -1, pixel_bytes)
-    image[left] = np.cumsum(pixels, axis=1, dtype=np.uint8).reshape(len(pixels), -1)
+    pixels = filtered[left].reshape(int(left.sum()), filtered.shape[1] // pixel_bytes, pixel_bytes)
+    image[left] = np.cumsum(pixels, axis=1, dtype=np.uint8).reshape(-1, filtered.shape[1])
     for row in np.flatnonzero(numbers == _FILTER_UP):
         if row:
             image[row] += image[row - 1]

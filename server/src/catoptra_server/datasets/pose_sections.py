@@ -3,7 +3,7 @@
     [Catoptra.RandomPoses]  Clearance, MaxTries, X, Y, Yaw, Speed, YawRate
     [Catoptra.GridPoses]    X, Y, Yaw: (Min=,Max=,Count=)
     [Catoptra.PathPoses]    Points=(X=,Y=), one a line; Spacing, Speed
-    [Catoptra.DrivePoses]   Samples, Interval, WheelSpeed, Hold, and all of RandomPoses for its start
+    [Catoptra.DrivePoses]   Samples, Interval, WheelSpeed, Hold; for its start, all of RandomPoses
 
 The robot stands on the floor: a pose is X, Y in metres and Yaw in radians, clockwise from above.
 """
@@ -144,5 +144,7 @@ def _read_drive(section: SectionReader) -> DrivePoses:
         wheel_speed_rad_s=read_range(
             section, "WheelSpeed", ValueRange(-1.0, 5.0), min_value=-1000.0, max_value=1000.0
         ),
-        hold_s=read_range(section, "Hold", ValueRange(0.5, 2.0), min_value=TICK_S, max_value=3600.0),
+        hold_s=read_range(
+            section, "Hold", ValueRange(0.5, 2.0), min_value=TICK_S, max_value=3600.0
+        ),
     )

@@ -71,9 +71,7 @@ class PoseSource:
     def _given_motion(self, poses: GivenPoses, place: SamplePlace) -> SampleMotion:
         camera = self._stage.cameras[place.camera]
         steps = [place.step, place.step + 1]
-        motions = [
-            _given_robot(camera, poses, step) for step in steps if step < len(poses.poses)
-        ]
+        motions = [_given_robot(camera, poses, step) for step in steps if step < len(poses.poses)]
         has_next = poses.is_path and len(motions) > 1
         return SampleMotion(motions[0], motions[1] if has_next else None)
 
@@ -92,9 +90,7 @@ class PoseSource:
         start = draw_free_pose(
             world, camera, poses.start, random_source(recipe, "pose").generator(sequence)
         )
-        robot = Robot(
-            camera.robot, start, name=f"drive {sequence}", seed=recipe.seed, time_s=0.0
-        )
+        robot = Robot(camera.robot, start, name=f"drive {sequence}", seed=recipe.seed, time_s=0.0)
         speeds = random_source(recipe, "wheel speeds").generator(sequence)
         motions: list[RobotMotion] = []
         ticks_a_sample, hold_ticks = round(poses.interval_s / TICK_S), 0

@@ -1,4 +1,4 @@
-"""Recipe of a data set: frozen data, as read by `recipe_file`. Lengths in metres, angles in radians."""
+"""Recipe of a data set: frozen data, as read by `recipe_file`. Metres, radians, seconds."""
 
 from __future__ import annotations
 

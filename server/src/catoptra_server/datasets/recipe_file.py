@@ -1,7 +1,7 @@
-"""Recipe files: from `[Catoptra.Dataset]` and the sections of poses, lights and effects to a Recipe.
+"""Recipe files: from `[Catoptra.Dataset]` and sections of poses, lights and effects to a Recipe.
 
-    [Catoptra.Dataset]  Name, Samples, Seed, ShardSamples, Worlds, Cameras, Poses, Channels, Formats,
-                        Renderer, InstructionSet
+    [Catoptra.Dataset]  Name, Samples, Seed, ShardSamples, Worlds, Cameras, Poses, Channels,
+                        Formats, Renderer, InstructionSet
     [Catoptra.Lights]   Brightness=(Min=,Max=,Levels=)
     [Catoptra.Effects]  modes and parameters as in a robot file; parameters may be ranges
 

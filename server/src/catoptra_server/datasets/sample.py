@@ -91,7 +91,7 @@ class SampleDescriber:
             camera=camera,
             spec=replace(camera.spec, effect_settings=effects),
             state=self._camera_state(camera, motion.now, place),
-            next_state=motion.next and self._camera_state(camera, motion.next, place),
+            next_state=self._camera_state(camera, motion.next, place) if motion.next else None,
             motion=motion.now,
             brightness=draw_brightness(recipe, index),
         )

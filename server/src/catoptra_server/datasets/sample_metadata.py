@@ -1,4 +1,4 @@
-"""Metadata of a sample as JSON: where and how its picture was taken, and what was decided for it."""
+"""Metadata of a sample as JSON: where and how its picture was taken, what was decided for it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ def describe_sample_metadata(
         "world": world,
         "camera": camera.name,
         "robot": camera.robot.class_name,
-        "camera_model": [list(p) for p in pairs_from_omni_camera(description.spec.camera, height_m)],
+        "camera_model": [
+            list(p) for p in pairs_from_omni_camera(description.spec.camera, height_m)
+        ],
         "world_from_camera": describe_pose(state.world_from_mirror),
         "world_from_robot": describe_pose(description.motion.world_from_robot),
         "linear_m_s": [float(one) for one in twist.linear_m_s],

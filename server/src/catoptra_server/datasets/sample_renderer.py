@@ -74,9 +74,7 @@ class SampleRenderer:
 
     def _find_views(self, world: int, brightness: float) -> ViewCache:
         key = (world, brightness)
-        views = self._views.pop(key, None) or self._make_views(
-            self._stage.world(world), brightness
-        )
+        views = self._views.pop(key, None) or self._make_views(self._stage.world(world), brightness)
         self._views[key] = views
         while len(self._views) > _MAX_RENDERERS:
             self._views.pop(next(iter(self._views))).close()

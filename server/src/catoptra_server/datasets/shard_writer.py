@@ -12,6 +12,7 @@ import os
 import socket
 import tarfile
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -80,7 +81,8 @@ def write_whole(path: Path, parts: Iterable[bytes], open_file: OpenFile = open_f
     except OSError as error:
         raise CatoptraError(_describe(path, error)) from error
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 def _describe(path: Path, error: OSError) -> str:
@@ -163,5 +165,3 @@ def remove_parts(folder: Path) -> None:
     """Remove files that an interrupted run has left unfinished."""
     for part in folder.rglob(f"*{PART_SUFFIX}"):
         part.unlink(missing_ok=True)
-
-

@@ -65,7 +65,9 @@ def _check_sample(path: Path, sample: StoredSample, suffixes: set[str]) -> str:
     """Check the files of a sample; its name."""
     if set(sample.files) != suffixes:
         different = sorted(set(sample.files) ^ suffixes)
-        raise CatoptraError(f"{path}: sample {sample.key}: {', '.join(different)} is missing or new")
+        raise CatoptraError(
+            f"{path}: sample {sample.key}: {', '.join(different)} is missing or new"
+        )
     try:
         shapes = {
             decode_array(suffix, content).shape[:2]

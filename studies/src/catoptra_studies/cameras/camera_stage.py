@@ -10,6 +10,7 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.config.camera_file import CameraFile, carry_camera
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.explicit_plan import plan_from_settings
@@ -20,7 +21,6 @@ from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_studies.camera_figures.render_timing import time_round_robin
-from catoptra_server.config.camera_file import CameraFile, carry_camera
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import study_poses
 

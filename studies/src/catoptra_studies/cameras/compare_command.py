@@ -8,8 +8,8 @@ from pathlib import Path
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.bundled_files import find_configuration
-from catoptra_studies.cameras.camera_comparison import DrivePlan, compare_cameras
 from catoptra_server.config.camera_file import read_camera_files
+from catoptra_studies.cameras.camera_comparison import DrivePlan, compare_cameras
 from catoptra_studies.cameras.camera_stage import open_stage, stage_cameras
 from catoptra_studies.cameras.comparison_report import format_comparison, write_comparison
 from catoptra_studies.progress_display import open_progress, print_error, print_line

@@ -1,0 +1,59 @@
+"""Small recipes of data sets: pictures of 64 px of a field and of a corridor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from catoptra_server.datasets.dataset_stage import DatasetStage
+from catoptra_server.datasets.recipe_file import read_recipe
+
+CAMERA = 'Cameras=(Robot="p2at_omni",Width=64,Height=64)'
+FISHEYE = 'Cameras=(Robot="p2at_omni",Model="equidistant_220",Width=64,Height=64)'
+
+
+def write_recipe(
+    folder: Path,
+    *sections: str,
+    samples: int = 4,
+    poses: str = "random",
+    world: str = "corridor",
+    cameras: tuple[str, ...] = (CAMERA,),
+    lines: tuple[str, ...] = (),
+) -> Path:
+    """Write a recipe of two samples a shard, and return its path.
+
+    Args:
+        folder: Folder of the file.
+        sections: Further sections, whole.
+        samples: Number of samples; 0 for no such line.
+        poses: Kind of poses.
+        world: The world.
+        cameras: Lines of cameras.
+        lines: Further lines of the first section.
+    """
+    number = (f"Samples={samples}",) if samples else ()
+    head = ("[Catoptra.Dataset]", *number, "Seed=7", "ShardSamples=2", f"Poses={poses}")
+    path = folder / "recipe.ini"
+    content = "\n".join((*head, f"Worlds={world}", *cameras, *lines, *sections)) + "\n"
+    path.write_text(content, encoding="utf-8")
+    return path
+
+
+def write_drive(folder: Path, *, lines: tuple[str, ...] = ("Channels=all",)) -> Path:
+    """Write a recipe of drives of two samples, with two cameras and three lights."""
+    return write_recipe(
+        folder,
+        "[Catoptra.DrivePoses]",
+        "Samples=2",
+        "[Catoptra.Lights]",
+        "Brightness=(Min=0.5,Max=1.5,Levels=3)",
+        samples=6,
+        poses="drive",
+        cameras=(CAMERA, FISHEYE),
+        lines=lines,
+    )
+
+
+def stage_recipe(path: Path) -> DatasetStage:
+    """Stage of a recipe's file."""
+    return DatasetStage(read_recipe(path))

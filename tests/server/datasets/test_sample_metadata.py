@@ -1,0 +1,43 @@
+"""Metadata of samples."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.camera_conf import omni_camera_from_pairs
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.datasets.sample import SampleDescriber
+from catoptra_server.datasets.sample_files import encode_json
+from catoptra_server.datasets.sample_metadata import describe_pose
+from catoptra_server.datasets.sample_renderer import SampleRenderer
+from helpers.dataset_recipes import stage_recipe, write_drive
+
+
+def test_metadata_are_json_and_describe_camera_pose_and_light(tmp_path: Path) -> None:
+    stage = stage_recipe(write_drive(tmp_path))
+    description = SampleDescriber(stage).describe_sample(3)
+    renderer = SampleRenderer(stage)
+    metadata = json.loads(encode_json(renderer.render_sample(description).metadata))
+    renderer.close()
+    assert metadata["key"] == "000003"
+    assert (metadata["sequence"], metadata["step"]) == (1, 1)
+    assert metadata["world"] == "corridor"
+    assert metadata["camera"] == "equidistant_220"
+    assert metadata["brightness"] == description.brightness
+    assert metadata["plan"].startswith("trace")
+    camera, _ = omni_camera_from_pairs(tuple(map(tuple, metadata["camera_model"])))
+    assert (camera.width_px, camera.height_px) == (64, 64)
+    np.testing.assert_array_equal(
+        metadata["world_from_camera"]["position_m"],
+        description.state.world_from_mirror.translation,
+    )
+
+
+def test_pose_is_position_and_quaternion() -> None:
+    described = describe_pose(Pose.from_rpy((1.0, 2.0, -3.0), (0.0, 0.0, np.pi / 2)))
+    assert described["position_m"] == [1.0, 2.0, -3.0]
+    assert described["quaternion_xyzw"] == pytest.approx([0.0, 0.0, 0.5**0.5, 0.5**0.5])

@@ -1,0 +1,62 @@
+"""Samples drawn: the picture of a served frame, labels, and no trace of other samples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_server.datasets.sample import RenderedSample, SampleDescriber
+from catoptra_server.datasets.sample_files import encode_sample
+from catoptra_server.datasets.sample_renderer import SampleRenderer
+from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
+
+
+def render(path: Path, *indices: int) -> list[RenderedSample]:
+    """Samples of a recipe, drawn in the order of the indices."""
+    stage = stage_recipe(path)
+    describer, renderer = SampleDescriber(stage), SampleRenderer(stage)
+    try:
+        return [renderer.render_sample(describer.describe_sample(index)) for index in indices]
+    finally:
+        renderer.close()
+
+
+def test_sample_has_the_same_bytes_in_any_order(tmp_path: Path) -> None:
+    path = write_drive(tmp_path)
+    forward, backward = render(path, 0, 1, 2, 3, 4, 5), render(path, 5, 4, 3, 2, 1, 0)
+    for one, other in zip(forward, reversed(backward), strict=True):
+        assert encode_sample(one) == encode_sample(other)
+
+
+def test_sample_has_all_channels_in_the_shape_of_the_table(tmp_path: Path) -> None:
+    (sample,) = render(write_drive(tmp_path), 0)
+    assert sample.rgb.shape == (64, 64, 3)
+    assert set(sample.channels) == set(LABEL_CHANNELS)
+    for name, array in sample.channels.items():
+        assert array.shape == LABEL_CHANNELS[name].shape(64, 64)
+        assert array.dtype == np.dtype(LABEL_CHANNELS[name].dtype)
+    valid = sample.channels["valid"] == 1
+    assert 0.5 < valid.mean() < 0.9, "a disc"
+    assert np.isfinite(sample.channels["range"][valid]).mean() > 0.9, "a corridor with a ceiling"
+    assert np.isfinite(sample.channels["flow"][valid]).mean() > 0.5
+    assert sample.objects
+
+
+def test_recipe_without_channels_has_none(tmp_path: Path) -> None:
+    (sample,) = render(write_drive(tmp_path, lines=()), 0)
+    assert not sample.channels
+    assert not sample.objects
+
+
+def test_brighter_lights_make_a_brighter_picture_and_the_same_labels(tmp_path: Path) -> None:
+    pictures = []
+    for number, factor in enumerate((0.4, 1.0)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        lights = ("[Catoptra.Lights]", f"Brightness=(Min={factor},Max={factor},Levels=1)")
+        pictures += render(write_recipe(folder, *lights, lines=("Channels=ids",)), 1)
+    dark, bright = pictures
+    assert dark.rgb.mean() < 0.8 * bright.rgb.mean()
+    np.testing.assert_array_equal(dark.channels["ids"], bright.channels["ids"])
