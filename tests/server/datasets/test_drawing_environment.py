@@ -10,7 +10,7 @@ from catoptra_server.datasets.drawing_environment import (
     find_processor_error,
     pinning_variables,
 )
-from catoptra_server.datasets.pinned_process import call_pinned
+from catoptra_server.datasets.pinned_process import run_in_pinned_process
 from catoptra_server.render.trace.kernel.instruction_sets import available_instruction_sets
 
 HAS_AVX2 = "avx2" in available_instruction_sets()
@@ -37,14 +37,14 @@ def test_variables_disable_what_is_beyond_the_instruction_set() -> None:
 
 @needs_avx2
 def test_pinned_process_may_draw() -> None:
-    assert call_pinned("avx2", find_processor_error, "avx2") == ""
+    assert run_in_pinned_process("avx2", find_processor_error, "avx2") == ""
 
 
 @pytest.mark.skipif(
     "avx512" not in available_instruction_sets(), reason="needs a processor with AVX-512"
 )
 def test_process_that_uses_more_is_refused_with_the_remedy() -> None:
-    fault = call_pinned("avx512", find_processor_error, "avx2")
+    fault = run_in_pinned_process("avx512", find_processor_error, "avx2")
     assert "beyond avx2" in fault
     assert "NPY_DISABLE_CPU_FEATURES=" in fault
 
@@ -52,9 +52,9 @@ def test_process_that_uses_more_is_refused_with_the_remedy() -> None:
 @needs_avx2
 def test_worker_with_another_version_is_refused_by_name() -> None:
     environment = describe_environment("avx2")
-    assert not call_pinned("avx2", find_environment_error, environment, "avx2")
+    assert not run_in_pinned_process("avx2", find_environment_error, environment, "avx2")
     other = {**environment, "numpy": "1.0"}
-    fault = call_pinned("avx2", find_environment_error, other, "avx2")
+    fault = run_in_pinned_process("avx2", find_environment_error, other, "avx2")
     assert fault.startswith("this worker differs: numpy ")
     assert fault.endswith(" instead of 1.0")
 

@@ -8,7 +8,7 @@ import signal
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.pinned_process import call_pinned
+from catoptra_server.datasets.pinned_process import run_in_pinned_process
 
 
 def read_variable(name: str) -> str | None:
@@ -28,15 +28,15 @@ def die() -> None:
 
 def test_process_has_the_variables_and_this_one_has_not() -> None:
     before = os.environ.get("OPENBLAS_CORETYPE")
-    assert call_pinned("avx2", read_variable, "OPENBLAS_CORETYPE") == "Haswell"
+    assert run_in_pinned_process("avx2", read_variable, "OPENBLAS_CORETYPE") == "Haswell"
     assert os.environ.get("OPENBLAS_CORETYPE") == before
 
 
 def test_error_of_the_function_is_raised_here() -> None:
     with pytest.raises(CatoptraError, match=r"recipe.ini:3: wrong"):
-        call_pinned("avx2", fail)
+        run_in_pinned_process("avx2", fail)
 
 
 def test_death_is_an_error() -> None:
     with pytest.raises(CatoptraError, match="has ended: exit status -9"):
-        call_pinned("avx2", die)
+        run_in_pinned_process("avx2", die)

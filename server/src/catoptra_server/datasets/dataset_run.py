@@ -17,7 +17,7 @@ from catoptra_server.datasets.dataset_folder import (
 from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.drawing_environment import describe_environment
 from catoptra_server.datasets.parquet_index import require_pyarrow
-from catoptra_server.datasets.pinned_process import call_pinned
+from catoptra_server.datasets.pinned_process import run_in_pinned_process
 from catoptra_server.datasets.pose_sources import check_given_poses
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.shard_job import ShardJob
@@ -65,7 +65,7 @@ def prepare_run(recipe_path: Path, folder: Path) -> PreparedRun:
         require_pyarrow()
     stage = DatasetStage(recipe)
     check_given_poses(stage)
-    digest = call_pinned(recipe.instruction_set, digest_recipe, recipe_path)
+    digest = run_in_pinned_process(recipe.instruction_set, digest_recipe, recipe_path)
     identity = DatasetIdentity(
         recipe.name, digest, describe_environment(recipe.instruction_set), recipe.text
     )

@@ -41,7 +41,7 @@ from catoptra_server.simulation.robot_meshes import build_ego_mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StagedWorld:
+class RecipeWorld:
     """A world, loaded."""
 
     choice: WorldChoice
@@ -58,7 +58,7 @@ class StagedWorld:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StagedCamera:
+class RecipeCamera:
     """A camera and the robot that carries it."""
 
     choice: CameraChoice
@@ -96,9 +96,9 @@ class DatasetStage:
         for camera in self.cameras:
             if names.count(camera.name) > 1:
                 raise CatoptraError(f"{camera.choice.where}: a second camera {camera.name}")
-        self._worlds: dict[str, StagedWorld] = {}
+        self._worlds: dict[str, RecipeWorld] = {}
 
-    def world(self, number: int) -> StagedWorld:
+    def world(self, number: int) -> RecipeWorld:
         """World by its number in the recipe."""
         choice = self.recipe.worlds[number]
         if choice.name not in self._worlds:
@@ -121,7 +121,7 @@ class DatasetStage:
                 digest.update(f"{camera.name} {camera.spec!r}".encode())
         return digest.hexdigest()
 
-    def _read_cameras(self) -> Iterator[StagedCamera]:
+    def _read_cameras(self) -> Iterator[RecipeCamera]:
         for choice in self.recipe.cameras:
             robot, name = self._read_robot(choice)
             try:
@@ -134,7 +134,7 @@ class DatasetStage:
                     "follows measured times: state Samples in its file instead"
                 )
             sensor = OmniCameraSensor(omni, robot)
-            camera = StagedCamera(
+            camera = RecipeCamera(
                 choice=choice,
                 name=name or f"{choice.robot_file.stem}.{omni.name}",
                 robot=robot,
@@ -159,7 +159,7 @@ class DatasetStage:
             carry_camera(camera_file, path, base_robot=str(choice.robot_file))
             return read_robot(path)[0], camera_file.name
 
-    def _read_world(self, choice: WorldChoice) -> StagedWorld:
+    def _read_world(self, choice: WorldChoice) -> RecipeWorld:
         world, file = read_world(choice.file)
         report_unknown_names(file.unknown_names())
         self._note_files(file)
@@ -171,7 +171,7 @@ class DatasetStage:
             occlusion = occlusion_cache.find_occlusion(scene, folder, instruction_set)
             scene = replace(scene, occlusion=occlusion)
         robots = {camera.robot.class_name: camera.robot for camera in self.cameras}
-        return StagedWorld(
+        return RecipeWorld(
             choice,
             world,
             scene,

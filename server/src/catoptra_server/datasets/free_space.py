@@ -13,7 +13,7 @@ import numpy as np
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.datasets.dataset_stage import StagedCamera, StagedWorld
+from catoptra_server.datasets.dataset_stage import RecipeCamera, RecipeWorld
 from catoptra_server.datasets.recipe import RandomPoses, ValueRange
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.scene.obstacle_grid import GROUND_CLEARANCE_M
@@ -24,7 +24,7 @@ _RAY_HEIGHT_M = 0.1
 
 
 def find_fault(
-    world: StagedWorld, camera: StagedCamera, pose: PlanarPose, clearance_m: float = 0.0
+    world: RecipeWorld, camera: RecipeCamera, pose: PlanarPose, clearance_m: float = 0.0
 ) -> str:
     """Why a robot cannot stand at a pose; empty for a free one."""
     place = np.array([[pose.x_m, pose.y_m]])
@@ -38,13 +38,13 @@ def find_fault(
     return "it is inside a solid" if _is_inside_solid(world, pose) else ""
 
 
-def _has_floor(world: StagedWorld, pose: PlanarPose) -> bool:
+def _has_floor(world: RecipeWorld, pose: PlanarPose) -> bool:
     down = np.array([[0.0, 0.0, 1.0]])
     distance_m = world.caster.distances(_origin(pose), down)[0]
     return bool(abs(distance_m - _RAY_HEIGHT_M) <= GROUND_CLEARANCE_M)
 
 
-def _is_inside_solid(world: StagedWorld, pose: PlanarPose) -> bool:
+def _is_inside_solid(world: RecipeWorld, pose: PlanarPose) -> bool:
     angles = np.arange(_NUM_LEVEL_RAYS) * (2.0 * math.pi / _NUM_LEVEL_RAYS)
     rays = np.stack((np.cos(angles), np.sin(angles), np.zeros(_NUM_LEVEL_RAYS)), axis=-1)
     origins = np.repeat(_origin(pose), _NUM_LEVEL_RAYS, axis=0)
@@ -58,7 +58,7 @@ def _origin(pose: PlanarPose) -> Floats:
 
 
 def draw_free_pose(
-    world: StagedWorld, camera: StagedCamera, poses: RandomPoses, generator: np.random.Generator
+    world: RecipeWorld, camera: RecipeCamera, poses: RandomPoses, generator: np.random.Generator
 ) -> PlanarPose:
     """Random pose in free space, uniform over the allowed area.
 

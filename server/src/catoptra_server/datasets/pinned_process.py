@@ -53,7 +53,7 @@ def _set_environment(variables: Mapping[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def call_pinned(instruction_set: str, function: Callable[..., T], *args: object) -> T:
+def run_in_pinned_process(instruction_set: str, function: Callable[..., T], *args: object) -> T:
     """Result of a function, called in a process of its own.
 
     Args:

@@ -13,7 +13,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands_drive import Drive
 from catoptra_server.capture.noise_seed import NoiseSeed
-from catoptra_server.datasets.dataset_stage import DatasetStage, StagedCamera
+from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera
 from catoptra_server.datasets.free_space import draw_free_pose, find_fault
 from catoptra_server.datasets.pose_sections import TICK_S
 from catoptra_server.datasets.recipe import DrivePoses, GivenPoses, RandomPoses
@@ -107,7 +107,7 @@ class PoseSource:
         return motions
 
 
-def noise_seed(stage: DatasetStage, place: SamplePlace) -> NoiseSeed:
+def seed_noise(stage: DatasetStage, place: SamplePlace) -> NoiseSeed:
     """Seed of the image noise of a sample: another in each, whatever the camera."""
     return NoiseSeed.from_source(random_source(stage.recipe, "noise"), place.index)
 
@@ -142,13 +142,13 @@ def check_given_poses(stage: DatasetStage) -> None:
             )
 
 
-def _given_robot(camera: StagedCamera, poses: GivenPoses, step: int) -> RobotMotion:
+def _given_robot(camera: RecipeCamera, poses: GivenPoses, step: int) -> RobotMotion:
     pose = poses.poses[step].pose
     twist = _planar_twist(pose, poses.speed_m_s, 0.0)
     return RobotMotion(step * poses.interval_s, _stand(camera, pose), twist)
 
 
-def _stand(camera: StagedCamera, pose: PlanarPose) -> Pose:
+def _stand(camera: RecipeCamera, pose: PlanarPose) -> Pose:
     return pose.at_height(camera.robot.drive.ride_height_m)
 
 

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from catoptra_protocol.labels.ground_truth import LabelledObject
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.datasets.dataset_stage import DatasetStage, StagedCamera
+from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera
 from catoptra_server.datasets.effect_ranges import draw_effects
-from catoptra_server.datasets.pose_sources import PoseSource, RobotMotion, noise_seed
+from catoptra_server.datasets.pose_sources import PoseSource, RobotMotion, seed_noise
 from catoptra_server.datasets.sampling import (
     SamplePlace,
     draw_brightness,
@@ -33,7 +33,7 @@ class SampleDescription:
     place: SamplePlace
     key: str
     """Name in files."""
-    camera: StagedCamera
+    camera: RecipeCamera
     spec: OmniCameraSpec
     """Camera with the effects of this sample."""
     state: CameraState
@@ -97,15 +97,21 @@ class SampleDescriber:
         )
 
     def _camera_state(
-        self, camera: StagedCamera, motion: RobotMotion, place: SamplePlace
+        self, camera: RecipeCamera, motion: RobotMotion, place: SamplePlace
     ) -> CameraState:
         ego_body = None
         if camera.ego_mesh is not None:
-            ego_body = DynamicObject(camera.ego_mesh, motion.world_from_robot, motion.twist)
+            ego_body = DynamicObject(
+                camera.ego_mesh,
+                motion.world_from_robot,
+                motion.twist,
+                name=camera.robot.model_name,
+                number=1,
+            )
         return mounted_camera_state(
             motion.world_from_robot,
             camera.sensor.robot_from_camera({}),
             twist=motion.twist,
             ego_body=ego_body,
-            noise_seed=noise_seed(self._stage, place),
+            noise_seed=seed_noise(self._stage, place),
         )

@@ -6,15 +6,17 @@ each world. Nothing here depends on time or on the samples before: any process d
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from catoptra_protocol.labels.ground_truth import GroundTruth
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.datasets.dataset_stage import DatasetStage, StagedWorld
+from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeWorld
 from catoptra_server.datasets.light_scaling import scale_lights
 from catoptra_server.datasets.sample import RenderedSample, SampleDescription
 from catoptra_server.datasets.sample_metadata import describe_sample_metadata
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import RenderedView, ViewCache
-from catoptra_server.ground_truth.label_renderer import DrawnExposure, LabelRenderer
+from catoptra_server.ground_truth.label_renderer import LabelRenderer
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
@@ -69,8 +71,12 @@ class SampleRenderer:
                 instruction_set=self._stage.recipe.instruction_set,
             )
             self._labels[world] = (LabelRenderer(renderer, staged.scene), renderer)
-        drawn = DrawnExposure(description.spec.camera, description.state)
-        return self._labels[world][0].render(drawn, channels, description.next_state)
+        assert view.drawn is not None, "recipes have omnidirectional cameras alone"
+        after = description.next_state
+        if after is not None and after.ego_body is not None and view.drawn.camera_state.objects:
+            # As `effects/scene/self_view.py` shows the robot itself: its pixels have a flow, too.
+            after = replace(after, objects=(*after.objects, after.ego_body))
+        return self._labels[world][0].render(view.drawn, channels, after)
 
     def _find_views(self, world: int, brightness: float) -> ViewCache:
         key = (world, brightness)
@@ -80,7 +86,7 @@ class SampleRenderer:
             self._views.pop(next(iter(self._views))).close()
         return views
 
-    def _make_views(self, staged: StagedWorld, brightness: float) -> ViewCache:
+    def _make_views(self, staged: RecipeWorld, brightness: float) -> ViewCache:
         recipe = self._stage.recipe
         world = scale_lights(staged.world, brightness)
         choice = choose_renderer(

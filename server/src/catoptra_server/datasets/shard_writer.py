@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-import socket
+import platform
 import tarfile
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -67,7 +67,7 @@ def write_whole(path: Path, parts: Iterable[bytes], open_file: OpenFile = open_f
         CatoptraError: The disk is full, or the file cannot be written.
     """
     # Of this process alone: another worker may write the same shard, with the same bytes.
-    part = path.with_name(f"{path.name}.{socket.gethostname()}.{os.getpid()}{PART_SUFFIX}")
+    part = path.with_name(f"{path.name}.{platform.node()}.{os.getpid()}{PART_SUFFIX}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         part.unlink(missing_ok=True)
