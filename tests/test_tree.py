@@ -56,7 +56,6 @@ WITHOUT_TEST = {
     "studies/experiment/plots/error_plot.py": _DEMO,
     "studies/experiment/plots/overview_plot.py": _DEMO,
     "studies/experiment/plots/trajectory_plot.py": _DEMO,
-    "studies/experiment/server_process.py": _DEMO,
 }
 
 # Modules that open sockets; a folder stands for all modules in it. Third-party packages have

@@ -87,13 +87,13 @@ def test_demo_when_the_server_is_missing_starts_and_has_no_camera_figures() -> N
     assert ended.returncode == 0, ended.stderr
 
 
-def test_demo_when_the_server_is_missing_and_must_be_started_names_the_extra(tmp_path) -> None:
+def test_demo_when_the_server_is_missing_and_must_be_started_names_it(tmp_path) -> None:
     ended = run_without_server("demo", "--output", str(tmp_path), "--runs", "1")
     assert ended.returncode == 1
-    assert "pip install 'catoptra-studies[server]'" in " ".join(ended.stderr.split())
+    assert "pip install catoptra-server" in " ".join(ended.stderr.split())
 
 
-def test_live_when_the_server_is_missing_names_the_extra(tmp_path) -> None:
+def test_live_when_the_server_is_missing_names_it(tmp_path) -> None:
     ended = run_without_server("live", "--output", str(tmp_path))
     assert ended.returncode == 1
-    assert "pip install 'catoptra-studies[server]'" in " ".join(ended.stderr.split())
+    assert "pip install catoptra-server" in " ".join(ended.stderr.split())

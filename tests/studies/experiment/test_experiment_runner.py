@@ -14,6 +14,7 @@ import pytest
 
 from catoptra_client.localization import make_landmark_map
 from catoptra_client.server_address import ServerAddress
+from catoptra_client.server_process import connect_stream, run_server
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
 from catoptra_studies.experiment.classifier_training import train_classifier
@@ -28,8 +29,6 @@ from catoptra_studies.experiment.figure_source import CameraFigures
 from catoptra_studies.experiment.filter_replay import replay_filter
 from catoptra_studies.experiment.frame_comparison import capture_frame_comparison
 from catoptra_studies.experiment.measurement_metrics import true_range_bearing
-from catoptra_studies.experiment.remote_server import connect_stream
-from catoptra_studies.experiment.server_process import run_server
 from helpers.server_process import DEADLINE_S
 
 CONFIGS = Path(__file__).parents[3] / "configs"

@@ -9,11 +9,7 @@ import pytest
 
 from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import ConnectionLostError, DomainError
-from catoptra_studies.experiment.remote_server import (
-    connect_stream,
-    parse_server_address,
-    wait_for_server,
-)
+from catoptra_studies.experiment.remote_server import parse_server_address, wait_for_server
 from client.scripted_server import ScriptedControlPeer, serve_script, wait_for_close
 
 
@@ -63,10 +59,3 @@ def test_server_when_it_never_answers_times_out(closed_address: ServerAddress) -
     with pytest.raises(ConnectionLostError, match="no control server at 127"):
         wait_for_server(closed_address, timeout_s=1.0, clock=lambda: now[0], sleep=sleep)
     assert 1.0 <= sum(pauses) < 1.5
-
-
-def test_stream_when_it_never_answers_times_out(closed_address: ServerAddress) -> None:
-    port = closed_address.control_port
-    address = ServerAddress("127.0.0.1", port, port, stream_port=port)
-    with pytest.raises(ConnectionLostError, match=f"no stream server at 127.0.0.1:{port}"):
-        connect_stream(address, timeout_s=0.1)

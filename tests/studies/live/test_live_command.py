@@ -17,8 +17,8 @@ import pytest
 
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
+from catoptra_client.server_process import connect_stream
 from catoptra_protocol.errors import ConnectionLostError
-from catoptra_studies.experiment.remote_server import connect_stream
 from catoptra_studies.live.live_drive import ROBOT_NAME
 from helpers.deadline import Deadline
 from helpers.server_process import DEADLINE_S

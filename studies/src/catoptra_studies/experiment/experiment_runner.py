@@ -14,6 +14,7 @@ from catoptra_client.landmarks import (
 from catoptra_client.localization import make_landmark_map
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
+from catoptra_client.server_process import PageCallback, run_server
 from catoptra_protocol.landmarks import Landmark, read_landmarks
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, log_drive
 from catoptra_studies.experiment.experiment_setups import (
@@ -29,7 +30,6 @@ from catoptra_studies.experiment.filter_replay import (
 )
 from catoptra_studies.experiment.filter_step import FilterStep, advance_filter, begin_filter
 from catoptra_studies.experiment.remote_server import wait_for_server
-from catoptra_studies.experiment.server_process import PageCallback, run_server
 
 # Receives the name of the task that has advanced by one.
 ProgressCallback = Callable[[str], None]

@@ -16,9 +16,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from catoptra_client.server_process import can_start_server
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
-from catoptra_studies.experiment.server_process import can_start_server
 from catoptra_studies.reports.html_page import ReportFigure
 
 

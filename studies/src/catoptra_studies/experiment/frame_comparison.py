@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_client.robot_client import RobotClient
+from catoptra_client.server_process import can_start_server, run_server
 from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.experiment.experiment_setups import SIM
-from catoptra_studies.experiment.server_process import can_start_server, run_server
 
 _DEGRADED_ROBOT_FILE = "p2at_omni_real.ini"
 # Metres and radians: beside the first corner of the simulated drive.

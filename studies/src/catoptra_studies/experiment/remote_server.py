@@ -1,6 +1,6 @@
 """Servers that run elsewhere, such as in another container: parsing and waiting for addresses.
 
-Such a server must have been started like those of `server_process`: lockstep, raw images, the
+Such a server must have been started like those of `run_server`: lockstep, raw images, the
 set-up's robot and the experiment's seed. Then the logs of its drives are the same.
 """
 
@@ -10,7 +10,6 @@ import re
 import time
 from collections.abc import Callable
 
-from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import ConnectionLostError, DomainError
@@ -69,31 +68,3 @@ def wait_for_server(
             if clock() >= deadline_s:
                 raise
         sleep(_POLL_INTERVAL_S)
-
-
-def connect_stream(
-    address: ServerAddress,
-    *,
-    timeout_s: float,
-    clock: Callable[[], float] = time.monotonic,
-) -> StreamClient:
-    """Connect to the stream of a server that may have just started.
-
-    Args:
-        address: Server with a stream port.
-        timeout_s: Longest wait, and the timeout of the client's calls.
-        clock: Source of the time in seconds.
-
-    Raises:
-        ConnectionLostError: The server did not reply in time.
-    """
-    assert address.stream_port is not None, "the caller's server has a stream"
-    deadline_s = clock() + timeout_s
-    while True:
-        try:
-            return StreamClient.connect(address.host, address.stream_port, timeout_s)
-        except ConnectionLostError:
-            # Its port listens before the modules behind it are loaded: on a busy machine the first
-            # reply comes later than a heartbeat should.
-            if clock() >= deadline_s:
-                raise

@@ -11,8 +11,8 @@ from queue import Empty, SimpleQueue
 from types import FrameType
 
 from catoptra_client.server_address import ServerAddress
+from catoptra_client.server_process import start_server
 from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.experiment.server_process import start_server
 from catoptra_studies.live.live_drive import open_live_drive
 from catoptra_studies.progress_display import print_error, print_line
 

@@ -22,6 +22,7 @@ from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.localization import OdometryPose
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
+from catoptra_client.server_process import connect_stream
 from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError, DeadlineExceededError
 from catoptra_protocol.optics.numerics import angle_difference
@@ -33,7 +34,6 @@ from catoptra_studies.experiment.drive_log import (
 )
 from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.experiment.filter_note import NOTE_NAME
-from catoptra_studies.experiment.remote_server import connect_stream
 from catoptra_studies.experiment.route import Waypoint
 from catoptra_studies.live.live_localizer import LiveLocalizer
 from catoptra_studies.live.route_progress import (

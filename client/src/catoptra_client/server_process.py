@@ -1,4 +1,4 @@
-"""A server as a process of its own, on the loopback interface."""
+"""A server as a process of its own, on the loopback interface, and its stream once it replies."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import re
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.server_address import ServerAddress
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.errors import CatoptraError, ConnectionLostError
 
 _LISTENING_PATTERN = re.compile(r"listening control=(\S+):(\d+) image=(\S+):(\d+) stream=\S+:(\d+)")
 _PAGE_PATTERN = re.compile(r"live page: (\S+)")
@@ -24,7 +26,7 @@ PageCallback = Callable[[str], None]
 
 def can_start_server() -> bool:
     """Whether a server can be started with this interpreter."""
-    # Found, not imported: the experiment never loads the server's code.
+    # Found, not imported: a client never loads the server's code.
     return importlib.util.find_spec("catoptra_server") is not None
 
 
@@ -84,8 +86,8 @@ def start_server(
     """
     if not can_start_server():
         raise CatoptraError(
-            "no server is installed here: pip install 'catoptra-studies[server]', or let demo use "
-            "running ones by --server"
+            "no server is installed here: pip install catoptra-server, or name the address of a "
+            "running one"
         )
     view = ("--no-view",) if on_page is None else ()
     command = [sys.executable, "-m", "catoptra_server", *arguments, *view]
@@ -108,6 +110,34 @@ def start_server(
                 process.kill()
         # Its pipe has ended with the process; Popen closes it next.
         reader.join()
+
+
+def connect_stream(
+    address: ServerAddress,
+    *,
+    timeout_s: float,
+    clock: Callable[[], float] = time.monotonic,
+) -> StreamClient:
+    """Connect to the stream of a server that may have just started.
+
+    Args:
+        address: Server with a stream port.
+        timeout_s: Longest wait, and the timeout of the client's calls.
+        clock: Source of the time in seconds.
+
+    Raises:
+        ConnectionLostError: The server did not reply in time.
+    """
+    assert address.stream_port is not None, "the caller's server has a stream"
+    deadline_s = clock() + timeout_s
+    while True:
+        try:
+            return StreamClient.connect(address.host, address.stream_port, timeout_s)
+        except ConnectionLostError:
+            # Its port listens before the modules behind it are loaded: on a busy machine the first
+            # reply comes later than a heartbeat should.
+            if clock() >= deadline_s:
+                raise
 
 
 def _read_address(process: subprocess.Popen[str], log_file: Path) -> ServerAddress:
