@@ -1,0 +1,121 @@
+"""Annotations of the objects in an image: one record an object, as arrays and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from catoptra_protocol.labels.box_projection import project_box
+from catoptra_protocol.labels.ground_truth import GroundTruth, LabelledObject
+from catoptra_protocol.labels.masks import (
+    ObjectMask,
+    Polygon,
+    find_masks,
+    find_truncated,
+    string_from_run_lengths,
+    trace_outlines,
+)
+from catoptra_protocol.labels.spherical_box import PixelSphere, SphericalBox
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+
+_UNKNOWN: Mapping[int, float] = {}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectAnnotation:
+    """One object in an image."""
+
+    labelled: LabelledObject
+    mask: ObjectMask
+    polygons: tuple[Polygon, ...]
+    """Outlines of the mask and of its holes, corners (column, row) of pixels' edges."""
+    spherical_box: SphericalBox
+    corners_px: Floats
+    """(8, 2) corners of the object's box in the image, nan where invalid."""
+    corners_valid: Bools
+    """(8,) whether the image holds each corner."""
+    is_truncated: bool
+    """Whether the object reaches the border of the image or of the camera's domain."""
+    occluded_fraction: float | None
+    """Fraction of the object's own pixels that others hide; None if unknown."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers and texts: angles in radians, lengths in metres, pixels as in masks."""
+        labelled, box = self.labelled, self.spherical_box
+        return {
+            "id": labelled.number,
+            "name": labelled.name,
+            "class": labelled.class_name,
+            "class_id": labelled.class_number,
+            "area_px": self.mask.area_px,
+            "box_px": list(self.mask.box_px),
+            "mask": {
+                "size": [self.mask.height_px, self.mask.width_px],
+                "counts": string_from_run_lengths(self.mask.run_lengths),
+            },
+            "polygons": [[list(corner) for corner in polygon] for polygon in self.polygons],
+            "spherical_box": {
+                "azimuth_from_rad": box.azimuth_from_rad,
+                "azimuth_width_rad": box.azimuth_width_rad,
+                "elevation_from_rad": box.elevation_from_rad,
+                "elevation_to_rad": box.elevation_to_rad,
+            },
+            "cone": {
+                "axis": box.cone.axis.tolist(),
+                "half_angle_rad": box.cone.half_angle_rad,
+            },
+            "box_3d": {
+                "position_m": labelled.world_from_box.translation.tolist(),
+                "rotation": labelled.world_from_box.rotation.reshape(-1).tolist(),
+                "half_size_m": labelled.half_size_m.tolist(),
+                # JSON has no nan.
+                "corners_px": [
+                    corner.tolist() if valid else None
+                    for corner, valid in zip(self.corners_px, self.corners_valid, strict=True)
+                ],
+            },
+            "truncated": self.is_truncated,
+            "occluded_fraction": self.occluded_fraction,
+        }
+
+
+def annotate_objects(
+    truth: GroundTruth,
+    camera: OmniCamera | PerspectiveCamera,
+    world_from_camera: Pose,
+    sphere: PixelSphere,
+    occluded_fractions: Mapping[int, float] = _UNKNOWN,
+) -> tuple[ObjectAnnotation, ...]:
+    """Annotate all objects in view, by ascending number.
+
+    Args:
+        truth: Ground truth with the channels `ids` and `valid`.
+        camera: Camera of the image.
+        world_from_camera: Pose of the mirror frame, or of an ordinary camera's.
+        sphere: Directions of the camera's pixels.
+        occluded_fractions: Hidden fraction of objects by number, where known.
+    """
+    ids = truth.channels["ids"]
+    objects = {one.number: one for one in truth.objects}
+    truncated = find_truncated(ids, truth.channels["valid"].astype(bool))
+    annotations = []
+    for mask in find_masks(ids):
+        labelled = objects[mask.number]
+        corners_px, corners_valid = project_box(labelled, camera, world_from_camera)
+        annotations.append(
+            ObjectAnnotation(
+                labelled,
+                mask,
+                trace_outlines(mask),
+                sphere.enclose(ids, mask),
+                corners_px,
+                corners_valid,
+                mask.number in truncated,
+                occluded_fractions.get(mask.number),
+            )
+        )
+    return tuple(annotations)

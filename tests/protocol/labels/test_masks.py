@@ -1,0 +1,114 @@
+"""Run lengths, boxes and outlines of masks."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.labels.masks import (
+    find_masks,
+    find_truncated,
+    mask_from_run_lengths,
+    run_lengths_from_string,
+    string_from_run_lengths,
+    trace_outlines,
+)
+
+RANDOM = np.random.default_rng(11)
+
+
+def random_ids(height: int = 37, width: int = 53) -> np.ndarray:
+    """Blobs of six objects, with holes, parts that touch at corners, and pixels of nothing."""
+    coarse = RANDOM.integers(0, 7, (height // 3 + 1, width // 3 + 1))
+    fine = np.kron(coarse, np.ones((3, 3), dtype=int))[:height, :width]
+    speckled = np.where(RANDOM.random((height, width)) < 0.1, 0, fine)
+    return speckled.astype(np.uint16)
+
+
+def test_run_lengths_are_column_major_and_begin_outside() -> None:
+    ids = np.array(((0, 1, 1), (1, 1, 0)), dtype=np.uint16)
+    (mask,) = find_masks(ids)
+    assert mask.run_lengths == [1, 4, 1]
+    assert (mask.area_px, mask.box_px) == (4, (0, 0, 3, 2))
+    (corner,) = find_masks(np.array(((2, 0), (0, 0)), dtype=np.uint16))
+    assert (corner.number, corner.run_lengths) == (2, [0, 1, 3])
+
+
+def test_masks_of_random_images_survive_every_form() -> None:
+    for _ in range(20):
+        ids = random_ids()
+        masks = find_masks(ids)
+        assert [mask.number for mask in masks] == sorted(set(np.unique(ids).tolist()) - {0})
+        for mask in masks:
+            expected = ids == mask.number
+            np.testing.assert_array_equal(mask.to_array(), expected)
+            text = string_from_run_lengths(mask.run_lengths)
+            lengths = run_lengths_from_string(text)
+            assert lengths == mask.run_lengths
+            np.testing.assert_array_equal(mask_from_run_lengths(lengths, *ids.shape), expected)
+            rows, columns = np.nonzero(expected)
+            left, top, width, height = mask.box_px
+            assert (left, left + width) == (columns.min(), columns.max() + 1)
+            assert (top, top + height) == (rows.min(), rows.max() + 1)
+
+
+def test_outlines_fill_exactly_the_mask() -> None:
+    for _ in range(20):
+        ids = random_ids(19, 23)
+        for mask in find_masks(ids):
+            filled = np.zeros(ids.shape, dtype=int)
+            for outline in trace_outlines(mask):
+                # By the even-odd rule: edges left of a pixel's centre, row by row.
+                closed = [*outline, outline[0]]
+                for (u, v), (u_next, v_next) in pairwise(closed):
+                    assert (u == u_next) != (v == v_next)
+                    if u == u_next:
+                        filled[min(v, v_next) : max(v, v_next), u:] += 1
+            np.testing.assert_array_equal(filled % 2 == 1, mask.to_array())
+
+
+def test_outlines_of_a_ring_have_a_hole() -> None:
+    ids = np.ones((3, 3), dtype=np.uint16)
+    ids[1, 1] = 0
+    (mask,) = find_masks(ids)
+    outlines = trace_outlines(mask)
+    assert sorted(len(outline) for outline in outlines) == [4, 4]
+    assert {frozenset(outline) for outline in outlines} == {
+        frozenset(((0, 0), (3, 0), (3, 3), (0, 3))),
+        frozenset(((1, 1), (2, 1), (2, 2), (1, 2))),
+    }
+
+
+def test_objects_at_the_end_of_the_image_or_of_its_domain_are_truncated() -> None:
+    valid = np.ones((6, 8), dtype=bool)
+    valid[:, :2] = False
+    ids = np.zeros((6, 8), dtype=np.uint16)
+    ids[2:4, 3:5] = 1
+    ids[2, 2] = 2
+    ids[5, 6] = 3
+    assert find_truncated(ids, valid) == {2, 3}
+
+
+@pytest.mark.parametrize("text", ["~", "\x1f", "a"])
+def test_strings_that_are_no_run_lengths_are_rejected(text: str) -> None:
+    with pytest.raises(DomainError, match="run lengths"):
+        run_lengths_from_string(text)
+
+
+@pytest.mark.parametrize("lengths", [[5], [-1, 7], [3, 4]])
+def test_run_lengths_of_another_size_are_rejected(lengths: list[int]) -> None:
+    with pytest.raises(DomainError, match="not 3 x 2"):
+        mask_from_run_lengths(lengths, 2, 3)
+
+
+def test_pycocotools_reads_the_strings() -> None:
+    mask_tools = pytest.importorskip("pycocotools.mask")
+    for mask in find_masks(random_ids()):
+        text = string_from_run_lengths(mask.run_lengths)
+        segmentation = {"size": [37, 53], "counts": text.encode()}
+        np.testing.assert_array_equal(mask_tools.decode(segmentation), mask.to_array())
+        assert mask_tools.area(segmentation) == mask.area_px
+        assert mask_tools.toBbox(segmentation).tolist() == list(mask.box_px)

@@ -1,0 +1,123 @@
+"""Boxes on the sphere: every point of every pixel inside, and no looser than a pixel."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.labels.masks import find_masks
+from catoptra_protocol.labels.spherical_box import PixelSphere, SphericalBox, angles_of
+from catoptra_protocol.optics.camera_rays import ray_from_pixel
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from helpers.labelled_rooms import CAMERAS, SIDE_PX
+
+TILTED = Pose.from_rpy((0.0, 0.0, 0.0), (0.3, -0.5, 1.0)).rotation
+HANGING = np.eye(3)
+
+
+@pytest.fixture(scope="module", params=CAMERAS)
+def camera(request: pytest.FixtureRequest) -> OmniCamera:
+    return CAMERAS[request.param]
+
+
+def draw_blob(camera: OmniCamera, row: float, column: float, radius: float) -> np.ndarray:
+    """A disc of pixels, within the camera's domain."""
+    rows, columns = np.mgrid[:SIDE_PX, :SIDE_PX] + 0.5
+    _, _, valid = ray_from_pixel(camera, np.stack((columns, rows), axis=-1))
+    return ((np.hypot(rows - row, columns - column) < radius) & valid).astype(np.uint16)
+
+
+def enclose(
+    camera: OmniCamera, ids: np.ndarray, level_from_camera: np.ndarray
+) -> tuple[SphericalBox, np.ndarray]:
+    """Box of the only object, and directions of random points of its pixels."""
+    (mask,) = find_masks(ids)
+    sphere = PixelSphere(camera, level_from_camera)
+    random = np.random.default_rng(5)
+    points = np.column_stack((mask.columns, mask.rows))[:, None] + random.random((1, 12, 2))
+    _, directions, valid = ray_from_pixel(camera, points.reshape(-1, 2))
+    return sphere.enclose(ids, mask), directions[valid] @ level_from_camera.T
+
+
+def assert_tight(box: SphericalBox, directions: np.ndarray) -> None:
+    """All directions inside; each side of the box near one of them."""
+    pixel_rad = 0.12  # the largest angle that a pixel of these small cameras spans
+    assert box.contains(directions, 2e-3 * pixel_rad).all()
+    assert box.cone.contains(directions, 2e-3 * pixel_rad)
+    azimuth, elevation = angles_of(directions)
+    assert elevation.min() - box.elevation_from_rad < pixel_rad
+    assert box.elevation_to_rad - elevation.max() < pixel_rad
+    offset = np.mod(azimuth - box.azimuth_from_rad + 1e-3, 2.0 * math.pi)
+    if box.azimuth_width_rad < 2.0 * math.pi:
+        level = np.cos(elevation)
+        assert (offset * level)[offset < 1.0].min(initial=9.0) < pixel_rad
+        assert ((box.azimuth_width_rad - offset) * level).min() < pixel_rad
+
+
+@pytest.mark.parametrize("rotation", [HANGING, TILTED], ids=["hanging", "tilted"])
+@pytest.mark.parametrize("seed", range(12))
+def test_boxes_of_random_blobs_hold_every_pixel_tightly(
+    camera: OmniCamera, rotation: np.ndarray, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    angle, distance = random.uniform(0, 2 * math.pi), random.uniform(0.0, 45.0)
+    centre = 0.5 * SIDE_PX
+    ids = draw_blob(
+        camera,
+        centre + distance * math.sin(angle),
+        centre + distance * math.cos(angle),
+        random.uniform(0.8, 18.0),
+    )
+    if not ids.any():
+        ids = draw_blob(camera, centre, centre + 20.0, 3.0)
+    assert_tight(*enclose(camera, ids, rotation))
+
+
+def test_box_behind_the_camera_wraps() -> None:
+    camera = CAMERAS["paper"]
+    # The image's upper side is ahead, its lower side behind.
+    ids = draw_blob(camera, 80.0, 48.0, 6.0)
+    box, directions = enclose(camera, ids, HANGING)
+    assert box.azimuth_from_rad > 2.0
+    assert box.azimuth_from_rad + box.azimuth_width_rad > math.pi
+    assert box.azimuth_width_rad < 1.0
+    assert_tight(box, directions)
+
+
+def test_object_straight_below_has_all_azimuths() -> None:
+    camera = CAMERAS["paper"]
+    box, directions = enclose(camera, draw_blob(camera, 49.0, 47.0, 9.0), HANGING)
+    assert (box.azimuth_width_rad, box.elevation_from_rad) == (2.0 * math.pi, -0.5 * math.pi)
+    assert_tight(box, directions)
+
+
+def test_object_straight_above_a_tilted_camera_has_all_azimuths() -> None:
+    camera = CAMERAS["fish-eye"]
+    upward = Pose.from_rpy((0.0, 0.0, 0.0), (math.pi, 0.0, 0.3)).rotation
+    box, directions = enclose(camera, draw_blob(camera, 47.0, 48.0, 5.0), upward)
+    assert (box.azimuth_width_rad, box.elevation_to_rad) == (2.0 * math.pi, 0.5 * math.pi)
+    assert_tight(box, directions)
+
+
+def test_object_all_around_the_camera_has_all_azimuths_and_its_own_elevations() -> None:
+    camera = CAMERAS["paper"]
+    ids = draw_blob(camera, 48.0, 48.0, 40.0) - draw_blob(camera, 48.0, 48.0, 34.0)
+    box, directions = enclose(camera, ids, HANGING)
+    assert box.azimuth_width_rad == 2.0 * math.pi
+    assert box.elevation_from_rad > -0.4 * math.pi
+    assert_tight(box, directions)
+    assert box.cone.half_angle_rad > 1.0
+
+
+def test_object_around_with_a_gap_has_an_interval_with_the_gap() -> None:
+    camera = CAMERAS["paper"]
+    ids = draw_blob(camera, 48.0, 48.0, 40.0) - draw_blob(camera, 48.0, 48.0, 34.0)
+    # Cut away to the right of the image, which a mirror shows from the left: azimuth -90 degrees.
+    ids[40:56, 60:] = 0
+    box, directions = enclose(camera, ids, HANGING)
+    assert box.azimuth_width_rad < 2.0 * math.pi - 0.3
+    assert not box.contains(np.array(((0.0, -1.0, 0.3),)))[0]
+    assert_tight(box, directions)
