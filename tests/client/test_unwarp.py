@@ -8,11 +8,22 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.unwarp import CylinderGeometry, PerspectiveGeometry, make_unwarp_map, unwarp
+from catoptra_client.unwarp import (
+    CylinderGeometry,
+    PerspectiveGeometry,
+    make_unwarp_map,
+    unwarp,
+    unwarp_channels,
+)
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
-from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, direction_from_pixel
+from catoptra_protocol.optics.omni_camera import (
+    camera_with_inscribed_rim,
+    direction_from_pixel,
+    pixel_from_direction,
+)
 from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
+from helpers.labelled_rooms import CAMERAS
 
 CAMERA = camera_with_inscribed_rim(
     PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120)
@@ -166,3 +177,28 @@ def test_rows_that_float64_cannot_hold_are_rejected(slopes) -> None:
 def test_view_too_narrow_for_a_focal_length_is_rejected() -> None:
     with pytest.raises(DomainError, match="focal length"):
         PerspectiveGeometry(8, 4, 5e-324)
+
+
+def test_channels_are_unwarped_from_the_nearest_pixel_without_mixing() -> None:
+    camera = CAMERAS["paper"]
+    geometry = CylinderGeometry(90, 20, -0.1, 0.8)
+    unwarp_map = make_unwarp_map(camera, geometry)
+    rows, columns = np.mgrid[: camera.height_px, : camera.width_px]
+    ids = (1 + rows * camera.width_px + columns).astype(np.uint16)
+    ranges = np.full(ids.shape, np.inf, dtype=np.float32)
+    found = unwarp_channels({"ids": ids, "range": ranges}, unwarp_map)
+    pixel, _ = pixel_from_direction(camera, geometry.directions())
+    valid = unwarp_map.valid
+    assert valid.mean() > 0.8
+    number = found["ids"][valid].astype(int) - 1
+    centre = np.column_stack((number % camera.width_px, number // camera.width_px)) + 0.5
+    # Of the pixel whose square holds the point, to the 1/32 px of the map.
+    assert np.abs(centre - pixel[valid]).max() < 0.5 + 1.0 / 16.0
+    assert (found["ids"][~valid] == 0).all()
+    assert found["range"].dtype == np.float32
+
+
+def test_channels_of_another_size_are_rejected() -> None:
+    unwarp_map = make_unwarp_map(CAMERAS["paper"], CylinderGeometry(90, 20, -0.1, 0.8))
+    with pytest.raises(DomainError, match="not ids"):
+        unwarp_channels({"ids": np.zeros((3, 4), dtype=np.uint16)}, unwarp_map)

@@ -25,6 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels.ground_truth import Channels
 from catoptra_protocol.optics.numerics import TWO_PI, Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.pixel_grid import opencv_from_pixel
@@ -222,6 +224,33 @@ def unwarp(frame: UInt8Array, unwarp_map: UnwarpMap) -> UInt8Array:
         )
     image = cv2.remap(frame, unwarp_map.integer_px, unwarp_map.fraction, cv2.INTER_LINEAR)
     return np.asarray(image, dtype=np.uint8)
+
+
+def unwarp_channels(channels: Channels, unwarp_map: UnwarpMap) -> Channels:
+    """Unwarp channels of labels, each pixel from the nearest one: labels are never interpolated.
+
+    Pixels that the camera does not show have the channel's value of nothing. Normals keep the
+    mirror frame, the flow the pixels of the camera's image.
+
+    Raises:
+        DomainError: a channel has another size than the map's source.
+    """
+    # Fractions are in 1/32 px along u, then along v.
+    nearest = unwarp_map.integer_px.astype(np.int32)
+    nearest[..., 0] += (unwarp_map.fraction & 31) >= 16
+    nearest[..., 1] += (unwarp_map.fraction >> 5) >= 16
+    height, width = unwarp_map.source_shape
+    columns = np.clip(nearest[..., 0], 0, width - 1)
+    rows = np.clip(nearest[..., 1], 0, height - 1)
+    unwarped = {}
+    for name, values in channels.items():
+        if values.shape[:2] != (height, width):
+            raise DomainError(
+                f"the map is for channels of {width} x {height} px, not {name} {values.shape}"
+            )
+        unwarped[name] = values[rows, columns]
+        unwarped[name][~unwarp_map.valid] = LABEL_CHANNELS[name].nothing
+    return unwarped
 
 
 def _check_size(width_px: int, height_px: int) -> None:

@@ -10,7 +10,7 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.labels.masks import (
     find_masks,
-    find_truncated,
+    find_objects_at_border,
     mask_from_run_lengths,
     run_lengths_from_string,
     string_from_run_lengths,
@@ -89,7 +89,7 @@ def test_objects_at_the_end_of_the_image_or_of_its_domain_are_truncated() -> Non
     ids[2:4, 3:5] = 1
     ids[2, 2] = 2
     ids[5, 6] = 3
-    assert find_truncated(ids, valid) == {2, 3}
+    assert find_objects_at_border(ids, valid) == {2, 3}
 
 
 @pytest.mark.parametrize("text", ["~", "\x1f", "a"])

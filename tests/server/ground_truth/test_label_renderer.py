@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.errors import DomainError
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
@@ -252,9 +251,3 @@ def test_only_requested_channels_are_rendered() -> None:
     with open_labels() as labels:
         assert list(labels.render(DrawnExposure(FISH_EYE, STATE), ("valid",)).channels) == ["valid"]
         assert labels.render(DrawnExposure(FISH_EYE, STATE), ()).channels == {}
-
-
-def test_channels_beyond_the_memory_are_rejected() -> None:
-    huge = replace(FISH_EYE, width_px=8192, height_px=8192)
-    with open_labels() as labels, pytest.raises(DomainError, match=r"8192 x 8192 px take .* MiB"):
-        labels.render(DrawnExposure(huge, STATE), ALL)

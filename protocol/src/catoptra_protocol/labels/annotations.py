@@ -11,7 +11,7 @@ from catoptra_protocol.labels.masks import (
     ObjectMask,
     Polygon,
     find_masks,
-    find_truncated,
+    find_objects_at_border,
     string_from_run_lengths,
     trace_outlines,
 )
@@ -101,7 +101,7 @@ def annotate_objects(
     """
     ids = truth.channels["ids"]
     objects = {one.number: one for one in truth.objects}
-    truncated = find_truncated(ids, truth.channels["valid"].astype(bool))
+    truncated = find_objects_at_border(ids, truth.channels["valid"].astype(bool))
     annotations = []
     for mask in find_masks(ids):
         labelled = objects[mask.number]

@@ -86,7 +86,7 @@ def find_masks(ids: Ids) -> tuple[ObjectMask, ...]:
     )
 
 
-def find_truncated(ids: Ids, valid: Bools) -> frozenset[int]:
+def find_objects_at_border(ids: Ids, valid: Bools) -> frozenset[int]:
     """Numbers of the objects that reach the border of the image or of its valid part."""
     padded = np.pad(valid, 1)
     inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]

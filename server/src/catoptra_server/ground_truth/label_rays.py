@@ -30,7 +30,11 @@ from catoptra_server.render.trace.ray_table import (
     build_ray_table,
     lens_ray_table,
 )
-from catoptra_server.render.trace.trace_engine import MovingExposure, TracedExposure
+from catoptra_server.render.trace.trace_engine import (
+    MovingExposure,
+    TracedExposure,
+    assemble_grid,
+)
 
 LabelCamera = OmniCamera | PerspectiveCamera
 
@@ -135,3 +139,10 @@ def label_exposure(camera_state: CameraState) -> TracedExposure:
     if shutter is None or shutter.readout_s == 0.0:
         return replace(plain, shutter=None)
     return MovingExposure(trajectory(plain))
+
+
+def mask_of_rays(table: RayTable) -> Bools:
+    """(h, w) whether a pixel's centre has a ray, of a table of one sample a pixel."""
+    bits = np.unpackbits(table.valid[..., None].view(np.uint8), axis=-1, bitorder="little")
+    grid = assemble_grid(table, bits[..., None].astype(np.float32), fill=np.float32(0.0))
+    return np.asarray(grid[..., 0] > 0.0)

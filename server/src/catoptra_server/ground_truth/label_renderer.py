@@ -20,12 +20,14 @@ from catoptra_server.ground_truth.label_rays import (
     RaySource,
     build_label_rays,
     label_exposure,
+    mask_of_rays,
 )
+from catoptra_server.ground_truth.occluded_fraction import OcclusionMeter, PixelRayGrid
 from catoptra_server.ground_truth.scene_labels import SceneLabels
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.label_tables import LabelTables
 from catoptra_server.render.trace.ray_table import RayTable
-from catoptra_server.render.trace.trace_engine import PixelLabels, TracedRays, assemble_grid
+from catoptra_server.render.trace.trace_engine import PixelLabels, TracedRays
 from catoptra_server.scene.scene_mesh import SceneMesh
 
 # Rays of labels beside those of pictures: 13 bytes a sample, so that two cameras of 2048 px stay.
@@ -36,6 +38,8 @@ _MAX_RAY_BYTES = 256 * 2**20
 class _PreparedRays:
     table: RayTable
     rays: TracedRays
+    grid: PixelRayGrid | None = None
+    """The same rays in rows, for occluded fractions."""
 
     @property
     def memory_bytes(self) -> int:
@@ -58,6 +62,7 @@ class LabelRenderer:
         self._renderer = renderer
         self.labels = SceneLabels(scene)
         """Numbers of objects and classes."""
+        self._meter = OcclusionMeter(scene, self.labels)
         self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
 
     def render(
@@ -91,11 +96,19 @@ class LabelRenderer:
         if "flow" in wanted:
             found |= self._find_flow(drawn, found, other)
         if "valid" in wanted:
-            found["valid"] = mask_of_rays(centres.table)
+            found["valid"] = mask_of_rays(centres.table).astype(np.uint8)
         objects = self.labels.describe(drawn.camera_state.objects)
         return GroundTruth(
             {name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects
         )
+
+    def measure_occlusion(self, drawn: DrawnExposure, truth: GroundTruth) -> dict[int, float]:
+        """Hidden fraction of each object in view, by number; of ground truth with `ids`."""
+        prepared = self._prepare(drawn.ray_source, 1)
+        if prepared.grid is None:
+            prepared.grid = PixelRayGrid(prepared.table)
+        ids = truth.channels["ids"]
+        return self._meter.measure(truth.objects, ids, prepared.grid, drawn.camera_state)
 
     def _tables(self, camera_state: CameraState) -> LabelTables:
         """Numbers of the objects of an exposure."""
@@ -145,13 +158,6 @@ class LabelRenderer:
         """Free all rays."""
         while self._prepared:
             self._prepared.popitem()[1].rays.close()
-
-
-def mask_of_rays(table: RayTable) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """(h, w) 1 where a pixel's centre has a ray, else 0."""
-    bits = np.unpackbits(table.valid[..., None].view(np.uint8), axis=-1, bitorder="little")
-    grid = assemble_grid(table, bits[..., None].astype(np.float32), fill=np.float32(0.0))
-    return np.ascontiguousarray(grid[..., 0], dtype=np.uint8)
 
 
 def count_bytes(camera: LabelCamera, channels: Collection[LabelChannel]) -> int:
