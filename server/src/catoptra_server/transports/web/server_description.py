@@ -54,6 +54,7 @@ def _describe_cameras(robot: RobotDescription) -> list[Json]:
             {
                 "name": omni.name,
                 "kind": "omni",
+                "has_mirror": omni.camera.has_mirror,
                 "width_px": omni.camera.width_px,
                 "height_px": omni.camera.height_px,
                 "effects": [setting.effect.name for setting in omni.effects.settings],

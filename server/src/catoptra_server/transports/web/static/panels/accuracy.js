@@ -74,11 +74,12 @@ class AccuracyPanel {
   updateAvailability() {
     const { camera } = this.#context;
     const hasSettings = camera?.kind === "omni";
+    this.#controls.hasMirror = camera?.has_mirror;
     if (this.#contents.hidden === !hasSettings && this.hint.hidden === hasSettings) return;
     this.#contents.hidden = !hasSettings;
     this.hint.hidden = hasSettings;
     this.hint.textContent = camera
-      ? "This camera has no mirror: its picture has no such settings."
+      ? "An ordinary camera: its picture has no such settings."
       : "Waiting for a robot with an omnidirectional camera.";
   }
 
@@ -153,6 +154,7 @@ class AccuracyPanel {
 /** Sliders and lists; `variant` is what they select. */
 class Controls {
   #onChange;
+  #hasMirror = true;
   #mode;
   #tolerance;
   #budget;
@@ -186,6 +188,13 @@ class Controls {
     this.#showRows();
   }
 
+  /** A lens has no mesh of polygons to choose. */
+  set hasMirror(hasMirror) {
+    if (this.#hasMirror === hasMirror) return;
+    this.#hasMirror = hasMirror;
+    this.#showRows();
+  }
+
   get hasTarget() {
     return this.#mode.control.value === "target";
   }
@@ -195,7 +204,7 @@ class Controls {
     const renderer = this.#renderer.control.value || null;
     const target = { max_error_px: this.#tolerance.value, budget_ms: this.#budget.value };
     const numbers = {
-      polygons: Number(this.#polygons.control.value),
+      polygons: this.#hasMirror ? Number(this.#polygons.control.value) : 0,
       samples: Number(this.#samples.control.value),
     };
     return { ...(this.hasTarget ? target : numbers), renderer, reference: "exact" };
@@ -217,6 +226,7 @@ class Controls {
   #showRows() {
     for (const node of this.#targetRows) node.hidden = !this.hasTarget;
     for (const node of this.#numberRows) node.hidden = this.hasTarget;
+    for (const node of this.#polygons.nodes) node.hidden ||= !this.#hasMirror;
   }
 }
 

@@ -105,7 +105,7 @@ export function reasonForNoPicture(context) {
 export function reasonForNoUnwarping(context) {
   const reason = reasonForNoPicture(context);
   if (reason) return reason;
-  if (context.camera?.kind !== "omni") return "This camera has no mirror to unwarp.";
+  if (context.camera?.kind !== "omni") return "This picture needs no unwarping.";
   if (context.unwarper.fault) {
     return `Unwarping needs WebGL2: ${context.unwarper.fault}. Update the browser, or allow ` +
       "hardware or software 3D graphics in its settings.";
