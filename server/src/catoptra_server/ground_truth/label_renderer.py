@@ -6,12 +6,13 @@ Belongs to the thread of the renderers. The rays of a camera are kept as long as
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS, LabelChannel, parse_channels
 from catoptra_protocol.labels.ground_truth import GroundTruth
-from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.ground_truth.flow import find_flow
 from catoptra_server.ground_truth.label_rays import (
@@ -34,16 +35,22 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 _MAX_RAY_BYTES = 256 * 2**20
 
 
-@dataclass(slots=True, eq=False)
 class _PreparedRays:
-    table: RayTable
-    rays: TracedRays
-    grid: PixelRayGrid | None = None
-    """The same rays in rows, for occluded fractions."""
+    """Rays of an image, and what labels derive from them once."""
 
-    @property
-    def memory_bytes(self) -> int:
-        return self.rays.memory_bytes
+    def __init__(self, table: RayTable, rays: TracedRays) -> None:
+        self.table = table
+        self.rays = rays
+
+    @cached_property
+    def mask(self) -> npt.NDArray[np.uint8]:
+        """(h, w) 1 where a pixel's centre has a ray, else 0."""
+        return mask_of_rays(self.table).astype(np.uint8)
+
+    @cached_property
+    def grid(self) -> PixelRayGrid:
+        """The same rays in rows, for occluded fractions."""
+        return PixelRayGrid(self.table)
 
 
 class LabelRenderer:
@@ -96,7 +103,7 @@ class LabelRenderer:
         if "flow" in wanted:
             found |= self._find_flow(drawn, found, other)
         if "valid" in wanted:
-            found["valid"] = mask_of_rays(centres.table).astype(np.uint8)
+            found["valid"] = centres.mask.copy()
         objects = self.labels.describe(drawn.camera_state.objects)
         return GroundTruth(
             {name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects
@@ -105,8 +112,6 @@ class LabelRenderer:
     def measure_occlusion(self, drawn: DrawnExposure, truth: GroundTruth) -> dict[int, float]:
         """Hidden fraction of each object in view, by number; of ground truth with `ids`."""
         prepared = self._prepare(drawn.ray_source, 1)
-        if prepared.grid is None:
-            prepared.grid = PixelRayGrid(prepared.table)
         ids = truth.channels["ids"]
         return self._meter.measure(truth.objects, ids, prepared.grid, drawn.camera_state)
 
@@ -152,7 +157,7 @@ class LabelRenderer:
 
     @property
     def _memory_bytes(self) -> int:
-        return sum(prepared.memory_bytes for prepared in self._prepared.values())
+        return sum(prepared.rays.memory_bytes for prepared in self._prepared.values())
 
     def close(self) -> None:
         """Free all rays."""
