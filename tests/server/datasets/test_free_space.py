@@ -48,6 +48,11 @@ def test_pose_is_free_beside_walls_and_on_the_floor_alone(
     assert (fault in found) if fault else not found
 
 
+def test_world_without_any_floor_needs_none(tmp_path: Path) -> None:
+    loaded = stage_recipe(write_recipe(tmp_path, world="incidence_rings"))
+    assert not find_fault(loaded.world(0), loaded.cameras[0], PlanarPose(0.0, 0.0, 0.0))
+
+
 def test_clearance_counts(tmp_path: Path) -> None:
     loaded = stage(tmp_path)
     pose = PlanarPose(2.6, 1.0, 0.0)

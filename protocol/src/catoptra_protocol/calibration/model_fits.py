@@ -177,6 +177,9 @@ def _fit(
         camera: The camera.
         make: Makes the projection of some parameters.
         start: Parameters to begin with, of a model that reaches 180 degrees.
+
+    Raises:
+        DomainError: A camera whose rim is so near 180 degrees that its radius there is not finite.
     """
     theta, radius_px = _rings(camera)
     t = np.tan(0.5 * theta)
@@ -184,21 +187,30 @@ def _fit(
     def differences(parameters: Floats) -> Floats | None:
         scale_px, *shape = (float(value) for value in parameters)
         try:
-            return scale_px * make(*shape).radius_ratio_from_t(t) - radius_px
+            # At the far end of a model's domain radii grow without bound.
+            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+                found = scale_px * make(*shape).radius_ratio_from_t(t) - radius_px
         except DomainError:
             return None
+        return found if np.isfinite(found @ found) else None
 
     on_axis = np.array(0.0)
     slope = float(make(*start).radius_ratio_slope(on_axis))
     parameters = np.array((float(camera.radius_slope_px(on_axis)) / slope, *start))
     error = differences(parameters)
-    assert error is not None, "all starts reach 180 degrees"
+    if error is None:
+        raise DomainError("the model does not reach this camera's rim at a finite radius")
     damping = 1e-3
     for _ in range(_MAX_STEPS):
         jacobian = _difference_quotients(differences, parameters, error)
         normal, gradient = jacobian.T @ jacobian, jacobian.T @ error
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), gradient)
-        following = differences(parameters - step)
+        try:
+            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), gradient)
+            following = differences(parameters - step)
+        except np.linalg.LinAlgError:
+            # Parameters that change nothing here, as at the end of a model's domain: a larger
+            # damping makes the matrix regular.
+            following = None
         if following is None or not following @ following < error @ error:
             damping *= 10.0
             if damping > 1e12:

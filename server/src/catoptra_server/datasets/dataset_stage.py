@@ -33,6 +33,7 @@ from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaste
 from catoptra_server.render.trace.occlusion import occlusion_cache
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.scene.obstacle_grid import GROUND_CLEARANCE_M
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
@@ -50,6 +51,8 @@ class RecipeWorld:
     caster: KernelRayCaster
     obstacles: CollisionIndex
     """Obstacles of all robots of the recipe."""
+    has_floor: bool
+    """Whether there is a floor at all; test patterns around a camera have none."""
 
     @property
     def name(self) -> str:
@@ -177,10 +180,17 @@ class DatasetStage:
             scene,
             KernelRayCaster(scene, instruction_set),
             CollisionIndex(scene, tuple(robots.values())),
+            _has_floor(scene),
         )
 
     def _note_files(self, file: IniFile) -> None:
         self._files += [path for path in file.paths if path not in self._files]
+
+
+def _has_floor(scene: SceneMesh) -> bool:
+    """Whether some triangle lies on the ground and faces up."""
+    is_low = (np.abs(scene.corners[..., 2]) <= GROUND_CLEARANCE_M).all(axis=-1)
+    return bool((is_low & (scene.normals[:, 2] < 0.0)).any())
 
 
 def find_digest_error(stage: DatasetStage, expected: str) -> str:

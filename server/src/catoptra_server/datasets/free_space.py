@@ -33,7 +33,7 @@ def find_fault(
     )
     if not bool(is_free[0]):
         return "the robot touches an obstacle"
-    if not _has_floor(world, pose):
+    if world.has_floor and not _has_floor(world, pose):
         return "there is no floor below"
     return "it is inside a solid" if _is_inside_solid(world, pose) else ""
 
