@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.dataset_run import complete_run, prepare_run
-from catoptra_server.datasets.shard_job import ShardArtist, ShardJob
-from catoptra_server.datasets.shard_writer import ShardRecord
-from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
-
-
-def draw_here(job: ShardJob, shards: Sequence[int]) -> Iterator[ShardRecord]:
-    """Draw shards in this process, the last one first."""
-    artist = ShardArtist(stage_recipe(Path(job.recipe_path)))
-    for number in reversed(shards):
-        yield artist.draw_shard(Path(job.folder), number)
-    artist.close()
+from helpers.dataset_recipes import write_drive, write_recipe
+from helpers.drawn_datasets import draw_here
 
 
 def test_run_ends_with_a_manifest_of_all_shards(tmp_path: Path) -> None:

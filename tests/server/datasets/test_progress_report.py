@@ -25,7 +25,7 @@ def test_line_has_counts_rate_and_remaining_time() -> None:
     assert progress.describe() == "tour: 40 of 200 samples"
     for number in range(80):
         clock.now_s = 0.5 * (number + 1)
-        progress.count_sample()
+        progress.count_samples(1)
     assert progress.describe() == "tour: 120 of 200 samples, 2.0 a second, 40 s left"
     progress.uncount_samples(10)
     assert progress.describe().startswith("tour: 110 of 200")
@@ -36,7 +36,7 @@ def test_log_gets_a_line_seldom_and_one_at_the_end() -> None:
     progress = ProgressReport("tour", 100, 0, output, clock)
     for number in range(100):
         clock.now_s = float(number)
-        progress.count_sample()
+        progress.count_samples(1)
     progress.finish()
     assert len(output.getvalue().splitlines()) == 4
     assert output.getvalue().endswith("left\n")

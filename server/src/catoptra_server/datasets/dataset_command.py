@@ -15,6 +15,7 @@ from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.datasets.dataset_run import PreparedRun, complete_run, prepare_run
 from catoptra_server.datasets.local_workers import DatasetInterruptedError, LocalWorkers
 from catoptra_server.datasets.progress_report import ProgressReport
+from catoptra_server.datasets.ray_workers import draw_by_ray, require_ray
 from catoptra_server.datasets.shard_job import ShardJob
 from catoptra_server.datasets.shard_writer import ShardRecord, remove_parts
 from catoptra_server.datasets.verification import verify_dataset
@@ -61,6 +62,8 @@ def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Conne
         return 0
     if not parsed.recipe:
         raise CatoptraError("which RECIPE? A file, or a name of the bundled ones")
+    if parsed.ray:
+        require_ray()
     run = prepare_run(find_configuration("datasets", parsed.recipe), parsed.out)
     if not run.is_whole or run.missing:
         progress = ProgressReport(
@@ -89,9 +92,13 @@ def _draw(
     progress: ProgressReport,
     interrupt: multiprocessing.connection.Connection,
 ) -> Iterator[ShardRecord]:
+    if parsed.ray:
+        yield from draw_by_ray(job, shards, parsed.ray, count=progress.count_samples)
+        return
+
     def count(number: int, is_begun: bool) -> None:
         if is_begun:
-            progress.count_sample()
+            progress.count_samples(1)
         else:
             progress.uncount_samples(number)
 
@@ -116,6 +123,8 @@ def _build_parser() -> argparse.ArgumentParser:
     add("--out", required=True, type=Path, metavar="DIR", help="folder, made if absent")
     add("--workers", type=_parse_workers, default=count_processors(), metavar="N",
         help="processes of one thread each; default: one for each processor")  # fmt: skip
+    add("--ray", default="", metavar="local|ADDRESS",
+        help="draw by Ray: on this machine, or on the cluster of an address")  # fmt: skip
     add("--verify", action="store_true",
         help="read back every shard, and compare its hash")  # fmt: skip
     return parser

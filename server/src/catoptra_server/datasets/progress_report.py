@@ -39,9 +39,9 @@ class ProgressReport:
         self._is_terminal = output.isatty()
         self._start_s = self._last_s = clock()
 
-    def count_sample(self) -> None:
-        """Count one more sample as done."""
-        self._num_done += 1
+    def count_samples(self, number: int) -> None:
+        """Count more samples as done."""
+        self._num_done += number
         now_s = self._clock()
         interval_s = _TERMINAL_INTERVAL_S if self._is_terminal else _LOG_INTERVAL_S
         if now_s - self._last_s >= interval_s:

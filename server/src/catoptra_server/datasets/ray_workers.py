@@ -1,0 +1,138 @@
+"""Shards drawn by Ray, on this machine or on a cluster: a task for each shard.
+
+Ray starts the workers, spreads the tasks and repeats those of machines that are lost; nothing of
+that is done here. Recipe and folder are at the same paths on all machines. A worker whose code,
+libraries or processor differ refuses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_server.datasets.drawing_environment import pinning_variables
+from catoptra_server.datasets.shard_job import ShardArtist, ShardJob, start_artist
+from catoptra_server.datasets.shard_writer import ShardRecord
+
+LOCAL = "local"
+"""Address of a cluster that is started on this machine, for this run."""
+REMEDY = "pip install 'catoptra-server[ray]' on all machines, or draw with --workers"
+
+# Times that Ray repeats a shard whose worker or machine is lost.
+_MAX_RETRIES = 3
+# Tasks known to Ray at a time, for each processor: enough that none waits for the driver.
+_TASKS_A_PROCESSOR = 4
+
+# Called with the number of samples of each finished shard.
+CountShard = Callable[[int], None]
+
+
+def require_ray() -> Any:
+    """The module `ray`.
+
+    Raises:
+        CatoptraError: It is not installed; says how to.
+    """
+    try:
+        import ray
+    except ImportError as error:
+        raise CatoptraError(f"--ray needs the package ray: {REMEDY}") from error
+    return ray
+
+
+def draw_by_ray(
+    job: ShardJob, shards: Sequence[int], address: str, *, count: CountShard = lambda number: None
+) -> Iterator[ShardRecord]:
+    """Draw shards, and yield the record of each as it is finished, in any order.
+
+    Args:
+        job: The data set.
+        shards: Numbers of the shards.
+        address: LOCAL, or the address of a cluster as `ray.init` takes it.
+        count: Called for each shard.
+
+    Raises:
+        CatoptraError: Ray is missing or not reached, a worker refuses, a sample cannot be drawn, or
+            the workers of a shard are lost too often.
+    """
+    ray = require_ray()
+    _connect(ray, address, job.instruction_set)
+    try:
+        yield from _draw_tasks(ray, job, shards, count)
+    finally:
+        ray.shutdown()
+
+
+def _connect(ray: Any, address: str, instruction_set: str) -> None:
+    # Set before a worker loads NumPy.
+    environment = {"env_vars": pinning_variables(instruction_set)}
+    try:
+        ray.init(
+            address=None if address == LOCAL else address,
+            runtime_env=environment,
+            include_dashboard=False if address == LOCAL else None,
+            configure_logging=False,
+            log_to_driver=False,
+        )
+    # Whatever is wrong with an address: Ray raises any of these.
+    except (ConnectionError, ValueError, RuntimeError, OSError) as error:
+        raise CatoptraError(f"no Ray cluster at {address}: {error}") from error
+
+
+def _draw_tasks(
+    ray: Any, job: ShardJob, shards: Sequence[int], count: CountShard
+) -> Iterator[ShardRecord]:
+    task = ray.remote(num_cpus=1, max_retries=_MAX_RETRIES)(draw_shard_of_job)
+    # A bounded number at a time: the driver's memory does not grow with the data set.
+    max_tasks = max(1, _TASKS_A_PROCESSOR * int(ray.cluster_resources().get("CPU", 1)))
+    waiting, pending = iter(shards), dict[Any, int]()
+    while True:
+        for number in waiting:
+            pending[task.remote(job, number)] = number
+            if len(pending) >= max_tasks:
+                break
+        if not pending:
+            return
+        (done,), _ = ray.wait([*pending], num_returns=1)
+        record = _take_result(ray, done, pending.pop(done))
+        count(record.num_samples)
+        yield record
+
+
+def _take_result(ray: Any, done: Any, number: int) -> ShardRecord:
+    try:
+        record: ShardRecord | str = ray.get(done)
+    except ray.exceptions.RayError as error:
+        # Of several lines the first names the fault.
+        reason = str(error).strip().splitlines()[0]
+        raise CatoptraError(f"shard {number}: its Ray workers are lost: {reason}") from error
+    if isinstance(record, str):
+        raise CatoptraError(record)
+    return record
+
+
+def draw_shard_of_job(job: ShardJob, number: int) -> ShardRecord | str:
+    """Draw one shard in a Ray worker; its record, or the reason for which it cannot be drawn."""
+    # A text and no exception: what fails by the recipe fails again on any machine, and Ray repeats
+    # the tasks of lost workers alone.
+    try:
+        return _find_artist(job).draw_shard(Path(job.folder), number)
+    except CatoptraError as error:
+        return str(error)
+
+
+# Ray keeps worker processes between tasks: the artist of the last job, with its warm renderers.
+_artists: dict[tuple[str, str], ShardArtist] = {}
+
+
+def _find_artist(job: ShardJob) -> ShardArtist:
+    """Artist of a job in this process, started at the first shard."""
+    key = (job.recipe_path, job.digest)
+    if key not in _artists:
+        artist = start_artist(job)
+        while _artists:
+            _artists.popitem()[1].close()
+        _artists[key] = artist
+    return _artists[key]

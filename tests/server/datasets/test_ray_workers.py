@@ -1,0 +1,88 @@
+"""Shards drawn by Ray on this machine, where it is installed: the bytes of local workers."""
+
+from __future__ import annotations
+
+import builtins
+import importlib.util
+import os
+import select
+import signal
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_server.datasets.ray_workers import draw_shard_of_job, require_ray
+from catoptra_server.datasets.shard_job import ShardJob
+from helpers.dataset_recipes import write_drive
+from helpers.dataset_runs import COMMAND, TIMEOUT_S, read_hashes, run_dataset
+
+needs_ray = pytest.mark.skipif(
+    importlib.util.find_spec("ray") is None, reason="needs the extra [ray]"
+)
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a data set that local workers have drawn, beside its recipe."""
+    root = tmp_path_factory.mktemp("local")
+    done = run_dataset(write_drive(root), root / "out")
+    assert done.returncode == 0, done.stderr
+    return root / "out"
+
+
+@needs_ray
+def test_ray_writes_the_bytes_of_local_workers(local: Path, tmp_path: Path) -> None:
+    done = run_dataset(local.parent / "recipe.ini", tmp_path / "out", "--ray", "local", "--verify")
+    assert done.returncode == 0, done.stderr
+    assert read_hashes(tmp_path / "out") == read_hashes(local)
+
+
+@needs_ray
+def test_shard_of_a_killed_worker_is_repeated_by_ray(local: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    process = subprocess.Popen(
+        [*COMMAND, str(local.parent / "recipe.ini"), "--out", str(folder), "--ray", "local"],
+        stderr=subprocess.PIPE,
+    )
+    # The unfinished file of a shard has the number of its process in its name.
+    deadline_s = time.monotonic() + TIMEOUT_S
+    while not (parts := [*folder.glob("shards/*.tar.*.part")]):
+        assert process.poll() is None, "the run has ended before a shard was begun"
+        assert time.monotonic() < deadline_s
+        select.select([], [], [], 0.001)
+    os.kill(int(parts[0].name.split(".")[-2]), signal.SIGKILL)
+    _, errors = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 0, errors.decode()
+    assert read_hashes(folder) == read_hashes(local)
+
+
+@needs_ray
+def test_address_without_a_cluster_is_an_error(local: Path, tmp_path: Path) -> None:
+    recipe = local.parent / "recipe.ini"
+    done = run_dataset(recipe, tmp_path / "out", "--ray", "auto")
+    assert done.returncode == 2
+    assert "no Ray cluster at auto" in done.stderr
+
+
+def test_missing_package_is_an_error_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = builtins.__import__
+
+    def refuse(name: str, *args: Any, **kwargs: Any) -> Any:
+        if name == "ray":
+            raise ImportError(name)
+        return original(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(CatoptraError, match=r"pip install 'catoptra-server\[ray\]'"):
+        require_ray()
+
+
+def test_worker_that_differs_says_so_instead_of_failing(tmp_path: Path) -> None:
+    job = ShardJob(str(write_drive(tmp_path)), str(tmp_path), "0" * 64, {"numpy": "1"}, "avx512")
+    answer = draw_shard_of_job(job, 0)
+    assert isinstance(answer, str)
+    assert "instead of 1" in answer or "no avx512" in answer
