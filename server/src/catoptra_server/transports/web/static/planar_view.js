@@ -3,6 +3,8 @@
  * touch and keys.
  */
 
+import { watchGestures } from "./views/gestures.js";
+
 const MIN_SCALE = 2;
 const MAX_SCALE = 5000;
 const KEY_PAN_PX = 40;
@@ -16,7 +18,6 @@ export class PlanarView {
   #width = 1;
   #height = 1;
   #onChange;
-  #pointers = new Map();
   #placing = null;
 
   /** `onChange(isPan)` is called after each change of the view by the user. */
@@ -26,11 +27,12 @@ export class PlanarView {
     canvas.tabIndex = 0;
     // A click leaves the focus where it is, and with it the arrow keys to the robot.
     canvas.addEventListener("mousedown", (event) => event.preventDefault());
-    canvas.addEventListener("pointerdown", (event) => this.#press(event));
-    canvas.addEventListener("pointermove", (event) => this.#move(event));
-    for (const type of ["pointerup", "pointercancel"])
-      canvas.addEventListener(type, (event) => this.#release(event));
-    canvas.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
+    watchGestures(canvas, {
+      drag: (dx, dy) => this.#drag(dx, dy),
+      zoom: (factor, left, top) => this.zoom(factor, left, top),
+    });
+    for (const type of ["pointerdown", "pointermove", "pointerup", "pointercancel"])
+      canvas.addEventListener(type, (event) => this.#place(event));
     canvas.addEventListener("keydown", (event) => this.#key(event));
   }
 
@@ -92,50 +94,22 @@ export class PlanarView {
     this.#onChange(true);
   }
 
-  #press(event) {
-    if (event.button !== 0) return;
-    this.#canvas.setPointerCapture(event.pointerId);
-    this.#pointers.set(event.pointerId, [event.offsetX, event.offsetY]);
-    if (this.#placing) {
-      this.#placing.start = [event.offsetX, event.offsetY];
-      this.#place(event, false);
-    }
+  #drag(right, down) {
+    if (this.#placing === null) this.#pan(right, down);
   }
 
-  #move(event) {
-    const before = this.#pointers.get(event.pointerId);
-    if (!before) return;
-    const now = [event.offsetX, event.offsetY];
-    if (this.#placing?.start) return this.#place(event, false);
-    const other = [...this.#pointers].find(([id]) => id !== event.pointerId)?.[1];
-    this.#pointers.set(event.pointerId, now);
-    if (!other) return this.#pan(now[0] - before[0], now[1] - before[1]);
-    // Two fingers: the middle between them pans, their distance zooms.
-    const middle = [(now[0] + other[0]) / 2, (now[1] + other[1]) / 2];
-    this.#pan((now[0] - before[0]) / 2, (now[1] - before[1]) / 2);
-    this.zoom(distance(now, other) / Math.max(1, distance(before, other)), ...middle);
-  }
-
-  #release(event) {
-    this.#pointers.delete(event.pointerId);
-    if (this.#placing?.start) this.#place(event, event.type === "pointerup");
-  }
-
-  #place(event, isFinal) {
+  #place({ type, button, offsetX, offsetY }) {
+    if (this.#placing === null) return;
+    if (type === "pointerdown" && button === 0) this.#placing.start = [offsetX, offsetY];
     const { start, handler } = this.#placing;
-    const [right, down] = [event.offsetX - start[0], event.offsetY - start[1]];
+    if (start === null) return;
+    const isFinal = type === "pointerup";
+    const [right, down] = [offsetX - start[0], offsetY - start[1]];
     // Below this length a drag is the tremor of a click, which has no direction.
     const yaw = Math.hypot(right, down) < 8 ? 0 : Math.atan2(right, -down);
+    if (type === "pointercancel") this.#placing.start = null;
     if (isFinal) this.setPlacing(null);
     handler({ ...this.toWorld(...start), yaw }, isFinal);
-  }
-
-  #wheel(event) {
-    if (event.ctrlKey && event.deltaMode !== 0) return;
-    event.preventDefault();
-    const lines = event.deltaMode === 1 ? 20 : 1;
-    const step = Math.max(-200, Math.min(200, event.deltaY * lines));
-    this.zoom(Math.exp(-0.002 * step), event.offsetX, event.offsetY);
   }
 
   #key(event) {
@@ -154,5 +128,3 @@ export class PlanarView {
     action();
   }
 }
-
-const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
