@@ -65,7 +65,7 @@ CAMERA_CASES = {
 _READ_VIEW = """async (kind, view) => {
   const { context } = catoptra;
   const { robot, camera } = context.selected;
-  const request = { robot, camera, encoding: "png" };
+  const request = { robot, camera, encoding: "png", ...context.handRequest };
   const { header, bytes } = await context.pictures.requestFrame(request);
   const options = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
   const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/png" }), options);
@@ -82,7 +82,9 @@ _READ_VIEW = """async (kind, view) => {
     reader.readAsDataURL(new Blob([data]));
   });
   const [width, height] = [view.columns ?? view.width_px, geometry.rows ?? view.height_px];
-  return { png: await base64(bytes), pixels: await base64(pixels), width, height, geometry };
+  const picture = header.camera_model.Picture;
+  const parts = { png: await base64(bytes), pixels: await base64(pixels) };
+  return { ...parts, width, height, geometry, picture };
 }"""
 
 
@@ -116,11 +118,14 @@ class CameraPage:
     def read_view(self, kind: str, **view: object) -> tuple[Image, Image, dict[str, Any]]:
         """Frame and view (h, w, 3) RGB, and the reply of the page."""
         reply = self.tab.invoke(_READ_VIEW, kind, view, limit_s=30.0)
-        encoded = np.frombuffer(base64.b64decode(reply["png"]), np.uint8)
-        frame = cv2.cvtColor(cv2.imdecode(encoded, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        frame = _decode(base64.b64decode(reply["png"]))
         pixels = np.frombuffer(base64.b64decode(reply["pixels"]), np.uint8)
         image = pixels.reshape(reply["height"], reply["width"], 4)[..., :3]
-        return np.asarray(frame, np.uint8), image, reply
+        return frame, image, reply
+
+    def read_frame(self) -> Image:
+        """Frame (h, w, 3) RGB of the stream, in the camera's own hand."""
+        return _decode(self.live.probe.get_png(_ROBOT, self.case.camera)[1])
 
     def read_camera(self) -> tuple[OmniCamera, Floats]:
         """Model of the camera and its (3, 3) rotation on the robot, by a header of the stream."""
@@ -143,6 +148,12 @@ class CameraPage:
     def mark_points(self, points: Floats) -> Floats:
         """(n, 3) directions in which the page marks points of the world."""
         return np.array(self.tab.invoke(_MARK_POINTS, points.tolist()))
+
+
+def _decode(png: bytes) -> Image:
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 @contextmanager

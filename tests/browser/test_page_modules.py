@@ -273,6 +273,24 @@ def test_camera_table_of_a_decentred_lens_finds_pixels_and_angles(
     assert found[away, 1] == pytest.approx(azimuth.ravel()[away], abs=1e-7)
 
 
+@pytest.mark.parametrize("picture", list(Picture))
+def test_camera_table_when_turned_is_that_of_the_other_hand(page: Tab, picture: Picture) -> None:
+    plane = ImagePlane((1.0, 0.01, 0.0, 1.02), p1=4e-3, p2=-3e-3)
+    lens = UnifiedLens(2.2, 0.0168, 1.65)
+    camera = OmniCamera(lens, 1400, 1300, (710.0, 690.0), 1336.0, 1.6, 0.4, picture, plane)
+    (other,) = set(Picture) - {picture}
+    directions = [[0.1, 0.7, 0.2], [-0.4, -0.3, 1.0], [0.9, -0.2, 0.1]]
+    expected, valid = pixel_from_direction(camera.with_picture(other), np.array(directions))
+    assert valid.all()
+    body = f"""{{
+      const table = new m.CameraTable({json.dumps(camera_table(camera))}).turned();
+      return [table.picture, {directions}.map((one) => table.pixelFromDirection(one))];
+    }}"""
+    found, pixels = run(page, "camera_table", body)
+    assert found == other.value
+    assert np.abs(np.array(pixels) - expected).max() < 1e-4
+
+
 def test_camera_table_has_no_angles_beyond_the_rim(page: Tab) -> None:
     plane = ImagePlane(p1=4e-3, p2=-3e-3)
     lens = UnifiedLens(2.2, 0.0168, 1.65)

@@ -82,6 +82,7 @@ def test_table_states_image_and_domain() -> None:
     table = camera_table(camera)
     assert table["kind"] == "radial"
     assert (table["width_px"], table["height_px"]) == (640, 480)
+    assert table["picture"] == "mirrored"
     assert table["centre_px"] == (301.5, 222.25)
     assert table["max_theta_rad"] == camera.rim_rad
     radius_px = table["radius_px"]

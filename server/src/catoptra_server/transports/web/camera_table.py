@@ -40,6 +40,7 @@ def camera_table(camera: OmniCamera) -> dict[str, object]:
         "width_px": camera.width_px,
         "height_px": camera.height_px,
         "centre_px": camera.centre_px,
+        "picture": camera.picture.value,
         "max_theta_rad": camera.rim_rad,
         "azimuth_matrix": azimuth_matrix.ravel().tolist(),
         "radius_px": camera.radius_px_from_t(t).tolist(),

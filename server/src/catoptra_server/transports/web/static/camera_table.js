@@ -116,9 +116,18 @@ export class CameraTable {
     return null;
   }
 
-  /** Pixels around the rim, closed. */
-  rim() {
-    return turn().map((azimuth_rad) => this.pixelFromAngles(this.max_theta_rad, azimuth_rad));
+  /** Table of the same pictures in the other hand, turned round left to right. */
+  turned() {
+    const { json } = this;
+    const turn = (matrix) => matrix?.map((value, i) => (2 * i < matrix.length ? -value : value));
+    return new CameraTable({
+      ...json,
+      picture: otherHand(json.picture),
+      isTurned: !json.isTurned,
+      centre_px: [json.width_px - json.centre_px[0], json.centre_px[1]],
+      azimuth_matrix: turn(json.azimuth_matrix),
+      decentring_matrix: turn(json.decentring_matrix),
+    });
   }
 
   /** Whether a pixel lies within the image. */
@@ -127,10 +136,8 @@ export class CameraTable {
   }
 }
 
-/** Azimuths of a full turn in steps of two degrees, from -pi to pi. */
-export function turn() {
-  return Array.from({ length: 181 }, (_, i) => ((i - 90) * Math.PI) / 90);
-}
+/** The other one of the two hands of a picture. */
+export const otherHand = (picture) => (picture === "flipped" ? "mirrored" : "flipped");
 
 /** Fetch the table of a camera; null for one without such a model. */
 export async function fetchCameraTable(className, camera) {

@@ -121,7 +121,7 @@ class FramePull {
   #context;
   #isPending = false;
   #retryAt_ms = 0;
-  #shown = { robot: "", camera: "", time_s: -1 };
+  #shown = { robot: "", camera: "", picture: "", time_s: -1 };
   /** Ends when the newest frame is on the screen. A slow unwarper skips frames by itself. */
   #drawing = Promise.resolve();
 
@@ -134,13 +134,14 @@ class FramePull {
     if (this.#isPending || !this.#isWanted()) return;
     this.#isPending = true;
     const { robot, camera } = this.#context.selected;
+    const { picture } = this.#context;
     try {
-      const request = { robot, camera, encoding: "jpeg" };
+      const request = { robot, camera, encoding: "jpeg", ...this.#context.handRequest };
       const frame = await this.#context.pictures.requestFrame(request);
       const file = fileFromFrame(frame);
       const bitmap = await createImageBitmap(file, DECODING);
       await this.#drawing;
-      this.#shown = { robot, camera, time_s: frame.header.time_s };
+      this.#shown = { robot, camera, picture, time_s: frame.header.time_s };
       this.#drawing = this.#draw({ ...frame, file, bitmap }, robot, camera);
     } catch (error) {
       this.#retryAt_ms = performance.now() + RETRY_MS;
@@ -152,14 +153,15 @@ class FramePull {
   }
 
   #isWanted() {
-    const { pictures, selected, server, state } = this.#context;
+    const { picture, pictures, selected, server, state } = this.#context;
     if (document.hidden || !pictures.isOpen || !selected.robot || !selected.camera) return false;
     if (performance.now() < this.#retryAt_ms) return false;
     if (server.clock !== "lockstep") return true;
     // The same moment gives the same picture.
     const shown = this.#shown;
     const isSameCamera = shown.robot === selected.robot && shown.camera === selected.camera;
-    return !isSameCamera || (state !== null && state.reply.time_s !== shown.time_s);
+    if (!isSameCamera || shown.picture !== picture) return true;
+    return state !== null && state.reply.time_s !== shown.time_s;
   }
 
   /** Draw a frame in the next animation frame, unless the tab is hidden before. */
@@ -181,7 +183,7 @@ class FramePull {
   #emit(frame) {
     const context = this.#context;
     const previous = context.frame;
-    context.frame = frame;
+    context.takeFrame(frame);
     context.emit("frame", frame);
     previous?.bitmap.close();
   }

@@ -5,6 +5,7 @@ import { Connection, fetchJson } from "./connection.js";
 import { startFeed, FeedStatistics } from "./feed.js";
 import { createPanels, preparePanels } from "./panels.js";
 import { setText } from "./panel.js";
+import { robotFromMirror } from "./transforms.js";
 import { Unwarper } from "./unwarper.js";
 
 const FAULT_SHOWN_MS = 5000;
@@ -25,6 +26,8 @@ class Context {
   selected = { robot: "", camera: "" };
   /** Name of the robot that this page has spawned; empty for none. */
   own = "";
+  /** Hand of the pictures to request, "mirrored" or "flipped"; empty for that of the camera. */
+  picture = "";
   /** Whether this page drives a robot at present. */
   isDriving = false;
   /** Newest frame, {header, file, bitmap, received_ms}; its bitmap lives until the next one. */
@@ -139,10 +142,33 @@ class Context {
     }, FAULT_SHOWN_MS);
   }
 
+  /** Rotation of the mirror frame on the robot in the present frame, nine row-major numbers. */
+  get mount() {
+    return robotFromMirror(this.frame?.header);
+  }
+
+  /** Fields of a request for a picture in the chosen hand. */
+  get handRequest() {
+    const isChosen = this.picture !== "" && this.camera?.kind === "omni";
+    return isChosen ? { variant: { picture: this.picture } } : {};
+  }
+
+  /** Take a frame: table and cursor are turned round where it has the other hand. */
+  takeFrame(frame) {
+    this.frame = frame;
+    const { table, cursor } = this;
+    if (table) this.#setTable(table);
+    if (table !== this.table && cursor.pixel)
+      this.setCursor([table.width_px - cursor.pixel[0], cursor.pixel[1]], cursor.isHeld);
+  }
+
   #setTable(table) {
-    this.table = table;
-    this.unwarper.setTable(table);
-    this.emit("table", table);
+    const hand = this.frame?.header.camera_model?.Picture;
+    const fitting = table && hand && hand !== table.picture ? table.turned() : table;
+    if (fitting === this.table) return;
+    this.table = fitting;
+    this.unwarper.setTable(fitting);
+    this.emit("table", fitting);
   }
 
   #forgetFrame() {

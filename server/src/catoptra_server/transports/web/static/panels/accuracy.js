@@ -190,7 +190,6 @@ class Controls {
 
   /** A lens has no mesh of polygons to choose. */
   set hasMirror(hasMirror) {
-    if (this.#hasMirror === hasMirror) return;
     this.#hasMirror = hasMirror;
     this.#showRows();
   }

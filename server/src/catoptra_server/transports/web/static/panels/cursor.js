@@ -3,19 +3,11 @@
 import { makeLegend } from "../landmarks.js";
 import { bodyOf, isShown, make, onShown, setText } from "../panel.js";
 import { degrees } from "../scan_geometry.js";
-import { robotFromMirror, rotate } from "../transforms.js";
+import { rotate } from "../transforms.js";
 import { aimFromDirection, directionFromAngles } from "../views/directions.js";
 
 const INTERVAL_MS = 100;
-const NAMES = [
-  "pixel",
-  "incidence angle",
-  "azimuth",
-  "elevation",
-  "range",
-  "object",
-  "error bound",
-];
+const ANGLES = ["incidence angle", "azimuth", "elevation"];
 const OUTSIDE = "outside the image of the camera";
 
 /** Create the panel. */
@@ -41,7 +33,7 @@ class CursorPanel {
     this.#section = section;
     this.#context = context;
     const list = make("dl", { className: "values" });
-    for (const name of NAMES) {
+    for (const name of ["pixel", ...ANGLES, "range", "object", "error bound"]) {
       const value = make("dd", {}, "\u2013");
       this.#values.set(name, value);
       list.append(make("dt", {}, name), value);
@@ -66,7 +58,7 @@ class CursorPanel {
 
   /** Ask for range, object and bound: one request pending, ten a second at most. */
   async ask() {
-    const { cursor, pictures, selected, state } = this.#context;
+    const { cursor, pictures, selected, state, table } = this.#context;
     if (!cursor.pixel || this.#isPending || !pictures.isOpen || !isShown(this.#section)) return;
     const [u_px, v_px] = cursor.pixel;
     const key = JSON.stringify([selected, u_px, v_px, state?.reply.time_s]);
@@ -77,7 +69,9 @@ class CursorPanel {
       if (pause_ms > 0) await new Promise((resolve) => setTimeout(resolve, pause_ms));
       this.#askedAt_ms = performance.now();
       this.#askedFor = key;
-      const request = { kind: "get_pixel", ...selected, u_px, v_px };
+      // The server counts columns in the camera's own hand.
+      const own_px = table?.isTurned ? table.width_px - u_px : u_px;
+      const request = { kind: "get_pixel", ...selected, u_px: own_px, v_px };
       const reply = await pictures.request(request);
       // The cursor may be gone; if it has moved, this is nearer than what is shown.
       if (this.#context.cursor.pixel) this.#showReply(reply);
@@ -111,8 +105,7 @@ class CursorPanel {
   #showAngles(angles, isOutside) {
     const theta = angles ? degrees(angles.theta_rad, 2) : null;
     this.#set("incidence angle", isOutside ? OUTSIDE : theta);
-    const rotation = robotFromMirror(this.#context.frame?.header);
-    const aim = angles && aimFromDirection(rotate(rotation, angles.direction));
+    const aim = angles && aimFromDirection(rotate(this.#context.mount, angles.direction));
     this.#set("azimuth", aim && degrees(aim.yaw_rad, 2));
     this.#set("elevation", aim && degrees(aim.pitch_rad, 2));
   }

@@ -36,9 +36,8 @@ export function create(section, context) {
 }
 
 /** The newest frame as PNG; on the connection of commands, so that the feed goes on. */
-async function requestPng({ commands, selected }) {
-  const { robot, camera } = selected;
-  const frame = await commands.requestFrame({ robot, camera, encoding: "png" });
+async function requestPng({ commands, selected, handRequest }) {
+  const frame = await commands.requestFrame({ ...selected, encoding: "png", ...handRequest });
   return { ...frame, blob: new Blob([frame.bytes], { type: "image/png" }) };
 }
 

@@ -4,26 +4,31 @@
  * mirror frame, in which its model is, is turned to them as the frame's header says.
  */
 
-import { turn } from "../camera_table.js";
-import { cameraFromWorld, robotFromMirror, rotate, rotateBack, viewAxes } from "../transforms.js";
+import { cameraFromWorld, rotate, rotateBack, viewAxes } from "../transforms.js";
 
 const STEPS_PER_SIDE = 16;
 
 /** Pixel of a direction of any length; null where the camera shows nothing. */
-export function pixelFromDirection({ frame, table }, direction) {
-  return table.pixelFromDirection(rotateBack(robotFromMirror(frame?.header), direction));
+export function pixelFromDirection({ mount, table }, direction) {
+  return table.pixelFromDirection(rotateBack(mount, direction));
+}
+
+/** The same within the image; null outside. */
+export function shownPixel(context, direction) {
+  const pixel = pixelFromDirection(context, direction);
+  return pixel && context.table.contains(pixel) ? pixel : null;
 }
 
 /** Unit direction of a pixel; null outside of what the camera shows, and without its model. */
-export function directionFromPixel({ frame, table }, pixel) {
+export function directionFromPixel({ mount, table }, pixel) {
   const angles = table?.anglesFromPixel(pixel);
-  return angles ? rotate(robotFromMirror(frame?.header), directionFromAngles(angles)) : null;
+  return angles ? rotate(mount, directionFromAngles(angles)) : null;
 }
 
 /** Direction in which the present frame shows a point of the world. */
-export function directionFromWorld({ frame: { header }, table }, point) {
-  const inMirror = cameraFromWorld(header, point);
-  return rotate(robotFromMirror(header), table?.directionFromPoint(inMirror) ?? inMirror);
+export function directionFromWorld({ frame, mount, table }, point) {
+  const inMirror = cameraFromWorld(frame.header, point);
+  return rotate(mount, table?.directionFromPoint(inMirror) ?? inMirror);
 }
 
 /**
@@ -82,9 +87,10 @@ export function directionFromAngles({ theta_rad, azimuth_rad }) {
   return [sine * Math.cos(azimuth_rad), sine * Math.sin(azimuth_rad), Math.cos(theta_rad)];
 }
 
-/** Level directions around the robot, from behind it by its left to behind it again. */
+/** Level directions in steps of two degrees, from behind by the left to behind again. */
 export function levelDirections() {
-  return turn().map((azimuth_rad) => [Math.cos(azimuth_rad), Math.sin(azimuth_rad), 0]);
+  const azimuths = Array.from({ length: 181 }, (_, i) => ((i - 90) * Math.PI) / 90);
+  return azimuths.map((azimuth_rad) => [Math.cos(azimuth_rad), Math.sin(azimuth_rad), 0]);
 }
 
 /** Yaw and pitch of a perspective view whose centre has this direction. */

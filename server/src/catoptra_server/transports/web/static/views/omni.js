@@ -3,6 +3,7 @@
  * and the cursor. By 2D canvas, so that it needs no WebGL.
  */
 
+import { otherHand } from "../camera_table.js";
 import { screenScale } from "../canvas.js";
 import { drawLandmarks, drawLabel } from "../landmarks.js";
 import { bodyOf, drawOnDemand, isShown, make, makeButton, toolsOf } from "../panel.js";
@@ -86,8 +87,7 @@ class OmniView {
     const { table, cursor, window: perspective } = this.#context;
     if (reasonForNoPicture(this.#context)) return;
     if (table) {
-      this.#drawLine(pen, table.rim().map((pixel) => this.#positionFromPixel(pixel)), "#b0b8c0");
-      this.#drawHorizon(pen);
+      this.#drawOutlines(pen);
       tracePolyline(pen, windowOutline(perspective).map((one) => this.#project(one)));
       strokeOutlined(pen, "#ff9de1");
     }
@@ -107,18 +107,19 @@ class OmniView {
     drawLandmarks(pen, places, this.#canvases.width);
   }
 
-  #drawLine(pen, points, colour) {
-    tracePolyline(pen, points);
-    strokeOutlined(pen, colour, 1);
-  }
-
-  /** A circle for a camera that looks down. */
-  #drawHorizon(pen) {
-    const points = levelDirections().map((one) => this.#project(one));
+  /** Rim and horizon: both are circles for most cameras that look down. */
+  #drawOutlines(pen) {
+    const { table } = this.#context;
+    const circle = levelDirections();
+    const onRim = ([x, y]) => table.pixelFromAngles(table.max_theta_rad, Math.atan2(y, x));
+    tracePolyline(pen, circle.map((one) => this.#positionFromPixel(onRim(one))));
+    strokeOutlined(pen, "#b0b8c0", 1);
+    const horizon = circle.map((one) => this.#project(one));
     pen.setLineDash([6, 6]);
-    this.#drawLine(pen, points, "#e6e6e6");
+    tracePolyline(pen, horizon);
+    strokeOutlined(pen, "#e6e6e6", 1);
     pen.setLineDash([]);
-    const shown = points.filter((point) => point !== null);
+    const shown = horizon.filter((point) => point !== null);
     // Of a level line the left end.
     const lowest = shown.reduce((a, b) => (b[1] > a[1] + 1 ? b : a), shown[0]);
     if (lowest) drawLabel(pen, "horizon", lowest[0] + 4, lowest[1]);
@@ -145,7 +146,13 @@ class OmniView {
       tools.append(makeButton(text, action, { className: "button small", ariaLabel }));
     button("\u2212", "Zoom out", () => this.#zoomAboutMiddle(1 / ZOOM_STEP));
     button("+", "Zoom in", () => this.#zoomAboutMiddle(ZOOM_STEP));
+    button("\u21c4", "Turn the picture round, left to right", () => this.#turn());
     button("Fit", "Fit the whole picture", () => this.#fit());
+  }
+
+  #turn() {
+    const { table } = this.#context;
+    if (table) this.#context.picture = otherHand(table.picture);
   }
 
   /** CSS pixels per pixel of the frame, and the position of the frame's corner. */

@@ -6,13 +6,8 @@
 import { chooseCylinder } from "../camera_table.js";
 import { screenScale } from "../canvas.js";
 import { drawLabel } from "../landmarks.js";
-import { robotFromMirror, viewAxes } from "../transforms.js";
-import {
-  aimFromDirection,
-  cursorDirection,
-  pixelFromDirection,
-  windowOutline,
-} from "./directions.js";
+import { viewAxes } from "../transforms.js";
+import { aimFromDirection, cursorDirection, shownPixel, windowOutline } from "./directions.js";
 import { ARROWS, watchGestures } from "./gestures.js";
 import { UnwarpedView } from "./unwarped_view.js";
 import { strokeOutlined, tracePolyline } from "./view_canvases.js";
@@ -55,9 +50,9 @@ class PanoramaView {
   /** The cylinder at the resolution of the screen. */
   #cylinder() {
     const { width } = this.#view.canvases;
-    const { frame, table, unwarper } = this.#context;
+    const { mount, table, unwarper } = this.#context;
     const columns = Math.min(Math.round(width * screenScale() * unwarper.detail), MAX_COLUMNS);
-    return chooseCylinder(table, Math.max(columns, 1), robotFromMirror(frame?.header));
+    return chooseCylinder(table, Math.max(columns, 1), mount);
   }
 
   /** Where style.css (object-fit: contain) places the picture, in CSS pixels. */
@@ -144,16 +139,16 @@ class PanoramaView {
     if (!table) return;
     const start = cursorDirection(this.#context);
     if (!start) {
-      const ahead = pixelFromDirection(this.#context, [1, 0, 0]);
-      this.#context.setCursor(ahead && table.contains(ahead) ? ahead : table.centre_px, true);
+      const ahead = shownPixel(this.#context, [1, 0, 0]);
+      this.#context.setCursor(ahead ?? table.centre_px, true);
       return;
     }
     const { yaw_rad, pitch_rad } = aimFromDirection(start);
     const delta_rad = step * KEY_STEP_RAD;
     const pitch = Math.min(Math.max(pitch_rad - dy * delta_rad, -STEEPEST_RAD), STEEPEST_RAD);
     const { forward } = viewAxes(yaw_rad + dx * delta_rad, pitch);
-    const pixel = pixelFromDirection(this.#context, forward);
-    if (pixel && table.contains(pixel)) this.#context.setCursor(pixel, true);
+    const pixel = shownPixel(this.#context, forward);
+    if (pixel) this.#context.setCursor(pixel, true);
   }
 }
 

@@ -3,7 +3,7 @@
 import { screenScale } from "../canvas.js";
 import { make, makeButton, setText, toolsOf } from "../panel.js";
 import { degrees } from "../scan_geometry.js";
-import { robotFromMirror, viewAxes } from "../transforms.js";
+import { viewAxes } from "../transforms.js";
 import { ARROWS, watchGestures } from "./gestures.js";
 import { UnwarpedView } from "./unwarped_view.js";
 
@@ -58,12 +58,11 @@ class PerspectiveView {
   /** The view at the resolution of the screen. */
   #geometry() {
     const { width, height } = this.#view.canvases;
-    const { frame, unwarper, window: view } = this.#context;
-    const largest = MAX_SIDE_PX / Math.max(width, height);
-    const reduction = Math.min(screenScale() * unwarper.detail, largest);
+    const { detail } = this.#context.unwarper;
+    const reduction = Math.min(screenScale() * detail, MAX_SIDE_PX / Math.max(width, height));
     return {
-      ...view,
-      robot_from_mirror: robotFromMirror(frame?.header),
+      ...this.#context.window,
+      robot_from_mirror: this.#context.mount,
       width_px: Math.max(Math.round(width * reduction), 1),
       height_px: Math.max(Math.round(height * reduction), 1),
     };

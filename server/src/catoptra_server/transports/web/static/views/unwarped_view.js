@@ -5,8 +5,8 @@ import { drawOnDemand, isShown } from "../panel.js";
 import {
   cursorDirection,
   landmarkPlaces,
-  pixelFromDirection,
   reasonForNoUnwarping,
+  shownPixel,
 } from "./directions.js";
 import { cursorGestures } from "./gestures.js";
 import { drawCrosshair, ViewCanvases } from "./view_canvases.js";
@@ -71,10 +71,8 @@ export class UnwarpedView {
 
   /** Place the cursor at a direction; null and directions that the camera does not show remove it. */
   placeCursor(direction, isHeld) {
-    const { table } = this.#context;
-    if (!table) return;
-    const pixel = direction && pixelFromDirection(this.#context, direction);
-    this.#context.setCursor(pixel && table.contains(pixel) ? pixel : null, isHeld);
+    if (!this.#context.table) return;
+    this.#context.setCursor(direction && shownPixel(this.#context, direction), isHeld);
   }
 
   #onKey(event) {
