@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,13 +14,15 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.candidate_table import RendererCalibration
+from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
-from helpers.worlds import make_omni_camera
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.worlds import make_omni_camera, make_test_world
 
 TRACE = RendererKind.TRACE
 CAMERA = OmniCameraSpec(make_omni_camera(width_px=64), RenderSettings())
@@ -49,3 +53,68 @@ def test_table_without_a_renderer_that_can_be_measured_is_refused() -> None:
 
     with pytest.raises(RendererUnavailableError, match="no renderer could be measured"):
         make_calibration(fail).make_table(CAMERA, STATES)
+
+
+def test_costs_that_do_not_grow_are_measured_again_and_never_stored(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    times = iter((12.6, 12.6, 12.6))
+
+    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
+        plans = generate_calibration_plans(kind, camera, others[0])
+        ms = next(times)
+        return [PlanTiming(plan, {"trace": ms}) for plan in plans]
+
+    class Described:
+        def describe(self) -> str:
+            return "trace"
+
+    pool = RendererPool(RendererChoice(Described(), TRACE, "test"))  # type: ignore[arg-type]
+    cache = CostCache(tmp_path, build_scene(make_test_world()))
+    RendererCalibration(pool, cache, measure).make_table(CAMERA, STATES)
+    assert next(times, None) is None
+    assert not list(tmp_path.iterdir())
+    assert "not stored" in caplog.text
+
+
+def test_second_measurement_that_grows_is_stored(tmp_path: Path) -> None:
+    per_sample = iter((0.0, 2.0))
+
+    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
+        plans = generate_calibration_plans(kind, camera, others[0])
+        rate = next(per_sample)
+        return [PlanTiming(plan, {"trace": 9.0 + rate * plan.samples**2}) for plan in plans]
+
+    class Described:
+        def describe(self) -> str:
+            return "trace"
+
+    pool = RendererPool(RendererChoice(Described(), TRACE, "test"))  # type: ignore[arg-type]
+    cache = CostCache(tmp_path, build_scene(make_test_world()))
+    RendererCalibration(pool, cache, measure).make_table(CAMERA, STATES)
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("rates", [(12.6, 0.0, 0.0), (1.0, math.nan, 2.0), (0.0, math.inf, 1.0)])
+def test_stored_costs_that_mean_nothing_are_measured_anew(
+    tmp_path: Path, rates: tuple[float, ...]
+) -> None:
+    measured = []
+
+    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
+        measured.append(kind)
+        plans = generate_calibration_plans(kind, camera, others[0])
+        return [PlanTiming(plan, {"trace": 2.0 * plan.samples**2}) for plan in plans]
+
+    class Described:
+        def describe(self) -> str:
+            return "trace"
+
+    pool = RendererPool(RendererChoice(Described(), TRACE, "test"))  # type: ignore[arg-type]
+    cache = CostCache(tmp_path, build_scene(make_test_world()))
+    key = cache.make_key("trace", CAMERA.camera, CAMERA.render_settings.surface)
+    cache.write(key, {"trace": {"trace": rates}})
+    RendererCalibration(pool, cache, measure).make_table(CAMERA, STATES)
+    assert measured == [TRACE]
+    RendererCalibration(pool, cache, measure).make_table(CAMERA, STATES)
+    assert measured == [TRACE]

@@ -19,6 +19,7 @@ from catoptra_server.planning.cost_model import (
     Rates,
     describe_rates,
     fit_cost_model,
+    grows_with_quantities,
 )
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.plan_choice import PlanOption
@@ -28,6 +29,9 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface
 
 log = logging.getLogger(__name__)
+
+# Of a renderer whose costs make no sense, beside programs that use the processors.
+_MAX_MEASUREMENTS = 3
 
 MeasureCosts = Callable[
     [Renderer, RendererKind, OmniCamera, MirrorSurface, Sequence[CameraState]], list[PlanTiming]
@@ -102,12 +106,21 @@ class RendererCalibration:
         if self._cache:
             key = self._cache.make_key(renderer.describe(), camera.camera, surface)
             stored = self._cache.read(key)
-            if stored is not None:
+            # Files of earlier releases may hold costs that were measured beside other programs.
+            if stored is not None and all(map(grows_with_quantities, stored.values())):
                 log.info("costs of %s read from the cache", kind.value)
                 return stored
-        timings = self._measure(renderer, kind, camera.camera, surface, camera_states)
-        rates = fit_cost_model(camera.camera, timings).rates
-        log.info("costs of %s measured: %s", kind.value, describe_rates(rates))
-        if self._cache:
-            self._cache.write(key, rates)
+        for _ in range(_MAX_MEASUREMENTS):
+            timings = self._measure(renderer, kind, camera.camera, surface, camera_states)
+            rates = fit_cost_model(camera.camera, timings).rates
+            log.info("costs of %s measured: %s", kind.value, describe_rates(rates))
+            if all(map(grows_with_quantities, rates.values())):
+                if self._cache:
+                    self._cache.write(key, rates)
+                return rates
+        log.warning(
+            "costs of %s do not grow with samples: other programs used the processors meanwhile; "
+            "they are not stored, and are measured again after the next start",
+            kind.value,
+        )
         return rates

@@ -18,6 +18,7 @@ are drawn.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -116,12 +117,21 @@ def _fit_rates(camera: OmniCamera, timings: list[PlanTiming]) -> Rates:
     }
 
 
+def grows_with_quantities(rates: Rates) -> bool:
+    """Whether frames of a cost group take longer with more samples or texels, all rates finite.
+
+    Frames measured while other programs use the processors may not: those rates mean nothing.
+    """
+    values = [rate for stage in rates.values() for rate in stage]
+    growing = [rate for stage in rates.values() for rate in stage[1:]]
+    return all(map(math.isfinite, values)) and sum(growing) > 0.0
+
+
 def fit_nonnegative_rates(features: Floats, ms: Floats) -> tuple[float, ...]:
     """Non-negative rates (k,) by which features (n, k) explain times (n,) best.
 
     Of solutions that explain equally much, the one with fewest non-zero rates is taken, and of
-    those
-    the one without a constant: a single frame cannot separate a constant from a rate.
+    those the one without a constant: a single frame cannot separate a constant from a rate.
     """
     weight = 1.0 / np.maximum(ms, _MIN_MS)
     rows, target = features * weight[:, None], ms * weight

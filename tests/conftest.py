@@ -1,0 +1,31 @@
+"""Fixtures of all tests: no test reads or writes the user's cache folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Cache folder of this session, for servers that tests start as processes, too.
+
+    Shared by the workers of a parallel run, which are sessions of their own: baked occlusion is the
+    same for all, and files are renamed when they are complete.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    # Workers have folders of their own in that of the run.
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    folder = folder / "cache"
+    folder.mkdir(exist_ok=True)
+    before = os.environ.get("XDG_CACHE_HOME")
+    os.environ["XDG_CACHE_HOME"] = str(folder)
+    yield folder
+    if before is None:
+        del os.environ["XDG_CACHE_HOME"]
+    else:
+        os.environ["XDG_CACHE_HOME"] = before
