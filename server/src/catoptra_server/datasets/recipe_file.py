@@ -33,6 +33,7 @@ from catoptra_server.datasets.recipe import (
     follow_each_other,
 )
 from catoptra_server.datasets.recipe_values import read_range_struct, read_words
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.instruction_sets import INSTRUCTION_SETS
 
 FORMATS = ("coco", "tum", "parquet")
@@ -40,7 +41,9 @@ FORMATS = ("coco", "tum", "parquet")
 
 _SECTION = "Catoptra.Dataset"
 _LIGHTS = "Catoptra.Lights"
-_RENDERERS = ("trace", "raster")
+_RENDERERS = tuple(kind.value for kind in RendererKind)
+# Exact rays, which also label.
+_DEFAULT_RENDERER = next(kind.value for kind in RendererKind if not kind.uses_faces)
 _MAX_FILE_BYTES = 4 * 2**20
 _MAX_SAMPLES = 2**31
 # Objects of a COCO file count from 1, and a shard is one unit of repeated work.
@@ -80,7 +83,7 @@ def read_recipe(path: Path) -> Recipe:
         effects=read_effects(file.get_section(EFFECTS)),
         channels=_read_channels(section, poses),
         formats=read_words(section, "Formats", FORMATS, ()),
-        renderer=section.get_choice("Renderer", _RENDERERS, "trace"),
+        renderer=section.get_choice("Renderer", _RENDERERS, _DEFAULT_RENDERER),
         instruction_set=section.get_choice("InstructionSet", INSTRUCTION_SETS, "avx2"),
     )
     report_unknown_names(file.unknown_names())
