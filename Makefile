@@ -48,7 +48,7 @@ $(INSTALLED): constraints.txt protocol/pyproject.toml server/pyproject.toml serv
 	  "ziglang; sys_platform == 'linux' and platform_machine == 'x86_64'")
 	@echo "2 of 3: Catoptra and the packages that it needs"
 	@$(call show_packages,$(BIN)/pip install --constraint constraints.txt --no-build-isolation \
-	  --editable 'protocol[calibration]' --editable server --editable client --editable 'studies[server]' \
+	  --editable 'protocol[calibration]' --editable server --editable 'client[gym]' --editable 'studies[server]' \
 	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff types-PyYAML)
 	touch $@
 

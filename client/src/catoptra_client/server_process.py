@@ -6,6 +6,7 @@ import importlib.util
 import re
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -65,6 +66,44 @@ def run_server(
     )
     with start_server(arguments, log_file=log_file, on_page=on_page) as address:
         yield address
+
+
+@contextmanager
+def serve_stream(
+    robot_file: Path,
+    world_file: Path,
+    *,
+    seed: int,
+    timeout_s: float,
+    extra_arguments: tuple[str, ...] = (),
+) -> Iterator[StreamClient]:
+    """Start a lockstep server for the block, with a temporary log, and connect to its stream.
+
+    Args:
+        robot_file: As in `run_server`, like all others.
+        world_file: World file.
+        seed: Seed of the server's random numbers.
+        timeout_s: Longest wait for the stream, and the timeout of the client's calls.
+        extra_arguments: Further arguments of catoptra-server.
+
+    Yields:
+        The connected client.
+
+    Raises:
+        CatoptraError: No server is installed, it ended early, or its stream does not reply.
+    """
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        run_server(
+            robot_file,
+            world_file,
+            seed=seed,
+            log_file=Path(folder, "server.log"),
+            extra_arguments=extra_arguments,
+        ) as address,
+        connect_stream(address, timeout_s=timeout_s) as client,
+    ):
+        yield client
 
 
 @contextmanager
