@@ -23,6 +23,7 @@ DOCUMENTS = (
     "client/README.md",
     "configs/README.md",
     "docs/EFFECTS.md",
+    "docs/environment.md",
     "ARCHITECTURE.md",
     "protocol/SPEC.md",
     "server/COST.md",
