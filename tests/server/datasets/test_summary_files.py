@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -43,3 +44,33 @@ def test_missing_shard_is_an_error(tmp_path: Path) -> None:
     stage = stage_recipe(write_drive(tmp_path))
     with pytest.raises(CatoptraError, match=r"000000\.tar"):
         list(iterate_metadata(tmp_path, stage.recipe))
+
+
+def draw(folder: Path, *lines: str) -> None:
+    """Draw a drive and write its summaries."""
+    stage = stage_recipe(write_drive(folder, lines=lines))
+    artist = ShardArtist(stage)
+    for number in range(3):
+        artist.draw_shard(folder, number)
+    artist.close()
+    write_summaries(folder, stage)
+
+
+def test_coco_file_has_all_pictures_and_their_objects(tmp_path: Path) -> None:
+    draw(tmp_path, "Formats=coco")
+    content = json.loads((tmp_path / "annotations.json").read_text(encoding="utf-8"))
+    assert [image["file_name"] for image in content["images"]] == [
+        f"00000{number}.rgb.png" for number in range(6)
+    ]
+    assert {(image["width"], image["height"]) for image in content["images"]} == {(64, 64)}
+    assert {one["image_id"] for one in content["annotations"]} == set(range(1, 7))
+
+
+# pycocotools 2.0 has the warning in its own conversion of masks.
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
+def test_pycocotools_loads_the_file(tmp_path: Path) -> None:
+    coco = pytest.importorskip("pycocotools.coco", reason="needs the package pycocotools")
+    draw(tmp_path, "Formats=coco")
+    loaded = coco.COCO(tmp_path / "annotations.json")
+    for annotation in loaded.loadAnns(loaded.getAnnIds()):
+        assert loaded.annToMask(annotation).sum() == annotation["area"]

@@ -10,6 +10,7 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.ground_truth import occluded_fraction
 from catoptra_server.ground_truth.label_rays import DrawnExposure
+from catoptra_server.render.trace.kernel.instruction_sets import available_instruction_sets
 from catoptra_server.scene.world_description import Box, Item, Material
 from helpers.labelled_rooms import CAMERAS, ROBOTS, STATE, WORLD, open_labels
 
@@ -67,3 +68,15 @@ def test_fewer_rays_estimate_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
             found.append(labels.measure_occlusion(drawn, labels.render(drawn, CHANNELS)))
     for number, fraction in found[0].items():
         assert found[1][number] == pytest.approx(fraction, abs=0.1)
+
+
+def test_pinned_instruction_set_measures_the_same() -> None:
+    drawn = DrawnExposure(CAMERAS["fish-eye"], STATE)
+    found = []
+    for instruction_set in ("auto", available_instruction_sets()[-1]):
+        with open_labels(instruction_set=instruction_set) as labels:
+            found.append(labels.measure_occlusion(drawn, labels.render(drawn, CHANNELS)))
+    assert found[0].keys() == found[1].keys()
+    for number, fraction in found[0].items():
+        # Rays along edges alone may differ.
+        assert found[1][number] == pytest.approx(fraction, abs=2e-3)

@@ -23,6 +23,7 @@ def describe_sample_metadata(
         world: Name of the world.
     """
     place, camera, state = description.place, description.camera, description.state
+    optics = description.spec.camera
     height_m = camera.robot.viewpoint_height_m(camera.omni)
     twist = description.motion.twist
     return {
@@ -34,9 +35,8 @@ def describe_sample_metadata(
         "world": world,
         "camera": camera.name,
         "robot": camera.robot.class_name,
-        "camera_model": [
-            list(p) for p in pairs_from_omni_camera(description.spec.camera, height_m)
-        ],
+        "size_px": [optics.width_px, optics.height_px],
+        "camera_model": [list(p) for p in pairs_from_omni_camera(optics, height_m)],
         "world_from_camera": describe_pose(state.world_from_mirror),
         "world_from_robot": describe_pose(description.motion.world_from_robot),
         "linear_m_s": [float(one) for one in twist.linear_m_s],

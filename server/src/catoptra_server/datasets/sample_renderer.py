@@ -7,12 +7,18 @@ each world. Nothing here depends on time or on the samples before: any process d
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from catoptra_protocol.labels.ground_truth import GroundTruth
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeWorld
 from catoptra_server.datasets.light_scaling import scale_lights
 from catoptra_server.datasets.sample import RenderedSample, SampleDescription
+from catoptra_server.datasets.sample_annotations import (
+    NEEDED_CHANNELS,
+    SampleAnnotator,
+    wants_annotations,
+)
 from catoptra_server.datasets.sample_metadata import describe_sample_metadata
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import RenderedView, ViewCache
@@ -36,6 +42,7 @@ class SampleRenderer:
         self._stage = stage
         self._views: dict[tuple[int, float], ViewCache] = {}  # the last used at the end
         self._labels: dict[int, tuple[LabelRenderer, TraceRenderer]] = {}
+        self._annotator = SampleAnnotator()
 
     def render_sample(self, description: SampleDescription) -> RenderedSample:
         """Render a sample.
@@ -46,22 +53,39 @@ class SampleRenderer:
         """
         views = self._find_views(description.place.world, description.brightness)
         view = views.render(ViewRequest(description.spec, description.state))
-        truth = self._render_labels(description, view)
+        truth, annotations = self._render_labels(description, view)
         world = self._stage.recipe.worlds[description.place.world].name
+        metadata = describe_sample_metadata(description, view, world)
         return RenderedSample(
             key=description.key,
             rgb=view.image.rgb,
-            channels=truth.channels,
-            metadata=describe_sample_metadata(description, view, world),
+            channels={name: truth.channels[name] for name in self._stage.recipe.channels},
+            metadata=metadata if annotations is None else {**metadata, "objects": annotations},
             objects=truth.objects,
         )
 
-    def _render_labels(self, description: SampleDescription, view: RenderedView) -> GroundTruth:
-        """Ground truth of the picture; nothing is computed for a recipe without channels."""
-        channels = self._stage.recipe.channels
+    def _render_labels(
+        self, description: SampleDescription, view: RenderedView
+    ) -> tuple[GroundTruth, list[dict[str, Any]] | None]:
+        """Ground truth of the picture, and annotations where the recipe wants them."""
+        recipe = self._stage.recipe
+        channels = {*recipe.channels, *(NEEDED_CHANNELS if wants_annotations(recipe) else ())}
+        # Nothing is computed for a recipe of pictures alone.
         if not channels:
-            return _NOTHING
-        world = description.place.world
+            return _NOTHING, None
+        labels = self._find_labels(description.place.world)
+        assert view.drawn is not None, "recipes have omnidirectional cameras alone"
+        after = description.next_state
+        if after is not None and after.ego_body is not None and view.drawn.camera_state.objects:
+            # As `effects/scene/self_view.py` shows the robot itself: its pixels have a flow, too.
+            after = replace(after, objects=(*after.objects, after.ego_body))
+        truth = labels.render(view.drawn, channels, after)
+        if not wants_annotations(recipe):
+            return truth, None
+        return truth, self._annotator.annotate(description, view.drawn, truth, labels)
+
+    def _find_labels(self, world: int) -> LabelRenderer:
+        """Labels of a world, by rays of their own: they do not depend on its lights."""
         if world not in self._labels:
             staged = self._stage.world(world)
             renderer = TraceRenderer(
@@ -70,13 +94,9 @@ class SampleRenderer:
                 threads=1,
                 instruction_set=self._stage.recipe.instruction_set,
             )
-            self._labels[world] = (LabelRenderer(renderer, staged.scene), renderer)
-        assert view.drawn is not None, "recipes have omnidirectional cameras alone"
-        after = description.next_state
-        if after is not None and after.ego_body is not None and view.drawn.camera_state.objects:
-            # As `effects/scene/self_view.py` shows the robot itself: its pixels have a flow, too.
-            after = replace(after, objects=(*after.objects, after.ego_body))
-        return self._labels[world][0].render(view.drawn, channels, after)
+            labels = LabelRenderer(renderer, staged.scene, self._stage.recipe.instruction_set)
+            self._labels[world] = (labels, renderer)
+        return self._labels[world][0]
 
     def _find_views(self, world: int, brightness: float) -> ViewCache:
         key = (world, brightness)

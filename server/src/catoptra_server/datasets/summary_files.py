@@ -14,13 +14,15 @@ from typing import Any
 from catoptra_protocol.calibration.calibration_folder import write_calibration
 from catoptra_protocol.camera_conf import pairs_from_omni_camera
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.shards import METADATA, iterate_samples, shard_name
+from catoptra_protocol.labels.coco import CocoImage, coco_from_images
+from catoptra_protocol.shards import METADATA, PICTURE, iterate_samples, shard_name
 from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.parquet_index import write_parquet_index
 from catoptra_server.datasets.recipe import Recipe
 from catoptra_server.datasets.shard_writer import write_whole
 
 CALIBRATION_FOLDER = "calibration"
+COCO_NAME = "annotations.json"
 TRAJECTORY_FOLDER = "trajectories"
 
 
@@ -58,6 +60,9 @@ def write_summaries(folder: Path, stage: DatasetStage) -> None:
             )
         except OSError as error:
             raise CatoptraError(f"{calibration} cannot be written: {error.strerror}") from error
+    if "coco" in recipe.formats:
+        content = coco_from_images([_coco_image(one) for one in iterate_metadata(folder, recipe)])
+        write_whole(folder / COCO_NAME, [json.dumps(content, sort_keys=True).encode()])
     if "tum" in recipe.formats:
         _write_trajectories(folder, recipe)
     if "parquet" in recipe.formats:
@@ -82,6 +87,11 @@ def describe_cameras(folder: Path, stage: DatasetStage) -> dict[str, Any]:
         }
         for camera in stage.cameras
     }
+
+
+def _coco_image(metadata: Mapping[str, Any]) -> CocoImage:
+    width_px, height_px = metadata["size_px"]
+    return CocoImage(f"{metadata['key']}.{PICTURE}", width_px, height_px, metadata["objects"])
 
 
 def _write_trajectories(folder: Path, recipe: Recipe) -> None:

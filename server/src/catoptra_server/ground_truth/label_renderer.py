@@ -26,6 +26,7 @@ from catoptra_server.ground_truth.label_rays import (
 from catoptra_server.ground_truth.occluded_fraction import OcclusionMeter, PixelRayGrid
 from catoptra_server.ground_truth.scene_labels import SceneLabels
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.kernel.instruction_sets import AUTO
 from catoptra_server.render.trace.label_tables import LabelTables
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import PixelLabels, TracedRays
@@ -56,12 +57,15 @@ class _PreparedRays:
 class LabelRenderer:
     """Ground truth in one scene."""
 
-    def __init__(self, renderer: TraceRenderer, scene: SceneMesh) -> None:
+    def __init__(
+        self, renderer: TraceRenderer, scene: SceneMesh, instruction_set: str = AUTO
+    ) -> None:
         """Number the scene's objects.
 
         Args:
             renderer: Traces the rays; closed by its owner.
             scene: The same scene.
+            instruction_set: Of the rays that measure occlusion; "auto" for the processor's best.
 
         Raises:
             DomainError: The world has more objects than labels number.
@@ -69,7 +73,7 @@ class LabelRenderer:
         self._renderer = renderer
         self.labels = SceneLabels(scene)
         """Numbers of objects and classes."""
-        self._meter = OcclusionMeter(scene, self.labels)
+        self._meter = OcclusionMeter(scene, self.labels, instruction_set)
         self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
 
     def render(

@@ -7,6 +7,7 @@ them, evenly spread over the image, decide: the standard error of the fraction i
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.ground_truth.label_rays import mask_of_rays
 from catoptra_server.ground_truth.scene_labels import SceneLabels
+from catoptra_server.render.trace.kernel.instruction_sets import AUTO
+from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.reference.embree_mesh import EmbreeMesh
 from catoptra_server.render.trace.trace_engine import assemble_grid
@@ -24,6 +27,9 @@ from catoptra_server.scene.dynamic_object import ObjectMesh
 from catoptra_server.scene.scene_mesh import SceneMesh
 
 MAX_RAYS = 4096
+
+# Whether rays from (n, 3) origins along (n, 3) unit directions meet an object.
+_RayTest = Callable[[Floats, Floats], Bools]
 
 
 class PixelRayGrid:
@@ -47,11 +53,20 @@ class PixelRayGrid:
 class OcclusionMeter:
     """Occluded fractions of the objects of one world; meshes are committed at their first use."""
 
-    def __init__(self, scene: SceneMesh, labels: SceneLabels) -> None:
+    def __init__(self, scene: SceneMesh, labels: SceneLabels, instruction_set: str = AUTO) -> None:
+        """Measure nothing yet.
+
+        Args:
+            scene: The world's triangles.
+            labels: Their objects.
+            instruction_set: Of the rays; "auto": by embreex, as the processor has it, without the
+                kernel. The last bits decide whether a ray along an edge meets it.
+        """
         self._scene = scene
         self._labels = labels
-        self._static: dict[int, EmbreeMesh] = {}
-        self._moving: dict[ObjectMesh, EmbreeMesh] = {}
+        self._instruction_set = instruction_set
+        self._static: dict[int, _RayTest] = {}
+        self._moving: dict[ObjectMesh, _RayTest] = {}
 
     def measure(
         self,
@@ -87,16 +102,25 @@ class OcclusionMeter:
             )
         return fractions
 
-    def _find_static(self, number: int) -> EmbreeMesh:
+    def _find_static(self, number: int) -> _RayTest:
         if number not in self._static:
             triangles = self._labels.triangle_numbers == number
-            self._static[number] = EmbreeMesh(self._scene.corners[triangles])
+            self._static[number] = self._commit(self._scene.corners[triangles])
         return self._static[number]
 
-    def _find(self, mesh: ObjectMesh) -> EmbreeMesh:
+    def _find(self, mesh: ObjectMesh) -> _RayTest:
         if mesh not in self._moving:
-            self._moving[mesh] = EmbreeMesh(mesh.corners)
+            self._moving[mesh] = self._commit(mesh.corners)
         return self._moving[mesh]
+
+    def _commit(self, corners: Floats) -> _RayTest:
+        """Test whether rays meet some triangles, at least one."""
+        if self._instruction_set == AUTO:
+            mesh = EmbreeMesh(corners)
+            return lambda origins, ways: np.isfinite(mesh.first_hits(origins, ways).distance)
+        centre = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
+        caster = KernelMeshCaster(corners, centre, instruction_set=self._instruction_set, threads=1)
+        return lambda origins, ways: caster.closest_triangles(origins, ways)[1] >= 0
 
 
 def _candidates(rays: PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
@@ -114,7 +138,7 @@ def _candidates(rays: PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDAr
 
 
 def _hidden_fraction(
-    mesh: EmbreeMesh,
+    meets: _RayTest,
     rays: PixelRayGrid,
     pixels: npt.NDArray[np.intp],
     object_from_mirror: Pose,
@@ -126,6 +150,6 @@ def _hidden_fraction(
     )
     origins = object_from_mirror.transform_points(starts)
     directions = object_from_mirror.rotate_directions(ways)
-    own = np.isfinite(mesh.first_hits(origins, directions).distance) | is_visible
+    own = meets(origins, directions) | is_visible
     # In view by pixels between those that are cast: nothing is known to be hidden.
     return 1.0 - float(is_visible.sum() / own.sum()) if own.any() else 0.0

@@ -84,7 +84,7 @@ def test_hits_when_rays_miss_are_infinite_and_without_normal(commit: Commit) -> 
 def test_ray_caster_is_the_kernel_s_or_embreex_s_where_that_cannot_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def fail(scene: SceneMesh) -> SceneRayCaster:
+    def fail(scene: SceneMesh, instruction_set: str) -> SceneRayCaster:
         raise KernelUnavailableError("a test")
 
     scene = build_scene(make_room_world())

@@ -21,6 +21,49 @@ from catoptra_server.scene.facets import hit_normals
 from catoptra_server.scene.scene_mesh import SceneMesh
 
 
+class KernelMeshCaster:
+    """Triangles committed for single rays."""
+
+    def __init__(
+        self, corners: Floats, centre: Floats, *, instruction_set: str = AUTO, threads: int = 0
+    ) -> None:
+        """Commit the triangles.
+
+        Args:
+            corners: (n, 3, 3) metres.
+            centre: (3,) origin of the kernel's float32 coordinates, near the triangles.
+            instruction_set: Embree's name; "auto" for the processor's best. The last bits of
+                distances depend on it.
+            threads: Threads; 0 for one per processor that this process may use.
+
+        Raises:
+            KernelUnavailableError: The kernel's or Embree's library is missing.
+        """
+        self._centre = centre
+        self._device = KernelDevice(
+            choose_instruction_set(instruction_set), threads or count_processors(), packet_width=1
+        )
+        try:
+            self._arrays = corner_arrays(corners, centre)
+            self._mesh = self._device.commit_mesh(self._arrays.struct)
+        except BaseException:
+            self._device.close()
+            raise
+        # No end of their own: the process's, or that of the last reference.
+        weakref.finalize(self, _close, self._device, self._mesh, self._arrays)
+
+    def closest_triangles(
+        self, origins: Floats, directions: Floats
+    ) -> tuple[Floats, npt.NDArray[np.int32]]:
+        """(n,) distances and triangles; infinite and -1 without a hit."""
+        starts = np.ascontiguousarray(origins - self._centre, dtype=np.float32)
+        rays = np.ascontiguousarray(directions, dtype=np.float32)
+        ranges = np.zeros(len(rays), dtype=np.float32)
+        triangles = np.zeros(len(rays), dtype=np.int32)
+        self._device.cast(self._mesh, starts, rays, ranges, triangles)
+        return ranges.astype(np.float64), triangles
+
+
 class KernelRayCaster:
     """The triangles of a scene, committed for distance queries.
 
@@ -28,29 +71,10 @@ class KernelRayCaster:
     """
 
     def __init__(self, scene: SceneMesh, instruction_set: str = AUTO) -> None:
-        """Commit the triangles.
-
-        Args:
-            scene: Triangles.
-            instruction_set: Embree's name; "auto" for the processor's best. The last bits of
-                distances depend on it.
-
-        Raises:
-            KernelUnavailableError: The kernel's or Embree's library is missing.
-        """
+        """Commit the triangles; arguments and errors as of `KernelMeshCaster`."""
         self._normals = scene.normals
-        self._centre = scene_centre(scene)
-        self._device = KernelDevice(
-            choose_instruction_set(instruction_set), count_processors(), packet_width=1
-        )
-        try:
-            self._arrays = corner_arrays(scene.corners, self._centre)
-            self._mesh = self._device.commit_mesh(self._arrays.struct)
-        except BaseException:
-            self._device.close()
-            raise
-        # Sensors have no end of their own: the process's, or that of a test's last reference.
-        weakref.finalize(self, _close, self._device, self._mesh, self._arrays)
+        centre = scene_centre(scene)
+        self._mesh = KernelMeshCaster(scene.corners, centre, instruction_set=instruction_set)
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""
@@ -65,12 +89,7 @@ class KernelRayCaster:
         self, origins: Floats, directions: Floats
     ) -> tuple[Floats, npt.NDArray[np.int32]]:
         """(n,) distances and triangles; infinite and -1 without a hit."""
-        starts = np.ascontiguousarray(origins - self._centre, dtype=np.float32)
-        rays = np.ascontiguousarray(directions, dtype=np.float32)
-        ranges = np.zeros(len(rays), dtype=np.float32)
-        triangles = np.zeros(len(rays), dtype=np.int32)
-        self._device.cast(self._mesh, starts, rays, ranges, triangles)
-        return ranges.astype(np.float64), triangles
+        return self._mesh.closest_triangles(origins, directions)
 
 
 def _close(device: KernelDevice, mesh: int, arrays: object) -> None:
