@@ -12,6 +12,7 @@ from pathlib import Path
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.datasets.contact_sheet import NUM_SAMPLES, SHEET_NAME, write_sheet
 from catoptra_server.datasets.dataset_run import PreparedRun, complete_run, prepare_run
 from catoptra_server.datasets.local_workers import DatasetInterruptedError, LocalWorkers
 from catoptra_server.datasets.progress_report import ProgressReport
@@ -56,9 +57,8 @@ def _report(text: str) -> None:
 
 
 def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Connection) -> int:
-    if parsed.verify and not parsed.recipe:
-        for line in verify_dataset(parsed.out):
-            print(line)
+    if (parsed.verify or parsed.sheet) and not parsed.recipe:
+        _read_back(parsed)
         return 0
     if not parsed.recipe:
         raise CatoptraError("which RECIPE? A file, or a name of the bundled ones")
@@ -79,10 +79,17 @@ def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Conne
             raise
         progress.finish()
     print(_describe_result(run))
+    _read_back(parsed)
+    return 0
+
+
+def _read_back(parsed: argparse.Namespace) -> None:
+    """Do what is asked for with a whole data set."""
     if parsed.verify:
         for line in verify_dataset(parsed.out):
             print(line)
-    return 0
+    if parsed.sheet:
+        print(write_sheet(parsed.out))
 
 
 def _draw(
@@ -119,7 +126,7 @@ def _build_parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("recipe", nargs="?", default="", metavar="RECIPE",
-        help="recipe file, or a bundled one's name; not needed with --verify")  # fmt: skip
+        help="recipe file, or a bundled one's name; not needed to read back")  # fmt: skip
     add("--out", required=True, type=Path, metavar="DIR", help="folder, made if absent")
     add("--workers", type=_parse_workers, default=count_processors(), metavar="N",
         help="processes of one thread each; default: one for each processor")  # fmt: skip
@@ -127,6 +134,8 @@ def _build_parser() -> argparse.ArgumentParser:
         help="draw by Ray: on this machine, or on the cluster of an address")  # fmt: skip
     add("--verify", action="store_true",
         help="read back every shard, and compare its hash")  # fmt: skip
+    add("--sheet", action="store_true",
+        help=f"write {SHEET_NAME}: {NUM_SAMPLES} samples with all channels")  # fmt: skip
     return parser
 
 

@@ -31,7 +31,7 @@ def verify_dataset(folder: Path) -> Iterator[str]:
     Raises:
         CatoptraError: Something is missing or damaged; names file and sample.
     """
-    manifest = _read_manifest(folder)
+    manifest = read_manifest(folder)
     suffixes = {PICTURE, METADATA, *(CHANNEL_FILES[name] for name in manifest["channels"])}
     num_samples = 0
     for shard in manifest["shards"]:
@@ -48,7 +48,12 @@ def verify_dataset(folder: Path) -> Iterator[str]:
     yield f"{folder}: all {num_samples} samples are as they were written"
 
 
-def _read_manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Manifest of a whole data set.
+
+    Raises:
+        CatoptraError: The folder holds none, or one that is not finished.
+    """
     path = folder / MANIFEST_NAME
     if not path.exists() and (folder / UNFINISHED_NAME).exists():
         raise CatoptraError(f"{folder} is not finished: run the command of its recipe again")
@@ -56,7 +61,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         manifest = json.loads(path.read_text(encoding="utf-8"))
         if manifest["format"] != FORMAT_VERSION:
             raise CatoptraError(f"{path} is of format {manifest['format']}: not {FORMAT_VERSION}")
-        return {name: manifest[name] for name in ("channels", "shards", "samples")}
+        return {name: manifest[name] for name in ("name", "channels", "shards", "samples")}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CatoptraError(f"{path} is no manifest of a data set: {error}") from error
 

@@ -1,0 +1,126 @@
+"""`--sheet`: a page with samples of a data set, all channels in false colours, boxes drawn.
+
+One HTML file without scripts; pictures are PNG files inside it, so that it can be sent around.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.shards import CHANNEL_FILES, METADATA, PICTURE, StoredSample, iterate_samples
+from catoptra_server.datasets.false_colours import Pixels, colour_channel, draw_boxes
+from catoptra_server.datasets.png_files import encode_png
+from catoptra_server.datasets.shard_writer import write_whole
+from catoptra_server.datasets.verification import decode_array, read_manifest
+
+SHEET_NAME = "sheet.html"
+NUM_SAMPLES = 24
+
+# Pictures are shown this wide; larger ones are halved until they are not above twice that.
+_SHOWN_PX = 180
+_MAX_OBJECTS = 12
+_STYLE = (
+    "body{font:13px sans-serif;margin:1em;background:#fff;color:#222}"
+    "section{margin:0 0 1.5em}h2{font-size:14px;margin:0 0 .3em}"
+    "figure{display:inline-block;margin:0 .4em .4em 0;vertical-align:top}"
+    "figcaption{color:#555}"
+    f"img{{width:{_SHOWN_PX}px;image-rendering:auto;background:#eee}}"
+    "p{margin:.2em 0;color:#555;max-width:80em}"
+)
+
+
+def write_sheet(folder: Path) -> Path:
+    """Write the page of a whole data set, and return its path.
+
+    Raises:
+        CatoptraError: There is no whole data set, or it is damaged.
+    """
+    manifest = read_manifest(folder)
+    sections = [_describe_sample(one) for one in _choose_samples(folder, manifest)]
+    path = folder / SHEET_NAME
+    write_whole(path, [_make_page(str(manifest["name"]), manifest["samples"], sections).encode()])
+    return path
+
+
+def _choose_samples(folder: Path, manifest: dict[str, Any]) -> Iterator[StoredSample]:
+    """Yield samples spread evenly over a data set; shards without any are not read."""
+    count = min(NUM_SAMPLES, manifest["samples"])
+    wanted = [number * manifest["samples"] // count for number in range(count)]
+    first = 0
+    for shard in manifest["shards"]:
+        own = {index - first for index in wanted if first <= index < first + shard["samples"]}
+        if own:
+            stored = iterate_samples(folder / shard["path"])
+            yield from (sample for number, sample in enumerate(stored) if number in own)
+        first += shard["samples"]
+
+
+def _describe_sample(sample: StoredSample) -> str:
+    """Section of a sample."""
+    try:
+        metadata = json.loads(sample.files[METADATA])
+        pictures = dict(_list_pictures(sample, metadata))
+        text = ", ".join(
+            (
+                str(metadata["world"]),
+                str(metadata["camera"]),
+                f"sequence {metadata['sequence']}, t = {metadata['time_s']:.2f} s",
+                f"light x {metadata['brightness']:.2f}",
+            )
+        )
+    except (KeyError, ValueError) as error:
+        raise CatoptraError(f"sample {sample.key} cannot be read: {error}") from error
+    figures = "".join(_make_figure(name, pixels) for name, pixels in pictures.items())
+    objects = _describe_objects(metadata.get("objects", ()))
+    return (
+        f"<section><h2>{html.escape(sample.key)}: {html.escape(text)}</h2>{figures}"
+        f"<p>{html.escape(objects)}</p></section>"
+    )
+
+
+def _list_pictures(sample: StoredSample, metadata: dict[str, Any]) -> Iterator[tuple[str, Pixels]]:
+    """Yield name and pixels of picture, boxes and channels."""
+    rgb = decode_array(PICTURE, sample.files[PICTURE])
+    yield "picture", rgb
+    if metadata.get("objects"):
+        yield "boxes", draw_boxes(rgb, metadata["objects"])
+    for name, suffix in CHANNEL_FILES.items():
+        if suffix in sample.files:
+            yield name, colour_channel(name, decode_array(suffix, sample.files[suffix]))
+
+
+def _describe_objects(objects: Sequence[dict[str, Any]]) -> str:
+    largest = sorted(objects, key=lambda one: -one["area_px"])
+    texts = [f"{one['name']} ({one['class']}, {one['area_px']} px)" for one in largest]
+    more = f" and {len(texts) - _MAX_OBJECTS} more" if len(texts) > _MAX_OBJECTS else ""
+    return ", ".join(texts[:_MAX_OBJECTS]) + more
+
+
+def _make_figure(name: str, pixels: Pixels) -> str:
+    while pixels.shape[1] > 2 * _SHOWN_PX:
+        pixels = pixels[::2, ::2]
+    content = base64.b64encode(encode_png(np.ascontiguousarray(pixels))).decode()
+    return (
+        f'<figure><img alt="{name}" src="data:image/png;base64,{content}">'
+        f"<figcaption>{name}</figcaption></figure>"
+    )
+
+
+def _make_page(name: str, num_samples: int, sections: Sequence[str]) -> str:
+    title = html.escape(f"{name}: {len(sections)} of {num_samples} samples")
+    return (
+        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        f"<style>{_STYLE}</style></head><body><h1>{title}</h1>"
+        "<p>range: near is bright; normal: x, y, z as red, green, blue; point: position modulo one "
+        "metre; ids and classes: one colour each; flow: direction as hue, length as brightness; "
+        "black: nothing, or unknown.</p>"
+        f"{''.join(sections)}</body></html>\n"
+    )
