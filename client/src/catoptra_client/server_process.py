@@ -110,7 +110,7 @@ def serve_stream(
 def start_server(
     arguments: tuple[str, ...], *, log_file: Path, on_page: PageCallback | None = None
 ) -> Iterator[ServerAddress]:
-    """Start a server process for the block.
+    """Start a server process for the block; it ends with this program, also with a killed one.
 
     Args:
         arguments: Arguments of catoptra-server.
@@ -129,10 +129,12 @@ def start_server(
             "running one"
         )
     view = ("--no-view",) if on_page is None else ()
-    command = [sys.executable, "-m", "catoptra_server", *arguments, *view]
+    command = [sys.executable, "-m", "catoptra_client.child_server", *arguments, *view]
     with (
         log_file.open("w") as log,
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as process,
+        subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
+        ) as process,
     ):
         try:
             address = _read_address(process, log_file)
