@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_protocol.optics.mirrors import ConicalMirror, ParabolicMirror
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.scene.robot_shapes import (
     MIRROR_MATERIAL,
@@ -56,6 +58,21 @@ def test_mirror_lies_on_the_camera_models_surface_and_faces_outwards() -> None:
     assert in_mirror[..., 2].max() == pytest.approx(apex_z)
     assert in_mirror[..., 2].min() == pytest.approx(float(rim_z))
     assert np.hypot(*np.moveaxis(in_mirror[..., :2], -1, 0)).max() == pytest.approx(float(rim_r))
+
+
+def test_cone_reaches_from_its_apex_to_the_rim() -> None:
+    cone = ConicalMirror(math.radians(60.0), 0.1, math.radians(100.0))
+    tower = OmniCameraTower(
+        make_omni_camera(mirror=cone, rim_deg=100.0), Pose.from_rpy((0.05, 0.0, -0.4543))
+    )
+    chosen = is_mirror_triangle(tower)
+    corners = build_robot_mesh(P2AT, tower).corners[chosen] - tower.robot_from_mirror.translation
+    # Seen from the pinhole, the apex of a cone is its nearest point.
+    pinhole_from_apex_m = cone.pinhole_distance_m - corners[..., 2].max()
+    assert pinhole_from_apex_m == pytest.approx(0.1)
+    rim_r, rim_z = cone.surface_point(np.array(tower.camera.rim_t))
+    assert corners[..., 2].min() == pytest.approx(float(rim_z))
+    assert np.hypot(corners[..., 0], corners[..., 1]).max() == pytest.approx(float(rim_r))
 
 
 def test_pillar_ends_at_the_pinhole_and_without_one_at_the_deck() -> None:

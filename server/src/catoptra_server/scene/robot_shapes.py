@@ -162,7 +162,9 @@ def _cylinder_parts(
 
 def _mirror_patch(camera: OmniCamera) -> Patch:
     """Mirror surface up to the rim, and the disc that closes the back; mirror frame."""
-    r, z = camera.mirror.surface_point(np.linspace(0.0, camera.rim_t, _RINGS + 1))
+    # A cone reflects nothing nearer to its axis than its apex does.
+    t = np.linspace(camera.projection.t_min, camera.rim_t, _RINGS + 1)
+    r, z = camera.mirror.surface_point(t)
     azimuth = -2.0 * math.pi * np.arange(_SECTORS + 1) / _SECTORS
     # Profile from the axis outward along the mirror, then back to the axis at the rim's height.
     radius, height = np.append(r, 0.0)[:, None], np.append(z, z[-1])[:, None]
