@@ -234,43 +234,11 @@ def point_light_without_guard(
     return (cosine / distance**2)[:, None] * np.asarray(lights[0].intensity)
 
 
-def equidistant_by_arc_cosine(self: Any, t: Floats) -> Floats:
-    return np.arccos((1.0 - t * t) / (1.0 + t * t))
-
-
-def equisolid_by_cosine(self: Any, t: Floats) -> Floats:
-    return np.sqrt(2.0 - 2.0 * (1.0 - t * t) / (1.0 + t * t))
-
-
-def kannala_brandt_by_atan(self: Any, t: Floats) -> Floats:
-    return self._polynomial.evaluate(np.arctan(2.0 * t / (1.0 - t * t)))
-
-
-unified_without_fold = property(lambda self: math.inf)
-
-
-def double_sphere_without_domain(self: Any, t: Floats) -> Floats:
-    sine, cosine = 2.0 * t / (1.0 + t * t), (1.0 - t * t) / (1.0 + t * t)
-    d2 = np.sqrt(sine**2 + (self.xi + cosine) ** 2)
-    return sine / (self.alpha * d2 + (1.0 - self.alpha) * (self.xi + cosine))
-
-
-def orthographic_by_clamping(self: Any, ratio: Floats) -> Floats:
-    return np.tan(0.5 * np.arcsin(np.clip(ratio, 0.0, 1.0)))
-
-
 RATIO, SHAPE = f"{HYPERBOLIC}.radius_ratio_from_t", f"{HYPERBOLIC}.surface_point"
 INVERSE, SLOPE = f"{HYPERBOLIC}.t_from_radius_ratio", f"{HYPERBOLIC}.radius_ratio_slope"
 PIXEL, RAY = f"{CAMERA}.pixel_from_direction", f"{CAMERA}.direction_from_pixel"
 HALF_ANGLE = "catoptra_protocol.optics.half_angle.half_angle_tangent"
 FACE = f"{CUBE}.face_from_direction"
-WIDE = "catoptra_protocol.optics.lenses"
-EQUISOLID = f"{WIDE}.equisolid.EquisolidLens.radius_ratio_from_t"
-EQUIDISTANT = f"{WIDE}.equidistant.EquidistantLens.radius_ratio_from_t"
-KANNALA_BRANDT = f"{WIDE}.kannala_brandt.KannalaBrandtLens.radius_ratio_from_t"
-UNIFIED_FOLD = f"{WIDE}.unified.UnifiedLens.fold_rad"
-DOUBLE_SPHERE = f"{WIDE}.double_sphere.DoubleSphereLens.radius_ratio_from_t"
-ORTHOGRAPHIC = f"{WIDE}.orthographic.OrthographicLens.t_from_radius_ratio"
 POINT_LIGHT = "catoptra_server.scene.shading.point_irradiance"
 ENCODE = "catoptra_server.scene.colour.srgb_from_linear"
 
@@ -292,12 +260,6 @@ MUTATIONS = [
     Mutation("the last of equal faces", "cube", FACE, face_by_last),
     Mutation("the largest absolute component", "cube", FACE, face_by_largest_component),
     Mutation("a plane behind", "cube", f"{CUBE}.face_coordinates", coordinates_without_guard),
-    Mutation("acos of the cosine", "wide_angle", EQUIDISTANT, equidistant_by_arc_cosine),
-    Mutation("sqrt(2 - 2 cos)", "wide_angle", EQUISOLID, equisolid_by_cosine),
-    Mutation("atan(rho / z), as cv2.fisheye", "wide_angle", KANNALA_BRANDT, kannala_brandt_by_atan),
-    Mutation("the formula's limit alone", "wide_angle", UNIFIED_FOLD, unified_without_fold),
-    Mutation("without its domain", "wide_angle", DOUBLE_SPHERE, double_sphere_without_domain),
-    Mutation("tan(asin / 2), clamped", "wide_angle", ORTHOGRAPHIC, orthographic_by_clamping),
     Mutation("y / x unguarded", "lens", f"{LENS}.pixel_from_direction", lens_pixel_without_guard),
     Mutation("clamped", "lens", f"{LENS}.direction_from_pixel", lens_direction_by_angles),
     Mutation("rounded, not truncated", "wire", f"{NUMBERS}.format_fixed_point", format_rounded),

@@ -18,7 +18,7 @@ from unittest.mock import patch
 from stability.catalogue import Subject, failing_messages
 
 # Modules that have a list MUTATIONS.
-LISTS = ("stability.mutants_client", "stability.mutants_optics")
+LISTS = ("stability.mutants_client", "stability.mutants_optics", "stability.mutants_cameras")
 
 
 @dataclass(frozen=True, slots=True)
