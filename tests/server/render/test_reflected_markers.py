@@ -44,13 +44,13 @@ MIRRORS: dict[str, tuple[NonCentralMirror, Equation]] = {
     ),
     "paraboloid": (PARABOLOID, lambda r, depth: depth - mpf("0.15") - r**2 / mpf("0.08")),
 }
-SIZE_PX = 480
+SIZE_PX = 640
 # Image radii as fractions of the rim's.
 RADII_PX = (0.35, 0.6, 0.8, 0.95)
 DISTANCES_M = (0.2, 1.0, 5.0)
 # Half the edge of a cube along the image radius: samples place the centroid of a smaller one less
 # exactly, over a larger one the image bends.
-HALF_EDGE_PX = 1.3
+HALF_EDGE_PX = 2.0
 
 
 def reflect_pixel(
@@ -103,7 +103,7 @@ def test_markers_are_drawn_where_the_surface_reflects_them(name: str) -> None:
             items.append(Item(f"cube {len(items)}", cube, Pose.from_rpy(position), white))
             expected.append(centre + radius_px * image_direction(camera, azimuth))
     world = World("markers", tuple(items))
-    settings = RenderSettings(samples=10)
+    settings = RenderSettings(samples=6)
     plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="test")
     renderer = TraceRenderer(build_scene(world), world, threads=2)
     try:
