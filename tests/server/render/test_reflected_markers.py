@@ -48,9 +48,9 @@ SIZE_PX = 640
 # Image radii as fractions of the rim's.
 RADII_PX = (0.35, 0.6, 0.8, 0.95)
 DISTANCES_M = (0.2, 1.0, 5.0)
-# Half the edge of a cube along the image radius: samples place the centroid of a smaller one less
-# exactly, over a larger one the image bends.
-HALF_EDGE_PX = 2.0
+# Half the edge of a cube, as an angle: samples place the centroid of a smaller one less exactly,
+# over a larger one the image bends.
+HALF_EDGE_RAD = 0.007
 
 
 def reflect_pixel(
@@ -91,19 +91,17 @@ def test_markers_are_drawn_where_the_surface_reflects_them(name: str) -> None:
     expected, items = [], []
     for ring, fraction in enumerate(RADII_PX):
         radius_px = fraction * camera.rim_radius_px
-        t = mirror.t_from_radius_ratio(np.array(radius_px / camera.scale_px))
-        px_per_rad = float(camera.radius_slope_px(t))
         for number, distance_m in enumerate(DISTANCES_M):
             rho, depth = reflect_pixel(camera, equation, radius_px, distance_m)
             azimuth = 0.3 + 2.1 * number + 0.7 * ring
             height = mirror.pinhole_distance_m - depth
             position = (rho * math.cos(azimuth), rho * math.sin(azimuth), height)
-            edge = 2.0 * HALF_EDGE_PX / px_per_rad * distance_m
+            edge = 2.0 * HALF_EDGE_RAD * distance_m
             cube, white = Box((edge, edge, edge)), Material((1.0, 1.0, 1.0), unlit=True)
             items.append(Item(f"cube {len(items)}", cube, Pose.from_rpy(position), white))
             expected.append(centre + radius_px * image_direction(camera, azimuth))
     world = World("markers", tuple(items))
-    settings = RenderSettings(samples=6)
+    settings = RenderSettings(samples=8)
     plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="test")
     renderer = TraceRenderer(build_scene(world), world, threads=2)
     try:
