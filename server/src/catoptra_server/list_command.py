@@ -1,7 +1,7 @@
-"""`catoptra-server list`: bundled robots, worlds and landmarks, and the classes that INIT can name.
+"""`catoptra-server list`: bundled files by kind, and the classes that INIT can name.
 
-Robots, worlds and landmarks are described by the first sentence of the comment that heads their
-file; classes by what the server would build.
+Robots, worlds, landmarks and recipes of data sets are described by the first sentence of the
+comment that heads their file, cameras by title and source, classes by what would be built.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from pathlib import Path
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import BUNDLED_FOLDER, bundled_files
+from catoptra_server.config.camera_file import CameraFile, read_camera_files
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.robot.robot_description import RobotDescription
 
-KINDS = ("robots", "worlds", "landmarks", "classes")
+KINDS = ("robots", "worlds", "cameras", "landmarks", "datasets", "classes")
 # The comment at the head of an ini or csv file.
 _COMMENT = re.compile(r"(?:[;#].*\n?)+")
 _SENTENCE = re.compile(r"(.*?\.)(?:\s|$)")
@@ -32,7 +33,7 @@ class ListEntry:
     """One name that a command or a client's INIT accepts."""
 
     kind: str
-    """robots, worlds, landmarks or classes."""
+    """One of `KINDS`."""
     name: str
     description: str
     path: str
@@ -46,10 +47,11 @@ def main(arguments: Sequence[str]) -> int:
     """Print the names of one kind or of all; the exit status is 0."""
     parser = CommandParser(
         prog="catoptra-server list",
-        description="List the bundled robots, worlds and landmarks, whose names --robot, --world "
-        "and --landmarks take, and the classes that INIT can spawn from each robot file.",
+        description="List the bundled robots, worlds, landmarks and recipes, whose names --robot, "
+        "--world, --landmarks and `dataset` take, cameras for robots and studies, and the classes "
+        "that INIT can spawn from each robot file.",
     )
-    parser.add_argument("kind", nargs="?", choices=KINDS, metavar="robots|worlds|landmarks|classes",
+    parser.add_argument("kind", nargs="?", choices=KINDS, metavar="|".join(KINDS),
         help="default: all")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print a JSON list")
     parsed = parser.parse_args(arguments)
@@ -80,8 +82,10 @@ def list_entries(kinds: Sequence[str]) -> Iterator[ListEntry]:
     """Yield the entries of each kind, sorted by name."""
     for kind in kinds:
         match kind:
-            case "robots" | "worlds":
+            case "robots" | "worlds" | "datasets":
                 yield from (_describe_file(kind, path) for path in bundled_files(kind))
+            case "cameras":
+                yield from map(_describe_camera, read_camera_files(()))
             case "landmarks":
                 files = sorted((BUNDLED_FOLDER / kind).glob("*.csv"))
                 yield from (_describe_file(kind, path) for path in files)
@@ -99,6 +103,10 @@ def read_first_sentence(path: Path) -> str:
 
 def _describe_file(kind: str, path: Path) -> ListEntry:
     return ListEntry(kind, path.stem, read_first_sentence(path), str(path))
+
+
+def _describe_camera(file: CameraFile) -> ListEntry:
+    return ListEntry("cameras", file.name, f"{file.title}. {file.source}", str(file.path))
 
 
 def _list_classes() -> Iterator[ListEntry]:
