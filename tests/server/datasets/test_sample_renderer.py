@@ -60,3 +60,13 @@ def test_brighter_lights_make_a_brighter_picture_and_the_same_labels(tmp_path: P
     dark, bright = pictures
     assert dark.rgb.mean() < 0.8 * bright.rgb.mean()
     np.testing.assert_array_equal(dark.channels["ids"], bright.channels["ids"])
+
+
+def test_worlds_that_come_again_after_others_have_the_same_bytes(tmp_path: Path) -> None:
+    # More worlds and brightnesses than renderers are kept of.
+    worlds = ("Worlds=warehouse", "Worlds=rescue", "Worlds=four_legged_2006", "Channels=ids,range")
+    lights = ("[Catoptra.Lights]", "Brightness=(Min=0.5,Max=1.5,Levels=2)")
+    path = write_recipe(tmp_path, *lights, samples=16, lines=worlds)
+    samples = render(path, *range(8), *range(8))
+    for first, again in zip(samples[:8], samples[8:], strict=True):
+        assert encode_sample(first) == encode_sample(again)

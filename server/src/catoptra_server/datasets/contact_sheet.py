@@ -9,6 +9,7 @@ import base64
 import html
 import json
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from catoptra_server.datasets.false_colours import Pixels, colour_channel, draw_
 from catoptra_server.datasets.png_files import encode_png
 from catoptra_server.datasets.shard_writer import write_whole
 from catoptra_server.datasets.verification import decode_array, read_manifest
+from catoptra_server.random_sources import RandomSource
 
 SHEET_NAME = "sheet.html"
 NUM_SAMPLES = 24
@@ -51,9 +53,8 @@ def write_sheet(folder: Path) -> Path:
 
 
 def _choose_samples(folder: Path, manifest: dict[str, Any]) -> Iterator[StoredSample]:
-    """Yield samples spread evenly over a data set; shards without any are not read."""
-    count = min(NUM_SAMPLES, manifest["samples"])
-    wanted = [number * manifest["samples"] // count for number in range(count)]
+    """Yield the samples of the page; shards without any are not read."""
+    wanted = choose_indices(manifest["samples"])
     first = 0
     for shard in manifest["shards"]:
         own = {index - first for index in wanted if first <= index < first + shard["samples"]}
@@ -61,6 +62,15 @@ def _choose_samples(folder: Path, manifest: dict[str, Any]) -> Iterator[StoredSa
             stored = iterate_samples(folder / shard["path"])
             yield from (sample for number, sample in enumerate(stored) if number in own)
         first += shard["samples"]
+
+
+def choose_indices(num_samples: int) -> list[int]:
+    """Indices of at most NUM_SAMPLES samples, one from each of as many equal parts, ascending."""
+    count = min(NUM_SAMPLES, num_samples)
+    ends = [number * num_samples // count for number in range(count + 1)]
+    # At random within a part: an even step would meet the same cameras of a recipe over and over.
+    generator = RandomSource.from_names(0, "contact sheet").generator(0)
+    return [int(generator.integers(low, high)) for low, high in pairwise(ends)]
 
 
 def _describe_sample(sample: StoredSample) -> str:

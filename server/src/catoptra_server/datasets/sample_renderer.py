@@ -28,9 +28,11 @@ from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.trace import TraceRenderer
 
-# A renderer of a shipped world takes 8 ms to make, and its view of 640 x 640 px 60 ms; sixteen of
-# these views are 0.5 GB.
-_MAX_RENDERERS = 16
+# A renderer of a shipped world takes 8 ms to make, and its view of 640 x 640 px 60 ms. Samples go
+# through all cameras of a world before the next world, at changing levels of brightness.
+_MIN_RENDERERS = 4
+# Each keeps rays of up to 256 MiB: with those of six worlds a worker took 2.1 GB.
+_MAX_LABEL_WORLDS = 2
 _MAX_VIEW_BYTES = 64 * 2**20
 _NOTHING = GroundTruth({})
 
@@ -41,7 +43,7 @@ class SampleRenderer:
     def __init__(self, stage: DatasetStage) -> None:
         self._stage = stage
         self._views: dict[tuple[int, float], ViewCache] = {}  # the last used at the end
-        self._labels: dict[int, tuple[LabelRenderer, TraceRenderer]] = {}
+        self._labels: dict[int, tuple[LabelRenderer, TraceRenderer]] = {}  # likewise
         self._annotator = SampleAnnotator()
 
     def render_sample(self, description: SampleDescription) -> RenderedSample:
@@ -86,23 +88,25 @@ class SampleRenderer:
 
     def _find_labels(self, world: int) -> LabelRenderer:
         """Labels of a world, by rays of their own: they do not depend on its lights."""
-        if world not in self._labels:
-            staged = self._stage.world(world)
-            renderer = TraceRenderer(
-                staged.scene,
-                staged.world,
-                threads=1,
-                instruction_set=self._stage.recipe.instruction_set,
-            )
-            labels = LabelRenderer(renderer, staged.scene, self._stage.recipe.instruction_set)
-            self._labels[world] = (labels, renderer)
-        return self._labels[world][0]
+        found = self._labels.pop(world, None) or self._make_labels(world)
+        self._labels[world] = found
+        while len(self._labels) > _MAX_LABEL_WORLDS:
+            _close_labels(*self._labels.pop(next(iter(self._labels))))
+        return found[0]
+
+    def _make_labels(self, world: int) -> tuple[LabelRenderer, TraceRenderer]:
+        staged, instruction_set = self._stage.world(world), self._stage.recipe.instruction_set
+        renderer = TraceRenderer(
+            staged.scene, staged.world, threads=1, instruction_set=instruction_set
+        )
+        return LabelRenderer(renderer, staged.scene, instruction_set), renderer
 
     def _find_views(self, world: int, brightness: float) -> ViewCache:
         key = (world, brightness)
         views = self._views.pop(key, None) or self._make_views(self._stage.world(world), brightness)
         self._views[key] = views
-        while len(self._views) > _MAX_RENDERERS:
+        # At least the levels of one world, which alternate.
+        while len(self._views) > max(_MIN_RENDERERS, self._stage.recipe.brightness.levels):
             self._views.pop(next(iter(self._views))).close()
         return views
 
@@ -125,10 +129,15 @@ class SampleRenderer:
 
     def close(self) -> None:
         """Free all renderers."""
-        for labels, renderer in self._labels.values():
-            labels.close()
-            renderer.close()
+        for labels in self._labels.values():
+            _close_labels(*labels)
         for views in self._views.values():
             views.close()
         self._labels.clear()
         self._views.clear()
+
+
+def _close_labels(labels: LabelRenderer, renderer: TraceRenderer) -> None:
+    """Free the labels of a world, then the renderer of their rays."""
+    labels.close()
+    renderer.close()

@@ -1,0 +1,89 @@
+"""Processor time and bytes of a sample, by what its recipe stores, and of reading shards back.
+
+    python tests/measurements/dataset_samples.py [--samples 24]
+
+One process, one thread, pinned like a worker; the first sample of each recipe, which prepares rays,
+is not counted. Recipes take turns sample by sample.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+from catoptra_protocol.shards import hash_file, iterate_samples, shard_name
+from catoptra_server.datasets.dataset_stage import DatasetStage
+from catoptra_server.datasets.pinned_process import run_in_pinned_process
+from catoptra_server.datasets.recipe_file import read_recipe
+from catoptra_server.datasets.sample import SampleDescriber
+from catoptra_server.datasets.sample_files import encode_sample
+from catoptra_server.datasets.sample_renderer import SampleRenderer
+from catoptra_server.datasets.shard_writer import write_shard
+
+KINDS = {
+    "picture": "",
+    "picture, range": "Channels=range",
+    "picture, all channels but ids": "Channels=range,normal,point,classes,agreement,flow,valid",
+    "picture, all channels, annotations": "Channels=all",
+}
+RECIPE = """[Catoptra.Dataset]
+Samples={samples}
+Worlds=four_legged_2006
+Cameras=(Robot="p2at_omni")
+Poses=drive
+{channels}
+[Catoptra.DrivePoses]
+Samples={samples}
+X=(Min=-2.2,Max=2.2)
+Y=(Min=-1.4,Max=1.4)
+"""
+
+
+def measure(samples: int) -> str:
+    """Table of all kinds, and rates of reading."""
+    lines = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        artists = {}
+        for kind, channels in KINDS.items():
+            path = folder / "recipe.ini"
+            path.write_text(RECIPE.format(samples=samples + 1, channels=channels), "utf-8")
+            stage = DatasetStage(read_recipe(path))
+            artists[kind] = SampleDescriber(stage), SampleRenderer(stage)
+        times: dict[str, list[float]] = {kind: [] for kind in KINDS}
+        files: dict[str, list[tuple[str, dict[str, bytes]]]] = {kind: [] for kind in KINDS}
+        for index in range(samples + 1):
+            for kind, (describer, renderer) in artists.items():
+                begin_s = time.process_time()
+                sample = renderer.render_sample(describer.describe_sample(index))
+                files[kind].append((sample.key, encode_sample(sample)))
+                times[kind].append(time.process_time() - begin_s)
+        for kind in KINDS:
+            median_ms = 1e3 * statistics.median(times[kind][1:])
+            size = sum(len(part) for _, parts in files[kind] for part in parts.values())
+            lines.append(f"{kind}: {median_ms:.0f} ms, {size / (samples + 1) / 1e3:.0f} kB")
+        record = write_shard(folder, 0, files[[*KINDS][-1]])
+        path = folder / shard_name(0)
+        for label, read in {
+            "hash": lambda: hash_file(path),
+            "metadata alone": lambda: list(iterate_samples(path, frozenset({"json"}))),
+        }.items():
+            begin_s = time.process_time()
+            read()
+            rate = record.num_bytes / (time.process_time() - begin_s)
+            lines.append(f"{label}: {rate / 1e6:.0f} MB of a shard a second")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, default=24)
+    print(run_in_pinned_process("avx2", measure, parser.parse_args().samples))
+
+
+if __name__ == "__main__":
+    main()
