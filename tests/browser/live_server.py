@@ -114,18 +114,32 @@ def write_tilted_robot(folder: Path) -> Path:
     return write_fisheye_robot(folder, edit)
 
 
-def write_sphere_robot(folder: Path) -> Path:
+def write_sphere_robot(folder: Path, *edits: Edit, base: Path = OMNI_ROBOT) -> Path:
     """Write the robot with a ball for a mirror, without a single viewpoint; exact rays always."""
     return write_edited_copy(
         ROBOTS / "p2at_sphere.ini",
         folder,
-        Edit("BasedOn=p2at_omni.ini", f"BasedOn={OMNI_ROBOT}"),
-        Edit("Central=auto", "Central=never"),
+        Edit("BasedOn=p2at_omni.ini", f"BasedOn={OMNI_ROBOT}\nBasedOn={base}"),
         Edit(
             "[Catoptra.SphericalMirror]",
             "[Catoptra.OmniCaptureCamera]\nResolutionX=640\nResolutionY=640\n\n"
             "[Catoptra.SphericalMirror]",
         ),
+        Edit("Central=auto", "Central=never"),
+        *edits,
+    )
+
+
+def write_cone_robot(folder: Path) -> Path:
+    """Write the robot with a cone for a mirror, which does not show the directions at its axis."""
+    return write_sphere_robot(
+        folder,
+        Edit("class'Catoptra.SphericalMirror'", "class'Catoptra.ConicalMirror'"),
+        Edit(
+            "[Catoptra.SphericalMirror]",
+            "[Catoptra.ConicalMirror]\nCentral=never\n\n[Catoptra.SphericalMirror]",
+        ),
+        base=CAMERAS / "conical.ini",
     )
 
 

@@ -23,6 +23,8 @@ from helpers.configs import FIELD
 _MARKERS_M = ((2.0, 0.0, -0.6), (0.0, 1.5, -0.3), (-1.2, -1.2, -0.9), (0.8, -1.6, -0.1))
 _RADIUS_M = 0.06
 _COLUMNS = 960
+# Of a marker in a panorama, at most: its light reaches as far from the centre.
+_RADIUS_PX = 10
 # Half a side of the square around a marker in a panorama, with no other marker in it.
 _WINDOW_PX = 16
 
@@ -70,7 +72,12 @@ def _cylinder(reply: dict[str, Any]) -> CylinderGeometry:
 def _fraction_within(
     image: Image, reference: Image, valid: Bools, levels: int
 ) -> tuple[float, int]:
-    """Fraction of the valid pixels whose colours all differ by at most some levels; the largest."""
+    """Fraction of the valid pixels whose colours all differ by at most some levels; the largest.
+
+    The others are black, but for those at the border of what the camera shows.
+    """
+    if not valid.all():
+        assert np.mean(image[~valid].max(axis=-1) == 0) >= 0.995
     difference = np.abs(image.astype(np.int16) - reference.astype(np.int16)).max(axis=-1)[valid]
     return float(np.mean(difference <= levels)), int(difference.max())
 
@@ -124,6 +131,13 @@ def _window(near: Floats) -> tuple[slice, slice]:
     return rows, slice(max(column - _WINDOW_PX, 0), column + _WINDOW_PX)
 
 
+def _is_whole(valid: Bools, position: Floats) -> bool:
+    """Whether a camera shows all around a (2,) position (column, row) of a panorama."""
+    row = position[1]
+    is_inside = _RADIUS_PX <= row <= len(valid) - _RADIUS_PX
+    return bool(is_inside and valid[_window(position)].all())
+
+
 def _positions(geometry: CylinderGeometry, directions: Floats) -> Floats:
     """(n, 2) columns and rows of a panorama in (n, 3) directions."""
     x, y, z = directions.T
@@ -139,8 +153,8 @@ def test_markers_when_unwarped_by_the_page_are_where_it_marks_them(
     unwarp_map = marker_page.make_map(geometry)
     reference = unwarp(frame, unwarp_map)
     marked = _positions(geometry, marker_page.mark_points(np.array(_MARKERS_M)))
-    # A camera that looks ahead does not show those behind.
-    marked = np.array([one for one in marked if unwarp_map.valid[_window(one)].all()])
+    # A camera that looks ahead does not show those behind, nor a cone those far above.
+    marked = np.array([one for one in marked if _is_whole(unwarp_map.valid, one)])
     assert len(marked) >= 2
     measured = np.array([_centroid(image, position) for position in marked])
     client = np.array([_centroid(reference, position) for position in marked])

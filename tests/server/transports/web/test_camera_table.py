@@ -84,6 +84,7 @@ def test_table_states_image_and_domain() -> None:
     assert (table["width_px"], table["height_px"]) == (640, 480)
     assert table["picture"] == "mirrored"
     assert table["centre_px"] == (301.5, 222.25)
+    assert table["min_theta_rad"] == 0.0
     assert table["max_theta_rad"] == camera.rim_rad
     radius_px = table["radius_px"]
     assert isinstance(radius_px, list)
@@ -119,6 +120,7 @@ def test_table_of_a_cone_begins_at_its_apex() -> None:
     cone = ConicalMirror(math.radians(60.0), 0.1, math.radians(88.0))
     camera = camera_with_inscribed_rim(cone, width_px=360, height_px=360, rim_rad=cone.rim_rad)
     assert_table_projects(camera, np.radians([61.0, 75.0, 87.0]))
+    assert camera_table(camera)["min_theta_rad"] == pytest.approx(math.radians(60.0))
 
 
 def test_table_of_a_ball_states_where_its_rays_begin() -> None:

@@ -41,6 +41,7 @@ def camera_table(camera: OmniCamera) -> dict[str, object]:
         "height_px": camera.height_px,
         "centre_px": camera.centre_px,
         "picture": camera.picture.value,
+        "min_theta_rad": 2.0 * math.atan(lowest_t),
         "max_theta_rad": camera.rim_rad,
         "azimuth_matrix": azimuth_matrix.ravel().tolist(),
         "radius_px": camera.radius_px_from_t(t).tolist(),

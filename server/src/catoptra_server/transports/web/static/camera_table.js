@@ -60,9 +60,9 @@ export class CameraTable {
     return [q * (e * x * x + f * x * y + g * y * y), q * (h * x * x + i * x * y + j * y * y)];
   }
 
-  /** Pixel [u, v] of incidence angle and azimuth; null beyond the rim. */
+  /** Pixel [u, v] of incidence angle and azimuth; null beyond the rim, and below a cone's apex. */
   pixelFromAngles(theta_rad, azimuth_rad) {
-    if (!(theta_rad >= 0 && theta_rad <= this.max_theta_rad)) return null;
+    if (!(theta_rad >= this.min_theta_rad && theta_rad <= this.max_theta_rad)) return null;
     const radius_px = this.#valueAt(this.radius_px, theta_rad);
     const [a, b, c, d] = this.azimuth_matrix;
     const [x, y] = [Math.cos(azimuth_rad), Math.sin(azimuth_rad)];

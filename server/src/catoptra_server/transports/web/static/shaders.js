@@ -16,6 +16,7 @@ precision highp sampler2D;
 uniform sampler2D frame;       // filtered linearly
 uniform ivec2 frameSize;
 uniform sampler2D radii;       // and decentring of equidistant angles; each with the next one
+uniform float minTheta;
 uniform float maxTheta;
 uniform vec2 centre;
 uniform mat2 azimuthMatrix;
@@ -79,7 +80,7 @@ void main() {
   vec2 radius = radiiFromTheta(theta);
   vec2 pixel = centre + radius.x * (azimuthMatrix * level)
       + radius.y * (decentring * vec3(level.x * level, level.y * level.y));
-  bool valid = theta <= maxTheta && all(greaterThanEqual(pixel, vec2(0.0)))
+  bool valid = theta >= minTheta && theta <= maxTheta && all(greaterThanEqual(pixel, vec2(0.0)))
       && all(lessThanEqual(pixel, vec2(frameSize)));
   colour = vec4(valid ? sampleFrame(pixel) : vec3(0.0), 1.0);
 }`;

@@ -192,6 +192,7 @@ export class UnwarpRenderer {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, last + 1, 1, 0, gl.RGBA, gl.FLOAT, radii);
     const [e, f, g, h, i, j] = decentring_matrix ?? [0, 0, 0, 0, 0, 0];
     gl.uniformMatrix3x2fv(this.#uniforms.decentring, false, [e, h, f, i, g, j]);
+    gl.uniform1f(this.#uniforms.minTheta, table.min_theta_rad);
     gl.uniform1f(this.#uniforms.maxTheta, table.max_theta_rad);
     gl.uniform2fv(this.#uniforms.centre, table.centre_px);
     // Rows there, columns here.

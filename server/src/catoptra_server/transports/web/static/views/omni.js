@@ -5,19 +5,18 @@
 
 import { otherHand } from "../camera_table.js";
 import { screenScale } from "../canvas.js";
-import { drawLandmarks, drawLabel } from "../landmarks.js";
+import { drawLandmarks } from "../landmarks.js";
 import { bodyOf, drawOnDemand, isShown, make, makeButton, toolsOf } from "../panel.js";
 import {
   aimFromDirection,
   directionFromPixel,
   landmarkPlaces,
-  levelDirections,
   pixelFromDirection,
   reasonForNoPicture,
-  windowOutline,
 } from "./directions.js";
 import { ARROWS, cursorGestures, watchGestures } from "./gestures.js";
-import { drawCrosshair, strokeOutlined, tracePolyline, ViewCanvases } from "./view_canvases.js";
+import { drawOutlines } from "./outlines.js";
+import { drawCrosshair, ViewCanvases } from "./view_canvases.js";
 
 const MAX_ZOOM = 40;
 const ZOOM_STEP = 1.25;
@@ -84,13 +83,9 @@ class OmniView {
 
   #drawOverlay() {
     const pen = this.#canvases.clear(this.#canvases.overlay);
-    const { table, cursor, window: perspective } = this.#context;
+    const { table, cursor } = this.#context;
     if (reasonForNoPicture(this.#context)) return;
-    if (table) {
-      this.#drawOutlines(pen);
-      tracePolyline(pen, windowOutline(perspective).map((one) => this.#project(one)));
-      strokeOutlined(pen, "#ff9de1");
-    }
+    if (table) drawOutlines(pen, this.#context, (pixel) => this.#positionFromPixel(pixel));
     this.#drawLandmarks(pen);
     if (cursor.pixel) drawCrosshair(pen, this.#positionFromPixel(cursor.pixel), cursor.isHeld);
   }
@@ -105,24 +100,6 @@ class OmniView {
           return { x, y, name, status };
         });
     drawLandmarks(pen, places, this.#canvases.width);
-  }
-
-  /** Rim and horizon: both are circles for most cameras that look down. */
-  #drawOutlines(pen) {
-    const { table } = this.#context;
-    const circle = levelDirections();
-    const onRim = ([x, y]) => table.pixelFromAngles(table.max_theta_rad, Math.atan2(y, x));
-    tracePolyline(pen, circle.map((one) => this.#positionFromPixel(onRim(one))));
-    strokeOutlined(pen, "#b0b8c0", 1);
-    const horizon = circle.map((one) => this.#project(one));
-    pen.setLineDash([6, 6]);
-    tracePolyline(pen, horizon);
-    strokeOutlined(pen, "#e6e6e6", 1);
-    pen.setLineDash([]);
-    const shown = horizon.filter((point) => point !== null);
-    // Of a level line the left end.
-    const lowest = shown.reduce((a, b) => (b[1] > a[1] + 1 ? b : a), shown[0]);
-    if (lowest) drawLabel(pen, "horizon", lowest[0] + 4, lowest[1]);
   }
 
   /** Rate and age, as a text that changes slowly enough to be read. */
