@@ -33,6 +33,7 @@ PANEL_TESTS = {
     "robot": "test_robot_is_spawned_shared_and_removed",
     "accuracy": "test_accuracy_of_few_polygons_shows_a_difference",
     "effects": "test_effects_when_forced_show_a_difference",
+    "labels": "test_labels_show_range_and_objects",
     "plots": "test_plots_add_and_remove_series",
     "scans": "test_scans_show_the_nearest_echo",
     "snapshot": "test_snapshot_downloads_pictures",
@@ -389,6 +390,20 @@ def _difference(tab: Tab, panel: str) -> int:
         f"document.querySelector('#panel-{panel} .body').innerText.match(/at most (\\d+)/)[1]"
     )
     return int(found)
+
+
+def test_labels_show_range_and_objects(page: Tab) -> None:
+    canvas = "document.querySelector('#panel-labels canvas')"
+    colours = (
+        f"(() => {{ const c = {canvas}; const pen = c.getContext('2d');"
+        " return new Set(new Uint32Array("
+        "pen.getImageData(0, 0, c.width, c.height).data.buffer)).size; })()"
+    )
+    for channel, least in (("range", 50), ("ids", 5), ("classes", 3), ("normal", 3)):
+        _choose(page, "#labels-channel", channel)
+        page.wait_for(f"{colours} >= {least} && {canvas}.width > 100", channel, _LIMIT_S)
+    _choose(page, "#labels-channel", "ids")
+    _wait_for_text(page, "labels", r"Under the cursor: (no cursor|.+ of class .+|nothing)")
 
 
 def test_accuracy_of_few_polygons_shows_a_difference(

@@ -145,9 +145,9 @@ class PageSocket:
         if len(parts) == 1:
             await self._websocket.send_frame(bytes(parts[0]), WSMsgType.TEXT)
             return
-        header, image = parts
+        header, *payloads = parts
         length = len(header).to_bytes(_LENGTH_BYTES, "little")
-        await self._websocket.send_frame(b"".join((length, header, image)), WSMsgType.BINARY)
+        await self._websocket.send_frame(b"".join((length, header, *payloads)), WSMsgType.BINARY)
 
     def _finish_sending(self, task: asyncio.Task[None]) -> None:
         self._sending = None

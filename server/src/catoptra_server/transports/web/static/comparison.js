@@ -91,7 +91,8 @@ function colourTable(top) {
   return table;
 }
 
-function colourAt(fraction) {
+/** Colour of a fraction from 0 to 1. */
+export function colourAt(fraction) {
   const position = fraction * (COLOURS.length - 1);
   const i = Math.min(Math.floor(position), COLOURS.length - 2);
   return COLOURS[i].map((value, k) => value + (position - i) * (COLOURS[i + 1][k] - value));

@@ -23,6 +23,7 @@ export const PANELS = [
   { id: "robot", title: "Robots", create: from("./panels/robot.js") },
   { id: "accuracy", title: "Accuracy", create: from("./panels/accuracy.js") },
   { id: "effects", title: "Image effects", create: from("./panels/effects.js") },
+  { id: "labels", title: "Ground truth", create: from("./panels/labels.js") },
   { id: "plots", title: "Plots", create: from("./panels/plots.js") },
   { id: "scans", title: "Range scans", create: from("./panels/scans.js") },
   { id: "snapshot", title: "Snapshot", create: from("./panels/snapshot.js") },
