@@ -196,3 +196,23 @@ def test_cursor_when_placed_shows_azimuth_and_elevation_in_the_axes_of_the_robot
         text = f"{math.degrees(angle):.2f}°"
         shown = f"document.evaluate('//dt[.=\"{name}\"]/following-sibling::dd[1]', document)"
         tab.wait_for(f"{shown}.iterateNext()?.textContent === {text!r}", f"{name} {text}", 5.0)
+
+
+def test_arrow_keys_when_pressed_on_the_panorama_turn_about_the_vertical(
+    field_page: CameraPage,
+) -> None:
+    tab = field_page.tab
+    overlay = "#panel-panorama .overlay"
+    tab.evaluate("catoptra.context.setCursor(null)")
+    tab.evaluate(f"document.querySelector('{overlay}').focus()")
+    for key in ("ArrowRight", "ArrowRight", "ArrowDown"):
+        tab.press(key)
+    model, rotation = field_page.read_camera()
+    pixel = np.array(tab.evaluate("catoptra.context.cursor.pixel"))
+    direction, valid = direction_from_pixel(model, pixel)
+    assert valid
+    x, y, z = rotation @ direction
+    # The first key shows the cursor, straight ahead; each further one is a step of two degrees.
+    assert math.degrees(math.atan2(y, x)) == pytest.approx(2.0, abs=1e-3)
+    assert math.degrees(math.atan2(z, math.hypot(x, y))) == pytest.approx(2.0, abs=1e-3)
+    tab.press("Escape")
