@@ -45,6 +45,16 @@ def test_digest_depends_on_every_file_and_on_no_path(tmp_path: Path) -> None:
     assert len(set(digests)) == 4
 
 
+def test_digest_depends_on_the_names_of_a_mesh_file_s_nodes(tmp_path: Path) -> None:
+    digests = set()
+    for name in ("crate", "chest"):
+        triangle = f"o {name}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+        (tmp_path / "mesh.obj").write_text(triangle, encoding="utf-8")
+        write_small_world(tmp_path, 'Meshes=(File="mesh.obj",Position=(X=2,Y=2,Z=0))')
+        digests.add(stage_recipe(write_recipe(tmp_path, world="world.ini")).digest)
+    assert len(digests) == 2
+
+
 def test_worker_with_other_files_is_told(tmp_path: Path) -> None:
     stage = stage_recipe(write_recipe(tmp_path))
     assert not find_digest_error(stage, stage.digest)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 
@@ -15,6 +16,7 @@ from catoptra_server.datasets.shard_job import (
     WorkerRefusedError,
     start_artist,
 )
+from catoptra_server.datasets.shard_writer import open_for_writing
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 
 
@@ -38,6 +40,18 @@ def test_shards_have_the_same_hash_in_any_order(tmp_path: Path) -> None:
         artist.close()
         hashes.append({record.number: record.sha256 for record in records})
     assert hashes[0] == hashes[1]
+
+
+def test_full_disk_in_the_middle_of_a_shard_leaves_nothing(tmp_path: Path) -> None:
+    def open_file(path: Path) -> BinaryIO:
+        open_for_writing(path).close()
+        return open("/dev/full", "wb", buffering=0)
+
+    artist = ShardArtist(stage_recipe(write_drive(tmp_path)))
+    with pytest.raises(CatoptraError, match=r"the disk is full: .*000000\.tar was not written"):
+        artist.draw_shard(tmp_path, 0, open_file=open_file)
+    artist.close()
+    assert list((tmp_path / "shards").iterdir()) == []
 
 
 def test_error_names_the_sample(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ from catoptra_server.robot.robot_description import OmniCameraDescription, Robot
 from catoptra_server.scene.dynamic_object import ObjectMesh
 from catoptra_server.scene.obstacle_grid import GROUND_CLEARANCE_M
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.scene.world_description import MeshFile, World
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.robot_meshes import build_ego_mesh
@@ -113,8 +113,9 @@ class DatasetStage:
         """SHA-256 of all that the samples follow from, whatever the paths of its files."""
         digest = hashlib.sha256(self.recipe.text.encode())
         worlds = [self.world(number) for number in range(len(self.recipe.worlds))]
-        for path in self._files:
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
+        # Sorted: in whatever order worlds were loaded.
+        for file_hash in sorted(hashlib.sha256(path.read_bytes()).digest() for path in self._files):
+            digest.update(file_hash)
         # Meshes and textures as they are read, and calibrated cameras as they are understood.
         for world in worlds:
             for scene_hash in (hash_scene(world.scene), occlusion_cache.hash_scene(world.scene)):
@@ -166,6 +167,9 @@ class DatasetStage:
         world, file = read_world(choice.file)
         report_unknown_names(file.unknown_names())
         self._note_files(file)
+        # For the names of their nodes, which are labels; geometry and looks count as they are read.
+        meshes = {one.shape.path for one in world.items if isinstance(one.shape, MeshFile)}
+        self._files += sorted(meshes - {*self._files})
         scene = build_scene(world, MemoryBudget())
         instruction_set = self.recipe.instruction_set
         if occlusion_cache.wants_occlusion(scene, world):

@@ -7,20 +7,23 @@ from typing import Any
 
 from catoptra_protocol.camera_conf import pairs_from_omni_camera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.datasets.dataset_stage import RecipeWorld
 from catoptra_server.datasets.sample import SampleDescription
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.view_cache import RenderedView
+from catoptra_server.sensors.sensor_environment import SensorEnvironment
+from catoptra_server.simulation.landmark_visibility import compute_landmark_visibility
 
 
 def describe_sample_metadata(
-    description: SampleDescription, view: RenderedView, world: str
+    description: SampleDescription, view: RenderedView, world: RecipeWorld
 ) -> dict[str, Any]:
     """Content of a sample's JSON file, without the objects that labels add.
 
     Args:
         description: The sample.
         view: Its picture as drawn.
-        world: Name of the world.
+        world: The world of the sample.
     """
     place, camera, state = description.place, description.camera, description.state
     optics = description.spec.camera
@@ -32,7 +35,7 @@ def describe_sample_metadata(
         "sequence": place.sequence,
         "step": place.step,
         "time_s": description.motion.time_s,
-        "world": world,
+        "world": world.name,
         "camera": camera.name,
         "robot": camera.robot.class_name,
         "size_px": [optics.width_px, optics.height_px],
@@ -45,6 +48,7 @@ def describe_sample_metadata(
         "noise_seed": [*state.noise_seed.camera_key, state.noise_seed.tick],
         "plan": view.plan,
         "error_bound_px": {k: _finite(v) for k, v in (view.error_bounds or {}).items()},
+        "landmarks": _describe_landmarks(description, world),
         "effects": [_describe_decision(one) for one in view.effect_decisions],
     }
 
@@ -55,6 +59,26 @@ def describe_pose(pose: Pose) -> dict[str, list[float]]:
         "position_m": [float(one) for one in pose.translation],
         "quaternion_xyzw": [float(one) for one in pose.quaternion],
     }
+
+
+def _describe_landmarks(description: SampleDescription, world: RecipeWorld) -> list[dict[str, Any]]:
+    """Name, pixel (None outside the image), visibility and distance of each landmark's band."""
+    world_from_camera = description.state.world_from_mirror
+    found = compute_landmark_visibility(
+        description.spec, world_from_camera, world.world.landmarks, SensorEnvironment(world.caster)
+    )
+    viewpoint = world_from_camera.translation
+    return [
+        {
+            "name": one.landmark.name,
+            "pixel": None if one.pixel is None else [*one.pixel],
+            "visible": one.is_visible,
+            "distance_m": math.dist(
+                viewpoint, (one.landmark.x_m, one.landmark.y_m, -one.landmark.band_centre_m)
+            ),
+        }
+        for one in found
+    ]
 
 
 def _describe_decision(decision: EffectDecision) -> dict[str, Any]:

@@ -56,7 +56,7 @@ class SampleRenderer:
         views = self._find_views(description.place.world, description.brightness)
         view = views.render(ViewRequest(description.spec, description.state))
         truth, annotations = self._render_labels(description, view)
-        world = self._stage.recipe.worlds[description.place.world].name
+        world = self._stage.world(description.place.world)
         metadata = describe_sample_metadata(description, view, world)
         return RenderedSample(
             key=description.key,
