@@ -16,7 +16,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiment-seeds live test browser-test stability lint format bench cost effects cameras conformance mutations fuzz soak wheels compose clean
+.PHONY: help setup demo experiment-seeds live test browser-test stability lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -107,6 +107,9 @@ effects: $(READY) ## Draw each effect, compare decisions with the truth, find th
 cameras: $(READY) ## Draw a gallery of all camera models in one world; writes out/cameras: [CAMERAS=a,b] [WORLD=name]
 	$(BIN)/catoptra-studies cameras --output out/cameras $(if $(CAMERAS),--cameras $(CAMERAS)) \
 	  $(if $(WORLD),--world $(WORLD))
+
+dataset-extras: $(READY) ## Install Ray, pyarrow, webdataset and pycocotools, with which more tests of data sets run; 0.5 GB
+	$(BIN)/pip install --constraint constraints.txt ray==2.60.0 pyarrow==26.0.1 webdataset==1.0.2 pycocotools==2.0.11
 
 conformance: $(READY) ## Test a live server by conversations and by physics: ADDRESS=host:port [IMAGE= STREAM= CLASS= DIALECT=udk LEGACY=yes]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [CLASS=USARBot.P2AT] [DIALECT=udk] [LEGACY=yes]"; exit 2; }

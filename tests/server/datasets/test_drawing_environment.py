@@ -19,9 +19,9 @@ needs_avx2 = pytest.mark.skipif(not HAS_AVX2, reason="needs a processor with AVX
 
 def test_environment_names_code_and_libraries() -> None:
     environment = describe_environment("avx2")
-    assert {"code_version", "code_sha256", "kernel_sha256", "numpy", "png_encoder"} <= set(
-        environment
-    )
+    assert {"code_version", "code_sha256", "kernel_sha256", "numpy", "png_encoder", "libc"} <= {
+        *environment
+    }
     assert all(environment.values())
 
 

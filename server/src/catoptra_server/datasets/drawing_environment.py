@@ -88,6 +88,8 @@ def describe_environment(instruction_set: str) -> dict[str, str]:
         "code_sha256": _hash_code(),
         "kernel_sha256": _hash(kernel_library_path(instruction_set)),
         "machine": platform.machine(),
+        # Sines and cosines are its own.
+        "libc": " ".join(platform.libc_ver()) or platform.system(),
         "png_encoder": png_files.ENCODER,
         **libraries,
     }
