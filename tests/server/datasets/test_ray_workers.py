@@ -41,12 +41,14 @@ def test_ray_writes_the_bytes_of_local_workers(local: Path, tmp_path: Path) -> N
     assert read_hashes(tmp_path / "out") == read_hashes(local)
 
 
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 @needs_ray
-def test_shard_of_a_killed_worker_is_repeated_by_ray(local: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "out"
+def test_run_whose_worker_is_killed_or_that_is_interrupted_has_the_same_bytes(
+    local: Path, tmp_path: Path, number: signal.Signals
+) -> None:
+    recipe, folder = local.parent / "recipe.ini", tmp_path / "out"
     process = subprocess.Popen(
-        [*COMMAND, str(local.parent / "recipe.ini"), "--out", str(folder), "--ray", "local"],
-        stderr=subprocess.PIPE,
+        [*COMMAND, str(recipe), "--out", str(folder), "--ray", "local"], stderr=subprocess.PIPE
     )
     # The unfinished file of a shard has the number of its process in its name.
     deadline_s = time.monotonic() + TIMEOUT_S
@@ -54,9 +56,17 @@ def test_shard_of_a_killed_worker_is_repeated_by_ray(local: Path, tmp_path: Path
         assert process.poll() is None, "the run has ended before a shard was begun"
         assert time.monotonic() < deadline_s
         select.select([], [], [], 0.001)
-    os.kill(int(parts[0].name.split(".")[-2]), signal.SIGKILL)
+    worker = int(parts[0].name.split(".")[-2])
+    os.kill(worker if number is signal.SIGKILL else process.pid, number)
     _, errors = process.communicate(timeout=TIMEOUT_S)
-    assert process.returncode == 0, errors.decode()
+    if number is signal.SIGINT:
+        assert process.returncode == 130
+        assert not (folder / "dataset.json").exists()
+        # What Ray has begun, local workers may finish.
+        done = run_dataset(recipe, folder)
+        assert done.returncode == 0, done.stderr
+    else:
+        assert process.returncode == 0, errors.decode()
     assert read_hashes(folder) == read_hashes(local)
 
 

@@ -100,7 +100,9 @@ def _draw(
     interrupt: multiprocessing.connection.Connection,
 ) -> Iterator[ShardRecord]:
     if parsed.ray:
-        yield from draw_by_ray(job, shards, parsed.ray, count=progress.count_samples)
+        yield from draw_by_ray(
+            job, shards, parsed.ray, count=progress.count_samples, interrupt=interrupt
+        )
         return
 
     def count(number: int, is_begun: bool) -> None:

@@ -8,11 +8,13 @@ libraries or processor differ refuses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.drawing_environment import pinning_variables
+from catoptra_server.datasets.local_workers import DatasetInterruptedError
 from catoptra_server.datasets.shard_job import ShardArtist, ShardJob, start_artist
 from catoptra_server.datasets.shard_writer import ShardRecord
 
@@ -24,6 +26,9 @@ REMEDY = "pip install 'catoptra-server[ray]' on all machines, or draw with --wor
 _MAX_RETRIES = 3
 # Tasks known to Ray at a time, for each processor: enough that none waits for the driver.
 _TASKS_A_PROCESSOR = 4
+
+# A part of the time that the process has to end after a signal.
+_INTERRUPT_INTERVAL_S = 0.1
 
 # Called with the number of samples of each finished shard.
 CountShard = Callable[[int], None]
@@ -43,7 +48,12 @@ def require_ray() -> Any:
 
 
 def draw_by_ray(
-    job: ShardJob, shards: Sequence[int], address: str, *, count: CountShard = lambda number: None
+    job: ShardJob,
+    shards: Sequence[int],
+    address: str,
+    *,
+    count: CountShard = lambda number: None,
+    interrupt: Connection | None = None,
 ) -> Iterator[ShardRecord]:
     """Draw shards, and yield the record of each as it is finished, in any order.
 
@@ -52,15 +62,17 @@ def draw_by_ray(
         shards: Numbers of the shards.
         address: LOCAL, or the address of a cluster as `ray.init` takes it.
         count: Called for each shard.
+        interrupt: Readable once the user wants an end.
 
     Raises:
+        DatasetInterruptedError: The user wants an end.
         CatoptraError: Ray is missing or not reached, a worker refuses, a sample cannot be drawn, or
             the workers of a shard are lost too often.
     """
     ray = require_ray()
     _connect(ray, address, job.instruction_set)
     try:
-        yield from _draw_tasks(ray, job, shards, count)
+        yield from _draw_tasks(ray, job, shards, count, interrupt)
     finally:
         ray.shutdown()
 
@@ -82,7 +94,11 @@ def _connect(ray: Any, address: str, instruction_set: str) -> None:
 
 
 def _draw_tasks(
-    ray: Any, job: ShardJob, shards: Sequence[int], count: CountShard
+    ray: Any,
+    job: ShardJob,
+    shards: Sequence[int],
+    count: CountShard,
+    interrupt: Connection | None,
 ) -> Iterator[ShardRecord]:
     task = ray.remote(num_cpus=1, max_retries=_MAX_RETRIES)(draw_shard_of_job)
     # A bounded number at a time: the driver's memory does not grow with the data set.
@@ -95,10 +111,13 @@ def _draw_tasks(
                 break
         if not pending:
             return
-        (done,), _ = ray.wait([*pending], num_returns=1)
-        record = _take_result(ray, done, pending.pop(done))
-        count(record.num_samples)
-        yield record
+        finished, _ = ray.wait([*pending], num_returns=1, timeout=_INTERRUPT_INTERVAL_S)
+        if interrupt is not None and interrupt.poll():
+            raise DatasetInterruptedError("interrupted")
+        for done in finished:
+            record = _take_result(ray, done, pending.pop(done))
+            count(record.num_samples)
+            yield record
 
 
 def _take_result(ray: Any, done: Any, number: int) -> ShardRecord:
