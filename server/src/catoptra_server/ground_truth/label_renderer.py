@@ -136,14 +136,21 @@ class LabelRenderer:
             unknown = np.full((height_px, width_px, 2), np.nan, dtype=np.float32)
             return {"flow": unknown}
         motions = {
-            self.labels.number_of(there): (here.world_from_object, there.world_from_object)
+            self.labels.number_of(there): there.world_from_object @ here.world_from_object.inverse()
             for here in drawn.camera_state.objects
             for there in other.objects
             if self.labels.number_of(here) == self.labels.number_of(there)
         }
         gone = {self.labels.number_of(here) for here in drawn.camera_state.objects} - set(motions)
         flow = find_flow(
-            self._renderer, drawn.ray_source, other, found["point"], found["ids"], motions, gone
+            self._renderer,
+            self._prepare(drawn.ray_source, 1).rays,
+            drawn.ray_source,
+            other,
+            found["point"],
+            found["ids"],
+            motions,
+            gone,
         )
         return {"flow": flow}
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.time_samples import trajectory
+from catoptra_server.render.trace.flow_tables import FlowTables
 from catoptra_server.render.trace.label_tables import LabelNumbers, LabelTables
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.scene.scene_mesh import SceneMesh
@@ -152,6 +153,14 @@ class TracedRays(Protocol):
 
     def close(self) -> None:
         """Free what belongs to these rays."""
+
+
+@runtime_checkable
+class FlowRays(Protocol):
+    """Rays of an engine that finds optical flow itself."""
+
+    def find_flow(self, other: TracedExposure, tables: FlowTables) -> Float32s:
+        """(h, w, 2) displacement of points to their places in another exposure; nan: not seen."""
 
 
 class TraceEngine(Protocol):

@@ -14,16 +14,19 @@ import numpy.typing as npt
 
 from catoptra_server.render.renderer import NO_THRESHOLDS, Image, LinearImage
 from catoptra_server.render.srgb_encoding import srgb_table
+from catoptra_server.render.trace.flow_tables import FlowTables
 from catoptra_server.render.trace.kernel.exposure_arrays import (
     ObjectTable,
     exposure_arrays,
     ray_table_struct,
 )
+from catoptra_server.render.trace.kernel.flow_arrays import flow_arrays
 from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
 from catoptra_server.render.trace.kernel.kernel_image_changer import KernelImageChanger
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.kernel.kernel_structs import (
     OUTPUT_AGREEMENT,
+    OUTPUT_FLOW,
     OUTPUT_HITS,
     OUTPUT_LABELS,
     OUTPUT_LINEAR,
@@ -97,10 +100,11 @@ class KernelEngine:
         self._mesh = scene
         self._world = world
         self._scene_lights = scene_lights
-        self._centre = scene_centre(scene)
+        self.centre = scene_centre(scene)
+        """(3,) origin of Embree's coordinates in the world."""
         self._owners: list[object] = []
         self._meshes: list[int] = []
-        self._objects = ObjectTable(self._device, self._centre)
+        self._objects = ObjectTable(self._device, self.centre)
         self._has_shadow_tables = False
         try:
             self._scene = self._make_scene()
@@ -119,11 +123,11 @@ class KernelEngine:
         radiance = radiance_table(self._mesh, self._scene_lights, self._world.background)
         encoded = encoded_table(radiance)
         textures = self._keep(texture_array(self._mesh))
-        lights, num_lights = light_array(self._world.lights, self._scene_lights, self._centre)
+        lights, num_lights = light_array(self._world.lights, self._scene_lights, self.centre)
         # The table of greys is cached for the life of the process.
         self._owners += [radiance, encoded, lights]
         scene = SceneStruct(
-            mesh=self._commit(scene_arrays(self._mesh, self._centre)),
+            mesh=self._commit(scene_arrays(self._mesh, self.centre)),
             sharp_radiance=radiance.ctypes.data,
             ambient_radiance=radiance.ctypes.data,
             encoded=encoded.ctypes.data,
@@ -133,8 +137,8 @@ class KernelEngine:
             lights=ctypes.addressof(lights),
             hemisphere=hemisphere_struct(self._world.lights),
             srgb_table=srgb_table().ctypes.data,
-            surfaces=self._keep(surfaces_struct(self._mesh, self._centre)),
-            occlusion=self._keep(occlusion_struct(self._mesh.occlusion, self._centre)),
+            surfaces=self._keep(surfaces_struct(self._mesh, self.centre)),
+            occlusion=self._keep(occlusion_struct(self._mesh.occlusion, self.centre)),
         )
         if self._mesh.occlusion is not None:
             scene.ambient_radiance = self._tabulate_ambient()
@@ -165,7 +169,7 @@ class KernelEngine:
         if self._mesh.occlusion is None:
             self._scene.ambient_radiance = self._tabulate_ambient()
         if not self._mesh.casts_shadows.all():
-            self._scene.casters = self._commit(caster_arrays(self._mesh, self._centre))
+            self._scene.casters = self._commit(caster_arrays(self._mesh, self.centre))
             casters = np.flatnonzero(self._mesh.casts_shadows).astype(np.int32)
             self._owners.append(casters)
             self._scene.caster_triangles = casters.ctypes.data
@@ -185,11 +189,12 @@ class KernelEngine:
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
         inverse_range: Float32s | None = None,
         labels: Owned | None = None,
+        flow: Owned | None = None,
     ) -> FrameCounts:
-        """Render an exposure into arrays: an image, ranges, triangles and objects, or labels."""
+        """Render an exposure into arrays: an image, hits, labels or flow."""
         if first_state(exposure).has_shadows:
             self._prepare_shadows()
-        frame = exposure_arrays(exposure, self._centre, self._objects)
+        frame = exposure_arrays(exposure, self.centre, self._objects)
         frame.struct.output = output
         frame.struct.measures_shadows = "Shadows" in thresholds
         frame.struct.shadow_threshold = thresholds.get("Shadows", 0.0)
@@ -200,8 +205,10 @@ class KernelEngine:
         if inverse_range is not None:
             frame.struct.inverse_range = inverse_range.ctypes.data
         if labels is not None:
-            labels.struct.centre[:] = self._centre.tolist()
+            labels.struct.centre[:] = self.centre.tolist()
             frame.struct.labels = ctypes.addressof(labels.struct)
+        elif flow is not None:
+            frame.struct.flow = ctypes.addressof(flow.struct)
         elif output == OUTPUT_HITS:
             struct = frame.struct
             struct.range_m, struct.triangle, struct.object = (a.ctypes.data for a in arrays)
@@ -211,7 +218,7 @@ class KernelEngine:
 
     def trace_bare(self, view: int, exposure: TracedExposure) -> None:
         """Trace a view's rays without any use of the hits."""
-        frame = exposure_arrays(exposure, self._centre, self._objects)
+        frame = exposure_arrays(exposure, self.centre, self._objects)
         self._device.trace(self._scene, view, frame.struct)
 
     def close(self) -> None:
@@ -293,6 +300,12 @@ class KernelRays:
         arrays, owned = agreement_arrays(self._table, tables, ids)
         self._label(exposure, OUTPUT_AGREEMENT, owned)
         return arrays
+
+    def find_flow(self, other: TracedExposure, tables: FlowTables) -> Float32s:
+        """(h, w, 2) displacement of points to their places in another exposure; nan: not seen."""
+        flow, owned = flow_arrays(tables, self._engine.centre)
+        self._engine.render(self._require_view(), other, OUTPUT_FLOW, flow=owned)
+        return flow
 
     def _label(self, exposure: TracedExposure, output: int, labels: Owned) -> None:
         self._engine.render(self._require_view(), exposure, output, labels=labels)

@@ -9,7 +9,7 @@ import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint32, c_void_p
 from typing import ClassVar
 
-OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_AGREEMENT = range(5)
+OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_AGREEMENT, OUTPUT_FLOW = range(6)
 FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
 LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
 
@@ -165,6 +165,28 @@ class LabelsStruct(ctypes.Structure):
     ]
 
 
+class FlowStruct(ctypes.Structure):
+    """Points and projection of an optical flow."""
+
+    _fields_: ClassVar[Fields] = [
+        ("points", c_void_p),
+        ("ids", c_void_p),
+        ("motion_of", c_void_p),
+        ("motions", c_void_p),
+        ("centre", c_double * 3),
+        ("num_nodes", c_int32),
+        ("first_rad", c_float),
+        ("step_rad", c_float),
+        ("last_rad", c_float),
+        ("radius_px", c_void_p),
+        ("origin_r", c_void_p),
+        ("origin_z", c_void_p),
+        ("axes", c_float * 4),
+        ("centre_px", c_float * 2),
+        ("flow", c_void_p),
+    ]
+
+
 class FrameStruct(ctypes.Structure):
     """One exposure and its outputs."""
 
@@ -195,6 +217,7 @@ class FrameStruct(ctypes.Structure):
         ("airlight", c_float * 3),
         ("measures_fog", c_int32),
         ("labels", c_void_p),
+        ("flow", c_void_p),
     ]
 
 
@@ -265,6 +288,7 @@ STRUCTURES: tuple[type[ctypes.Structure], ...] = (
     RayTableStruct,
     PoseStruct,
     LabelsStruct,
+    FlowStruct,
     FrameStruct,
     FrameCounts,
     ImageStage,

@@ -51,7 +51,7 @@ struct Search {
 
 int can_prove_coverage(const FrameState *state) {
     return state->scene->surfaces.num_surfaces && state->has_beams &&
-           state->frame->output != OUTPUT_HITS;
+           state->frame->output != OUTPUT_HITS && state->frame->output != OUTPUT_FLOW;
 }
 
 Search *create_search(const FrameState *state, int capacity) {

@@ -25,7 +25,8 @@ enum {
     OUTPUT_LINEAR = 1,
     OUTPUT_HITS = 2,
     OUTPUT_LABELS = 3,
-    OUTPUT_AGREEMENT = 4
+    OUTPUT_AGREEMENT = 4,
+    OUTPUT_FLOW = 5
 };
 
 /* Object numbers: nothing, the static scene, 1 + index of a dynamic object, any of these. */
@@ -131,6 +132,23 @@ typedef struct {
     float translation[3];
 } Pose;
 
+/* Where the points of a picture are in the image of the frame; twin: flow_tables.FlowTables. */
+typedef struct {
+    const float *points;      /* (h, w, 3) world frame; not a number for none */
+    const uint16_t *ids;      /* (h, w) numbers of their objects */
+    const int32_t *motion_of; /* (65536,) index into motions; -1: at rest, below: not in the frame */
+    const Pose *motions;      /* there from here, Embree's coordinates */
+    double centre[3];         /* origin of Embree's coordinates in the world */
+    int32_t num_nodes;        /* of the tables by evenly spaced angles from the axis */
+    float first_rad, step_rad, last_rad;
+    const float *radius_px;   /* (num_nodes,) */
+    const float *origin_r;    /* (num_nodes,) or NULL: rays begin at the viewpoint */
+    const float *origin_z;    /* likewise */
+    float axes[4];            /* (2, 2) displacements of the azimuths of x and y */
+    float centre_px[2];
+    float *flow;              /* (h, w, 2) not a number */
+} Flow;
+
 /* Channels of labels, (h, w) or (h, w, 3); NULL where one is not wanted. */
 typedef struct {
     const uint16_t *triangle_numbers; /* (n,) number of each triangle's object, from 1 */
@@ -172,6 +190,7 @@ typedef struct {
     float airlight[3];     /* linear radiance */
     int32_t measures_fog;  /* fog_change of the counts is wanted */
     const Labels *labels;  /* of OUTPUT_LABELS and OUTPUT_AGREEMENT */
+    const Flow *flow;      /* of OUTPUT_FLOW */
 } Frame;
 
 /* What a frame took, beside its pixels. */

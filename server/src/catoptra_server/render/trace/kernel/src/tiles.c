@@ -3,6 +3,7 @@
 #include "blur_plan.h"
 #include "camera_rays.h"
 #include "facet_plane.h"
+#include "flow.h"
 #include "fog.h"
 #include "fog_tile.h"
 #include "hit_points.h"
@@ -485,6 +486,9 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         return;
     case OUTPUT_AGREEMENT:
         count_agreement(state, tile, content);
+        return;
+    case OUTPUT_FLOW:
+        flow_tile(state, tile);
         return;
     }
     PlaneLight light;
