@@ -26,7 +26,8 @@ from gymnasium.envs.registration import register, registry
 from gymnasium.utils.env_checker import check_env
 
 from catoptra_client import gym_environment
-from catoptra_client.gym_environment import CatoptraEnv, Transition
+from catoptra_client.gym_environment import CatoptraEnv
+from catoptra_client.robot_episodes import Transition
 
 ACTIONS = ((1.0, 0.4), (0.3, 0.5), (-0.2, 0.6))
 

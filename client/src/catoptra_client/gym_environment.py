@@ -1,58 +1,34 @@
-"""Gymnasium environment of one robot on a lockstep server, for reinforcement learning.
+"""Gymnasium environment of one robot on a lockstep server; see docs/environment.md.
 
-Needs the extra `gym`. The server's random numbers follow from its seed, the name of a robot and the
-ticks since its spawn. An episode is therefore a new robot, named by the environment's generator:
-the same seed gives the same episodes without a restart of the server. See docs/environment.md.
+Needs the extra `gym`. An episode is a new robot of `robot_episodes`.
 """
 
 from __future__ import annotations
 
-import copy
 import math
 import weakref
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_client.frame_sources import ImageEncoding, StreamClient
-from catoptra_client.robot_observation import Observation, find_planar_pose, observe
+from catoptra_client.frame_sources import StreamClient
+from catoptra_client.robot_episodes import Info, RewardFunction, RobotEpisodes, StartFunction
+from catoptra_client.robot_observation import Observation
 from catoptra_client.server_process import serve_stream
-from catoptra_protocol.errors import CatoptraError, DomainError
-from catoptra_protocol.usarsim.reports import Report
-from catoptra_protocol.vectors import Vector3
+from catoptra_protocol.errors import DomainError
 
 try:
     import gymnasium
 except ImportError as error:
     raise ImportError("no Gymnasium here: pip install 'catoptra-client[gym]'") from error
 
-Info = dict[str, Any]
-# Start pose by the environment's generator: x and y in metres, yaw in radians, in the world frame.
-StartFunction = Callable[[np.random.Generator], Vector3]
-
 # Finite, as Gymnasium's checker wants it, and farther than any drive or range.
 _MAX_M = 1e6
 _ODOMETRY_LIMITS = np.array((_MAX_M, _MAX_M, math.pi), np.float32)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Transition:
-    """A step, with action, observations and info as in `CatoptraEnv`."""
-
-    observation: Observation
-    info: Info
-    action: npt.NDArray[np.float64]
-    next_observation: Observation
-    next_info: Info
-
-
-# Reward of a step, and whether the step ends the episode.
-RewardFunction = Callable[[Transition], tuple[float, bool]]
 
 
 class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasium is not installed
@@ -60,12 +36,11 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
 
     Action: speeds (2,) of the left and right wheels, as fractions of the maximum in [-1, 1].
     Observation: `image`, `odometry` and `scan` of `robot_observation.observe`. Info: true `pose`
-    (3,), x and y in metres and yaw in radians in the world frame, and `time_s` since the start.
-    Calls also raise the errors of `StreamClient`.
+    (3,), m, m, rad in the world frame, and `time_s` since the start. Raises as `StreamClient`.
+    `client` is the robot's connection, for its other sensors.
     """
 
     client: StreamClient
-    """Connection of the robot, for its other sensors; `step` alone advances the time."""
 
     def __init__(
         self,
@@ -88,13 +63,10 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
         Args:
             reward: Reward of a step, and whether the step ends the episode.
             start: Start pose of an episode.
-            robot: File of the server's robot, or name of a bundled one.
-            world: File of its world, likewise.
-            server_seed: Its seed.
-            server_arguments: Its further arguments, such as `--threads 1` beside other servers.
+            robot, world: Files of the server's robot and world, or names of bundled ones.
+            server_seed, server_arguments: Its seed and further arguments, such as `--threads 1`.
             address: Host and stream port of a running server, which replaces the four above.
-            robot_class: Class of the robot; empty = the server's first one.
-            camera: Name of the camera; empty = the robot's first one.
+            robot_class, camera: Empty = the server's first class, the robot's first camera.
             step_s: Simulated seconds of a step.
             render_mode: `rgb_array` for the camera's image, or None.
             timeout_s: Limit of each wait for the server.
@@ -104,25 +76,25 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
                 or camera.
         """
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": 1.0 / step_s}
-        self.render_mode, self._camera, self._step_s = render_mode, camera, step_s
-        self._reward, self._start = reward, start
+        self.render_mode, self._reward, self._start = render_mode, reward, start
         self._stack = ExitStack()
-        # Ends the server with the environment or the program where `close` is not called.
+        # Where `close` is not called.
         self._finalizer = weakref.finalize(self, self._stack.close)
         try:
             if address is None:
+                files, arguments = (Path(robot), Path(world)), tuple(server_arguments)
                 server = serve_stream(
-                    *(Path(robot), Path(world)),
-                    seed=server_seed,
-                    timeout_s=timeout_s,
-                    extra_arguments=tuple(server_arguments),
+                    *files, seed=server_seed, timeout_s=timeout_s, extra_arguments=arguments
                 )
                 self.client = self._stack.enter_context(server)
             else:
                 client = StreamClient.connect(*address, timeout_s=timeout_s)
                 self.client = self._stack.enter_context(client)
-            self._class_name = robot_class or self.client.get_status().class_names[0]
-            observation, _ = self._spawn(np.random.default_rng(0), {})
+            self._episodes = RobotEpisodes(
+                self.client, robot_class=robot_class, camera=camera, step_s=step_s
+            )
+            generator = np.random.default_rng(0)
+            observation, _ = self._episodes.begin(generator, start(generator))
         except BaseException:
             self.close()
             raise
@@ -139,7 +111,9 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
             options: `start` is a start pose, which replaces that of the start function.
         """
         super().reset(seed=seed)
-        return self._spawn(self.np_random, options or {})
+        generator = self.np_random
+        start = (options or {}).get("start")
+        return self._episodes.begin(generator, self._start(generator) if start is None else start)
 
     def step(self, action: npt.ArrayLike) -> tuple[Observation, float, bool, bool, Info]:
         """Drive for `step_s`; observation, reward, whether the episode ended, False, and info.
@@ -150,67 +124,24 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
         speeds = np.array(action, np.float64)
         if speeds.shape != (2,) or not (np.abs(speeds) <= 1.0).all():
             raise DomainError(f"an action is two wheel speeds in [-1, 1], not {action!r}")
-        self.client.drive(*(100.0 * speeds).tolist(), normalized=True)
-        reports = self.client.step(self._step_s)
-        self._num_steps += 1
-        before, (observation, info) = self._last, self._observe(reports)
-        reward, terminated = self._reward(Transition(*before, speeds, observation, info))
+        transition = self._episodes.advance(speeds)
+        reward, terminated = self._reward(transition)
+        observation, info = transition.next_observation, transition.next_info
         return observation, float(reward), bool(terminated), False, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The newest image, (h, w, 3) uint8 RGB; None without a render mode."""
-        return self._last[0]["image"].copy() if self.render_mode else None
+        """The newest image, (h, w, 3) RGB; None without a render mode."""
+        return self._episodes.newest[0]["image"].copy() if self.render_mode else None
 
     def close(self) -> None:
         """Remove the robot, and end the server if it was started."""
         self._stack.close()
 
-    def _spawn(
-        self, generator: np.random.Generator, options: Mapping[str, Any]
-    ) -> tuple[Observation, Info]:
-        """Replace the robot by a new one; what the new one observes."""
-        self._name = f"Gym{generator.integers(2**63)}"
-        start = options["start"] if "start" in options else self._start(generator)
-        x_m, y_m, yaw_rad = map(float, start)
-        self.client.reset()
-        self.client.spawn(
-            self._class_name,
-            name=self._name,
-            location_m=(x_m, y_m, 0.0),
-            rotation_rad=(0.0, 0.0, yaw_rad),
-        )
-        names = [robot.name for robot in self.client.get_state().robots]
-        if names != [self._name]:
-            raise CatoptraError(
-                f"the server has other robots ({', '.join(names)}): an environment needs a server "
-                "of its own, since a step advances the time of all robots"
-            )
-        self._num_steps = 0
-        return self._observe(self.client.step(0.0))
-
-    def _observe(self, reports: Iterable[Report]) -> tuple[Observation, Info]:
-        """Observation and info of the present, from the readings of all sensors and a frame."""
-        frame = self.client.get_frame(
-            encoding=ImageEncoding.RAW, robot=self._name, camera=self._camera
-        )
-        observation = observe(frame, reports)
-        # Counted from the start: differences of the server's times would round by its age.
-        info: Info = {"pose": find_planar_pose(frame), "time_s": self._num_steps * self._step_s}
-        # Copies: the caller may write into what is returned.
-        self._last = copy.deepcopy((observation, info))
-        return observation, info
-
 
 def _find_space(observation: Observation) -> gymnasium.spaces.Dict:
     """Space of all observations that have the shapes of this one."""
-    limits_of = {
-        "image": (0, 255),
-        "odometry": (-_ODOMETRY_LIMITS, _ODOMETRY_LIMITS),
-        "scan": (0.0, _MAX_M),
-    }
+    box, limit = gymnasium.spaces.Box, _ODOMETRY_LIMITS
+    limits_of = {"image": (0, 255), "odometry": (-limit, limit), "scan": (0.0, _MAX_M)}
     return gymnasium.spaces.Dict(
-        {
-            name: gymnasium.spaces.Box(*limits_of[name], values.shape, values.dtype.type)
-            for name, values in observation.items()
-        }
+        {name: box(*limits_of[name], v.shape, v.dtype.type) for name, v in observation.items()}
     )

@@ -39,9 +39,10 @@ _parse_timeout = partial(parse_float_within, name="a time-out", last=MAX_TIMEOUT
 _COMMAND_HELP = """\
 commands:
   calibration write a robot's camera as calibration files of other programs
+  dataset     draw pictures with ground truth by a recipe, in shards
   explain     report the effects that a robot's camera needs in a world, with their cost
   doctor      check whether the server can run on this machine
-  list        list the names of bundled robots, worlds and landmarks, and the classes of robots
+  list        list the names of bundled files, and the classes of robots
   --version   print version, system and the trace renderer's instruction set
 
 `catoptra-server COMMAND --help` lists the options of a command."""
@@ -69,7 +70,7 @@ def _build_parser() -> argparse.ArgumentParser:
     parser = CommandParser(
         prog="catoptra-server",
         usage="catoptra-server --robot FILE --world FILE [options]\n"
-        "       catoptra-server {calibration,explain,doctor,list} [options]",
+        "       catoptra-server {calibration,dataset,explain,doctor,list} [options]",
         description="Simulate a robot with an omnidirectional camera, in USARSim's protocol.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog=_COMMAND_HELP,

@@ -6,6 +6,9 @@ To add a channel: its row here, its computation in the server's `ground_truth/`,
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
+
+import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -63,3 +66,9 @@ def parse_channels(names: tuple[str, ...]) -> tuple[LabelChannel, ...]:
     if len(set(names)) < len(names):
         raise DomainError(f"a channel stands twice: {', '.join(names)}")
     return tuple(channel for channel in _CHANNELS if channel.name in names)
+
+
+def count_bytes(channels: Collection[LabelChannel], height_px: int, width_px: int) -> int:
+    """Size of the arrays of channels of one image."""
+    per_pixel = sum(np.dtype(channel.dtype).itemsize * channel.depth for channel in channels)
+    return height_px * width_px * per_pixel

@@ -5,8 +5,10 @@ Belongs to the thread of the renderers. Nothing exists before the first request 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.labels.channels import LABEL_CHANNELS, count_bytes
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
@@ -15,9 +17,11 @@ from catoptra_server.frames.frame_labels import FrameLabels
 from catoptra_server.frames.frame_request import Channel
 from catoptra_server.frames.renderer_recovery import ViewFailedError
 from catoptra_server.ground_truth.label_rays import DrawnExposure
-from catoptra_server.ground_truth.label_renderer import LabelRenderer, count_bytes
 from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.renderer_pool import RendererPool
+
+if TYPE_CHECKING:
+    from catoptra_server.ground_truth.label_renderer import LabelRenderer
 
 # All channels of one frame: what a client accepts of an image. Frames wait one a client.
 MAX_CHANNEL_BYTES = 64 * 2**20
@@ -59,7 +63,11 @@ class FrameLabeller:
         last = self._last.get(channel) if "flow" in names else None
         try:
             if self._labels is None:
-                self._labels = LabelRenderer(self._renderers.get_tracer(), self._summarizer.scene)
+                tracer = self._renderers.get_tracer()
+                # Imported here: a server without Embree runs, without labels.
+                from catoptra_server.ground_truth.label_renderer import LabelRenderer
+
+                self._labels = LabelRenderer(tracer, self._summarizer.scene)
             truth = self._labels.render(drawn, names, None if last is None else last.camera_state)
         except (DomainError, RendererUnavailableError) as error:
             raise ViewFailedError(f"no labels: {error}") from error
@@ -82,7 +90,8 @@ class FrameLabeller:
 def _require_room(drawn: DrawnExposure, names: tuple[str, ...]) -> None:
     """Raise ViewFailedError for channels that take too much memory."""
     camera = drawn.camera
-    size = count_bytes(camera, [LABEL_CHANNELS[name] for name in names])
+    channels = [LABEL_CHANNELS[name] for name in names]
+    size = count_bytes(channels, camera.height_px, camera.width_px)
     if size > MAX_CHANNEL_BYTES:
         raise ViewFailedError(
             f"no labels: the channels {', '.join(names)} of {camera.width_px} x "

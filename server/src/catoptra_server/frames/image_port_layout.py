@@ -115,7 +115,7 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
     """
     (view,) = composition.views
     composition = replace(composition, channels=variant.channels)
-    if not variant.changes_picture:
+    if variant.channels and not variant.changes_picture:
         return composition
     if view is None or not isinstance(view.camera, OmniCameraSpec):
         raise DomainError("only omnidirectional cameras have variants")

@@ -11,13 +11,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, LabelChannel, parse_channels
+from catoptra_protocol.labels.channels import LABEL_CHANNELS, parse_channels
 from catoptra_protocol.labels.ground_truth import GroundTruth
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.ground_truth.flow import find_flow
 from catoptra_server.ground_truth.label_rays import (
     DrawnExposure,
-    LabelCamera,
     RaySource,
     build_label_rays,
     label_exposure,
@@ -174,9 +173,3 @@ class LabelRenderer:
         """Free all rays."""
         while self._prepared:
             self._prepared.popitem()[1].rays.close()
-
-
-def count_bytes(camera: LabelCamera, channels: Collection[LabelChannel]) -> int:
-    """Size of the arrays of channels of one image."""
-    per_pixel = sum(np.dtype(channel.dtype).itemsize * channel.depth for channel in channels)
-    return camera.width_px * camera.height_px * per_pixel
