@@ -1,0 +1,87 @@
+"""What channels of ground truth cost beside the picture, and that none cost nothing.
+
+Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/labels.py
+
+Prints median processor milliseconds of one thread for 640 x 640 px of the paper's mirror, a fish-eye
+of 220 degrees and a chrome ball on the field: the picture with 2 x 2 samples, then channels alone,
+in turns.
+Decision: labels are rays of their own, ARCHITECTURE's chapter "Ground truth".
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from functools import partial
+
+from interleaved import median_ms
+from scenes import CAMERA_STATE, FIELD
+
+from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.optics.lenses import EquidistantLens
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, SphericalMirror
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.config.world_file import read_world
+from catoptra_server.ground_truth.label_rays import DrawnExposure
+from catoptra_server.ground_truth.label_renderer import LabelRenderer
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.scene.scene_mesh import build_scene
+
+CAMERAS = {
+    "paper's mirror": (PAPER_MIRROR, 120.0),
+    "fish-eye": (EquidistantLens(), 110.0),
+    "chrome ball": (SphericalMirror(0.03, 0.2, math.radians(120.0)), 120.0),
+}
+ALL = tuple(LABEL_CHANNELS)
+CHANNELS = {
+    "range": ("range",),
+    "ids": ("ids",),
+    "range, ids, classes, valid": ("range", "ids", "classes", "valid"),
+    "normal": ("normal",),
+    "point": ("point",),
+    "agreement": ("agreement",),
+    "flow": ("flow",),
+    "all but flow": tuple(name for name in ALL if name != "flow"),
+    "all": ALL,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--rounds", type=int, default=15)
+    rounds = parser.parse_args().rounds
+    world = read_world(FIELD)[0]
+    scene = build_scene(world)
+    renderer = TraceRenderer(scene, world, threads=1)
+    labels = LabelRenderer(renderer, scene)
+    moved = CAMERA_STATE.world_from_mirror @ Pose.from_rpy((0.1, 0.02, 0.0), (0.0, 0.0, 0.05))
+    other = CameraState(moved)
+    for title, (projection, rim_deg) in CAMERAS.items():
+        camera = camera_with_inscribed_rim(
+            projection, width_px=640, height_px=640, rim_rad=math.radians(rim_deg)
+        )
+        settings = RenderSettings(samples=2)
+        plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="measured")
+        view = renderer.prepare(camera, plan)
+        drawn = DrawnExposure(camera, CAMERA_STATE, samples=2)
+        draws = {"picture": partial(view.render, CAMERA_STATE)} | {
+            name: partial(labels.render, drawn, channels, other)
+            for name, channels in CHANNELS.items()
+        }
+        times = {name: row[1] for name, row in median_ms(draws, rounds=rounds).items()}
+        print(f"{title}: picture {times['picture']:.1f} ms")
+        for name in CHANNELS:
+            share = times[name] / times["picture"]
+            print(f"  {name:28} {times[name]:6.1f} ms, {share:5.0%} of the picture")
+        view.close()
+    labels.close()
+    renderer.close()
+
+
+if __name__ == "__main__":
+    main()
