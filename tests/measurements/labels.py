@@ -2,10 +2,9 @@
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/labels.py
 
-Prints median processor milliseconds of one thread for 640 x 640 px of the paper's mirror, a fish-eye
-of 220 degrees and a chrome ball on the field: the picture with 2 x 2 samples, then channels alone,
-in turns.
-Decision: labels are rays of their own, ARCHITECTURE's chapter "Ground truth".
+Prints median processor milliseconds of one thread for 640 x 640 px of the paper's mirror, a 220
+degree fish-eye and a chrome ball on the field: the picture with 2 x 2 samples, then channels alone,
+in turns. Decision: labels are rays of their own, ARCHITECTURE's chapter "Ground truth".
 """
 
 from __future__ import annotations
