@@ -82,3 +82,9 @@ def test_unlit_beside_a_colour_belongs_to_the_material(tmp_path: Path) -> None:
     ]
     assert item.material == Material((0.0, 0.0, 0.0), unlit=True)
     assert item.unlit is None
+
+
+def test_class_of_an_item_is_that_of_its_line(tmp_path: Path) -> None:
+    line = 'Boxes=(Size=(X=1,Y=2,Z=3),Name="door",Class="furniture")'
+    world = read_world_text(tmp_path, line, "Boxes=(Size=(X=1,Y=1,Z=1))")
+    assert [item.class_name for item in world.items[-2:]] == ["furniture", ""]

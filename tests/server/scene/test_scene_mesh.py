@@ -209,3 +209,27 @@ def test_box_of_a_scene_touches_its_extreme_corners() -> None:
 def test_box_of_an_empty_scene_is_inverted() -> None:
     scene = build_scene(World("w", ()))
     assert (scene.box_min > scene.box_max).all()
+
+
+def test_objects_are_items_by_name_nodes_of_gltf_files_and_landmarks(tmp_path: Path) -> None:
+    square = trimesh.creation.box((0.2, 0.3, 0.4))
+    nodes = trimesh.Scene()
+    nodes.add_geometry(square, node_name="chair.001", geom_name="a")
+    nodes.add_geometry(square.copy(), node_name="desk", geom_name="b")
+    path = tmp_path / "office.glb"
+    path.write_bytes(nodes.export(file_type="glb"))
+    landmark = Landmark("b", "beacon", 1, 0, 0.1, 0.1, 0.2, 0.4, "cyan", "yellow")
+    colours = {"cyan": (0.0, 1.0, 1.0), "yellow": (1.0, 1.0, 0.0)}
+    items = (
+        make_item(BOX, name="table"),
+        Item("office", MeshFile(path, up="y"), Pose.identity(), None),
+        make_item(BOX, name="table"),
+    )
+    scene = build_scene(World("w", items, landmarks=(landmark,), landmark_albedos=colours))
+    named = [(one.name, one.class_name) for one in scene.objects]
+    assert (named[0], named[-1]) == (("table", "object"), ("b", "beacon"))
+    # In the order in which trimesh walks the file.
+    assert sorted(named[1:-1]) == [("office/chair.001", "chair"), ("office/desk", "desk")]
+    counts = np.bincount(scene.object_index)
+    assert counts[:3].tolist() == [24, 12, 12]
+    assert (scene.object_index[scene.item_index == 0] == 0).all()
