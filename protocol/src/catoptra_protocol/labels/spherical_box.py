@@ -115,7 +115,7 @@ class PixelSphere:
             width,
             -0.5 * math.pi if below else float(elevation.min()),
             0.5 * math.pi if above else float(elevation.max()),
-            enclose_directions(np.unique(points, axis=0)),
+            enclose_directions(points),
         )
 
 
