@@ -41,6 +41,8 @@ def test_numbers_are_consistent() -> None:
     assert [names[one["category_id"]] for one in coco["annotations"]] == ["robot", "goal", "robot"]
 
 
+# pycocotools hands arrays to NumPy by an interface of NumPy 1.
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
 def test_pycocotools_reads_the_file(tmp_path: Path) -> None:
     module = pytest.importorskip("pycocotools.coco")
     path = tmp_path / "instances.json"

@@ -104,6 +104,8 @@ def test_run_lengths_of_another_size_are_rejected(lengths: list[int]) -> None:
         mask_from_run_lengths(lengths, 2, 3)
 
 
+# pycocotools hands arrays to NumPy by an interface of NumPy 1.
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
 def test_pycocotools_reads_the_strings() -> None:
     mask_tools = pytest.importorskip("pycocotools.mask")
     for mask in find_masks(random_ids()):
