@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.optics.camera_rays import pixel_from_point
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -251,3 +252,33 @@ def test_only_requested_channels_are_rendered() -> None:
     with open_labels() as labels:
         assert list(labels.render(DrawnExposure(FISH_EYE, STATE), ("valid",)).channels) == ["valid"]
         assert labels.render(DrawnExposure(FISH_EYE, STATE), ()).channels == {}
+
+
+@pytest.mark.parametrize("engine", ["kernel", "reference"])
+def test_flow_ends_at_the_pixel_that_the_camera_model_gives(camera: OmniCamera, engine) -> None:
+    there = replace(
+        STATE,
+        world_from_mirror=Pose.from_rpy((0.41, 0.12, -0.62), (0.03, -0.02, 0.42)),
+        objects=tuple(
+            replace(robot, world_from_object=robot.world_from_object @ Pose.from_rpy((0.05, 0, 0)))
+            for robot in ROBOTS
+        ),
+    )
+    with open_labels(engine) as labels:
+        found = labels.render(
+            DrawnExposure(camera, STATE), ("flow", "ids", "point"), there
+        ).channels
+        robots = {labels.labels.number_of(one): index for index, one in enumerate(ROBOTS)}
+    known = np.isfinite(found["flow"]).all(axis=-1)
+    points, ids = found["point"][known].astype(float), found["ids"][known]
+    for number, index in robots.items():
+        here, moved = (state.objects[index].world_from_object for state in (STATE, there))
+        those = ids == number
+        points[those] = (moved @ here.inverse()).transform_points(points[those])
+    in_mirror = there.world_from_mirror.inverse().transform_points(points)
+    expected, valid = pixel_from_point(camera, in_mirror)
+    assert valid.mean() > 0.999
+    rows, columns = np.nonzero(known)
+    ends = np.column_stack((columns, rows)) + 0.5 + found["flow"][known]
+    assert np.abs(ends - expected)[valid].max() < 0.02
+    assert np.linalg.norm(found["flow"][known], axis=-1).max() > 3.0
