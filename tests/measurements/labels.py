@@ -3,8 +3,9 @@
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/labels.py
 
 Prints median processor milliseconds of one thread for 640 x 640 px of the paper's mirror, a 220
-degree fish-eye and a chrome ball on the field: the picture with 2 x 2 samples, then channels alone,
-in turns. Decision: labels are rays of their own, ARCHITECTURE's chapter "Ground truth".
+degree fish-eye and a chrome ball on the field: the picture with 2 x 2 samples, then what channels
+add to the picture, in turns, and what they take alone, as beside raster's pictures. Decision:
+labels are found while the picture is drawn, ARCHITECTURE's chapter "Ground truth".
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.ground_truth.label_renderer import LabelRenderer
 from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.renderer import NO_THRESHOLDS
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.omni_view import TraceOmniView
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 
@@ -68,15 +71,27 @@ def main() -> None:
         plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="measured")
         view = renderer.prepare(camera, plan)
         drawn = DrawnExposure(camera, CAMERA_STATE, samples=2)
-        draws = {"picture": partial(view.render, CAMERA_STATE)} | {
-            name: partial(labels.render, drawn, channels, other)
-            for name, channels in CHANNELS.items()
-        }
+
+        def draw_labelled(
+            channels: tuple[str, ...], view: TraceOmniView = view, drawn: DrawnExposure = drawn
+        ) -> None:
+            request = labels.request(drawn, channels)
+            found = view.render_with_labels(CAMERA_STATE, (), NO_THRESHOLDS, request)[1]
+            labels.render(drawn, channels, other, found)
+
+        draws = {"picture": partial(view.render, CAMERA_STATE)}
+        for name, channels in CHANNELS.items():
+            draws[f"{name} beside"] = partial(draw_labelled, channels)
+            draws[f"{name} alone"] = partial(labels.render, drawn, channels, other)
         times = {name: row[1] for name, row in median_ms(draws, rounds=rounds).items()}
-        print(f"{title}: picture {times['picture']:.1f} ms")
+        picture = times["picture"]
+        print(f"{title}: picture {picture:.1f} ms")
         for name in CHANNELS:
-            share = times[name] / times["picture"]
-            print(f"  {name:28} {times[name]:6.1f} ms, {share:5.0%} of the picture")
+            added, alone = times[f"{name} beside"] - picture, times[f"{name} alone"]
+            print(
+                f"  {name:28} adds {added:5.1f} ms, {added / picture:4.0%} of the picture; "
+                f"alone {alone:5.1f} ms, {alone / picture:4.0%}"
+            )
         view.close()
     labels.close()
     renderer.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,11 +13,20 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.frames.frame_labeller import FrameLabeller
-from catoptra_server.frames.frame_request import CameraChannel
+from catoptra_server.frames.frame_request import CameraChannel, ViewRequest
 from catoptra_server.frames.renderer_recovery import ViewFailedError
+from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.ground_truth.label_rays import DrawnExposure
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.robot.render_settings import (
+    MirrorSurface,
+    PerPixel,
+    RenderSettings,
+    Tessellation,
+)
 from helpers.labelled_rooms import CAMERAS, SCENE, STATE, WORLD
 
 CHANNEL = CameraChannel("Mine", "Omni")
@@ -70,3 +80,35 @@ def test_labeller_goes_on_after_its_rays_were_closed(labeller: FrameLabeller) ->
     labeller.close()
     after = labeller.label(DRAWN, ("ids",), CHANNEL, 1.0)
     np.testing.assert_array_equal(before.truth.channels["ids"], after.truth.channels["ids"])
+
+
+def test_request_beside_a_picture_names_what_the_channels_need(labeller: FrameLabeller) -> None:
+    found = labeller.request(DRAWN, ("flow", "range"))
+    assert found is not None
+    assert found.channels == {"flow", "range", "ids", "point"}
+    assert found.centres.samples == 1
+
+
+def test_request_that_cannot_be_answered_leaves_the_picture_alone(labeller: FrameLabeller) -> None:
+    huge = replace(DRAWN, camera=replace(CAMERAS["fish-eye"], width_px=4096, height_px=4096))
+    assert labeller.request(huge, ("point",)) is None
+
+
+@pytest.mark.parametrize("surface", [PerPixel(), Tessellation(24, 12)], ids=str)
+def test_labels_are_found_while_a_picture_with_the_rays_of_the_model_is_drawn(
+    surface: MirrorSurface,
+) -> None:
+    """Not beside a picture of a mirror mesh, whose rays are others."""
+    spec = OmniCameraSpec(CAMERAS["paper"], RenderSettings(surface, samples=2))
+    choice = choose_renderer("trace", SCENE, WORLD, threads=1)
+    views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(SCENE, WORLD))
+    try:
+        request = ViewRequest(spec, STATE, partial(views.request_labels, ("ids", "agreement")))
+        rendered = views.render(request)
+        labels = views.label(rendered, ("ids", "agreement"), CHANNEL, 1.0)
+        assert (rendered.labels is None) == isinstance(surface, Tessellation)
+        assert labels.truth.channels["ids"].max() > 0
+        if rendered.labels is not None:
+            assert labels.truth.channels["ids"] is rendered.labels["ids"]
+    finally:
+        views.close()

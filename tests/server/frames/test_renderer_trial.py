@@ -67,7 +67,7 @@ class Machine:
         class FakeView:
             memory_bytes = 1
 
-            def render(self, camera_state: CameraState) -> RenderedImage:
+            def render(self, camera_state: CameraState, *_effects: object) -> RenderedImage:
                 machine.log.append(kind.value)
                 machine.now_s += machine.frame_s[kind]
                 if machine.failing is kind:

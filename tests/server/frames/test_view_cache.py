@@ -92,7 +92,7 @@ class CountingView:
         self._log, self._camera = log, camera
         self._drawn = [] if drawn is None else drawn
 
-    def render(self, camera_state: CameraState) -> RenderedImage:
+    def render(self, camera_state: CameraState, *_effects: object) -> RenderedImage:
         self._drawn.append(self._camera)
         shape = (self._camera.height_px, self._camera.width_px, 3)
         return RenderedImage(np.zeros(shape, dtype=np.uint8), {})
@@ -346,7 +346,7 @@ class SlowView:
     def __init__(self, renderer: SlowRenderer, plan: RenderPlan) -> None:
         self._renderer, self._plan = renderer, plan
 
-    def render(self, camera_state: CameraState) -> RenderedImage:
+    def render(self, camera_state: CameraState, *_effects: object) -> RenderedImage:
         ms = self._renderer.ms_per_sample * self._plan.samples**2
         self._renderer.now_s += 1e-3 * ms
         return RenderedImage(np.zeros((6, 8, 3), dtype=np.uint8), {"trace": ms})

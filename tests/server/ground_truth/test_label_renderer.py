@@ -12,12 +12,27 @@ from catoptra_protocol.optics.camera_rays import pixel_from_point
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.capture.shutter import INSTANTANEOUS
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
+from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.ground_truth.label_renderer import DrawnExposure
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.time_samples import advance
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.twist import Twist
-from helpers.labelled_rooms import CAMERAS, FISH_EYE, ROBOTS, STATE, cast_image, open_labels
+from helpers.labelled_rooms import (
+    CAMERAS,
+    FISH_EYE,
+    ROBOTS,
+    SCENE,
+    STATE,
+    WORLD,
+    cast_image,
+    open_labels,
+)
 
 ALL = tuple(LABEL_CHANNELS)
 
@@ -282,3 +297,53 @@ def test_flow_ends_at_the_pixel_that_the_camera_model_gives(camera: OmniCamera, 
     ends = np.column_stack((columns, rows)) + 0.5 + found["flow"][known]
     assert np.abs(ends - expected)[valid].max() < 0.02
     assert np.linalg.norm(found["flow"][known], axis=-1).max() > 3.0
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_labels_beside_a_picture_are_those_alone_and_leave_the_picture(
+    camera: OmniCamera, samples: int
+) -> None:
+    state = replace(STATE, has_shadows=True, fog=FogMedium(0.05, (0.6, 0.6, 0.6)))
+    drawn = DrawnExposure(camera, state, samples=samples)
+    channels = tuple(name for name in ALL if name != "flow")
+    plan = plan_from_settings(
+        RenderSettings(samples=samples), camera, kind=RendererKind.TRACE, reason="a test"
+    )
+    with open_labels() as labels:
+        renderer = TraceRenderer(SCENE, WORLD, threads=1)
+        alone = labels.render(drawn, channels).channels
+        request = labels.request(drawn, channels)
+        view = renderer.prepare(camera, plan)
+        for effects in ((), (Vignetting(),)):
+            plain = view.render(state, effects)
+            picture, found = view.render_with_labels(state, effects, {}, request)
+            beside = labels.render(drawn, channels, found_beside=found).channels
+            assert picture.rgb.tobytes() == plain.rgb.tobytes()
+            for name in ("ids", "classes", "agreement", "valid"):
+                np.testing.assert_array_equal(beside[name], alone[name], err_msg=name)
+            # The same rays; proofs of planes, which differ, change the last bits.
+            np.testing.assert_allclose(beside["range"], alone["range"], rtol=3e-6)
+            np.testing.assert_allclose(beside["point"], alone["point"], atol=3e-5)
+            np.testing.assert_allclose(beside["normal"], alone["normal"], atol=2e-6)
+        view.close()
+        renderer.close()
+
+
+@pytest.mark.parametrize(
+    "drawn",
+    [
+        DrawnExposure(FISH_EYE, replace(STATE, shutter=replace(INSTANTANEOUS, exposure_s=0.01))),
+        DrawnExposure(CAMERAS["paper"], STATE, (Misalignment(x_m=0.004),)),
+    ],
+    ids=["exposed for a while", "displaced"],
+)
+def test_labels_of_other_rays_than_the_picture_are_not_found_beside_it(
+    drawn: DrawnExposure,
+) -> None:
+    with open_labels() as labels:
+        assert labels.request(drawn, ("ids",)) is None
+
+
+def test_mask_alone_takes_no_ray() -> None:
+    with open_labels() as labels:
+        assert labels.request(DrawnExposure(FISH_EYE, STATE), ("valid",)) is None

@@ -7,6 +7,7 @@ each world. Nothing here depends on time or on the samples before: any process d
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from catoptra_protocol.labels.ground_truth import GroundTruth
@@ -54,8 +55,13 @@ class SampleRenderer:
             RendererUnavailableError: The renderer cannot run on this machine.
         """
         views = self._find_views(description.place.world, description.brightness)
-        view = views.render(ViewRequest(description.spec, description.state))
-        truth, annotations = self._render_labels(description, view)
+        channels = self._needed_channels()
+        requester = None
+        if channels:
+            labels = self._find_labels(description.place.world)
+            requester = partial(labels.request, channels=channels)
+        view = views.render(ViewRequest(description.spec, description.state, requester))
+        truth, annotations = self._render_labels(description, view, channels)
         world = self._stage.world(description.place.world)
         metadata = describe_sample_metadata(description, view, world)
         return RenderedSample(
@@ -67,11 +73,9 @@ class SampleRenderer:
         )
 
     def _render_labels(
-        self, description: SampleDescription, view: RenderedView
+        self, description: SampleDescription, view: RenderedView, channels: frozenset[str]
     ) -> tuple[GroundTruth, list[dict[str, Any]] | None]:
         """Ground truth of the picture, and annotations where the recipe wants them."""
-        recipe = self._stage.recipe
-        channels = {*recipe.channels, *(NEEDED_CHANNELS if wants_annotations(recipe) else ())}
         # Nothing is computed for a recipe of pictures alone.
         if not channels:
             return _NOTHING, None
@@ -81,10 +85,16 @@ class SampleRenderer:
         if after is not None and after.ego_body is not None and view.drawn.camera_state.objects:
             # As `effects/scene/self_view.py` shows the robot itself: its pixels have a flow, too.
             after = replace(after, objects=(*after.objects, after.ego_body))
-        truth = labels.render(view.drawn, channels, after)
-        if not wants_annotations(recipe):
+        truth = labels.render(view.drawn, channels, after, view.labels)
+        if not wants_annotations(self._stage.recipe):
             return truth, None
         return truth, self._annotator.annotate(description, view.drawn, truth, labels)
+
+    def _needed_channels(self) -> frozenset[str]:
+        recipe = self._stage.recipe
+        return frozenset(recipe.channels) | (
+            NEEDED_CHANNELS if wants_annotations(recipe) else frozenset()
+        )
 
     def _find_labels(self, world: int) -> LabelRenderer:
         """Labels of a world, by rays of their own: they do not depend on its lights."""

@@ -22,6 +22,8 @@ from catoptra_server.planning.renderer_pool import RendererPool
 
 if TYPE_CHECKING:
     from catoptra_server.ground_truth.label_renderer import LabelRenderer
+    from catoptra_server.render.trace.label_tables import LabelRequest
+    from catoptra_server.render.trace.trace_engine import PixelLabels
 
 # All channels of one frame: what a client accepts of an image. Frames wait one a client.
 MAX_CHANNEL_BYTES = 64 * 2**20
@@ -52,23 +54,18 @@ class FrameLabeller:
 
     def label(
         self,
-        drawn: DrawnExposure | None,
+        drawn: DrawnExposure,
         names: tuple[str, ...],
         channel: Channel,
         time_s: float,
+        found_beside: PixelLabels | None = None,
     ) -> FrameLabels:
         """Labels of a view; see `ViewCache.label`."""
-        assert drawn is not None, "a view with labels was drawn here"
         _require_room(drawn, names)
         last = self._last.get(channel) if "flow" in names else None
+        other = None if last is None else last.camera_state
         try:
-            if self._labels is None:
-                tracer = self._renderers.get_tracer()
-                # Imported here: a server without Embree runs, without labels.
-                from catoptra_server.ground_truth.label_renderer import LabelRenderer
-
-                self._labels = LabelRenderer(tracer, self._summarizer.scene)
-            truth = self._labels.render(drawn, names, None if last is None else last.camera_state)
+            truth = self._open_labels().render(drawn, names, other, found_beside)
         except (DomainError, RendererUnavailableError) as error:
             raise ViewFailedError(f"no labels: {error}") from error
         if "flow" in names:
@@ -79,6 +76,25 @@ class FrameLabeller:
             is_displaced=any(isinstance(one, Misalignment) for one in drawn.image_effects),
             flow_to_time_s=None if last is None else last.time_s,
         )
+
+    def request(self, drawn: DrawnExposure, names: tuple[str, ...]) -> LabelRequest | None:
+        """Labels that can be found while a view is drawn; see `LabelRenderer.request`."""
+        try:
+            _require_room(drawn, names)
+            return self._open_labels().request(drawn, names)
+        except (DomainError, RendererUnavailableError, ViewFailedError):
+            # Reported by `label`, after a picture that is as good without.
+            return None
+
+    def _open_labels(self) -> LabelRenderer:
+        """Labels of the scene, made at the first request."""
+        if self._labels is None:
+            tracer = self._renderers.get_tracer()
+            # Imported here: a server without Embree runs, without labels.
+            from catoptra_server.ground_truth.label_renderer import LabelRenderer
+
+            self._labels = LabelRenderer(tracer, self._summarizer.scene)
+        return self._labels
 
     def close(self) -> None:
         """Free all rays."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -19,8 +21,10 @@ from catoptra_server.frames.frame_request import (
 from catoptra_server.frames.image_difference import append_difference
 from catoptra_server.frames.multi_view import compose_tiles
 from catoptra_server.frames.view_cache import RenderedView
+from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer import Image
+from catoptra_server.render.trace.label_tables import LabelRequest
 
 
 class ViewProvider(Protocol):
@@ -33,6 +37,11 @@ class ViewProvider(Protocol):
         self, rendered: RenderedView, channels: tuple[str, ...], channel: Channel, time_s: float
     ) -> FrameLabels:
         """Label the pixels of a rendered view."""
+
+    def request_labels(
+        self, channels: tuple[str, ...], drawn: DrawnExposure
+    ) -> LabelRequest | None:
+        """Labels of channels that can be found while a view is drawn."""
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
@@ -51,7 +60,8 @@ def render_frame(
     composition = request.composition
     begin_s = monotonic()
     rendered = [
-        None if view is None or views is None else views.render(view) for view in composition.views
+        None if view is None or views is None else views.render(_with_labels(view, request, views))
+        for view in composition.views
     ]
     rgb = _turn(composition, _compose_image(composition, rendered))
     difference = None
@@ -88,6 +98,14 @@ def render_frame(
         difference=difference,
         labels=labels,
     )
+
+
+def _with_labels(view: ViewRequest, request: FrameRequest, views: ViewProvider) -> ViewRequest:
+    """Request of a view with the labels of its frame."""
+    channels = request.composition.channels
+    if not channels:
+        return view
+    return replace(view, request_labels=partial(views.request_labels, channels))
 
 
 def _sum_stages(views: Sequence[RenderedView]) -> dict[str, float]:

@@ -6,6 +6,7 @@ the frame is rendered. One frame may consist of several views, one for each tile
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import field
 
 from catoptra_protocol.camera_conf import Pairs
@@ -13,8 +14,10 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.planning.camera_spec import CameraSpec
 from catoptra_server.planning.camera_variant import CameraVariant
+from catoptra_server.render.trace.label_tables import LabelRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,10 @@ def is_variant(channel: Channel) -> bool:
     return isinstance(channel, CameraChannel) and channel.variant is not None
 
 
+# Labels that can be found along the rays of a picture; None for none.
+LabelRequester = Callable[[DrawnExposure], LabelRequest | None]
+
+
 # eq=False here and below: states hold arrays, whose comparison is no truth value.
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewRequest:
@@ -54,6 +61,8 @@ class ViewRequest:
 
     camera: CameraSpec
     camera_state: CameraState
+    request_labels: LabelRequester | None = None
+    """Labels that are to be found while the view is drawn; None for none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

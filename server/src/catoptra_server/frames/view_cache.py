@@ -50,8 +50,10 @@ from catoptra_server.planning.viewpoint_choice import (
     shows_ego_body,
 )
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage, View
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace.label_tables import LabelRequest
+from catoptra_server.render.trace.trace_engine import LabellingView, PixelLabels
 
 log = logging.getLogger(__name__)
 
@@ -74,6 +76,8 @@ class RenderedView:
     """Choice of the plan; None for a perspective camera."""
     drawn: DrawnExposure | None = None
     """The exposure as the image shows it, for labels."""
+    labels: PixelLabels | None = None
+    """Labels that were found while the image was drawn."""
 
 
 class ViewCache:
@@ -156,7 +160,10 @@ class ViewCache:
             ViewFailedError: No renderer can draw the view.
         """
         camera = self._choose_viewpoint(request)
-        rendered = self._recovery.work(camera, partial(self._render_by_plan, request.camera_state))
+        if camera is not request.camera:
+            # Its rays are others than those of the camera that is labelled.
+            request = replace(request, request_labels=None)
+        rendered = self._recovery.work(camera, partial(self._render_by_plan, request))
         if camera is not request.camera:
             self._plans.publish_bound(request.camera, rendered.choice)
             # Labels are of the mirror's own rays, however far a frame's scene is.
@@ -179,7 +186,14 @@ class ViewCache:
         Raises:
             ViewFailedError: The labels take too much memory, or no ray can be traced here.
         """
-        return self._labeller.label(rendered.drawn, channels, channel, time_s)
+        assert rendered.drawn is not None, "a view with labels was drawn here"
+        return self._labeller.label(rendered.drawn, channels, channel, time_s, rendered.labels)
+
+    def request_labels(
+        self, channels: tuple[str, ...], drawn: DrawnExposure
+    ) -> LabelRequest | None:
+        """Labels of channels that can be found while a view is drawn; see `ViewRequest`."""
+        return self._labeller.request(drawn, channels)
 
     def _choose_viewpoint(self, request: ViewRequest) -> CameraSpec:
         """Camera of a frame: with one viewpoint where the scene is far enough."""
@@ -193,10 +207,11 @@ class ViewCache:
         self._last_drawn.put(camera, chosen)
         return chosen
 
-    def _render_by_plan(self, camera_state: CameraState, planned: PlannedCamera) -> RenderedView:
+    def _render_by_plan(self, request: ViewRequest, planned: PlannedCamera) -> RenderedView:
         """Render a view by a plan."""
+        camera_state = request.camera_state
         if not isinstance(planned.spec, OmniCameraSpec):
-            rendered = self._render_with_effects(planned, camera_state)
+            rendered = self._render_with_effects(planned, request)
             self._views.trim()
             return rendered
         # Planned anew before a frame, not after: the frame's plan is the one that rendered it.
@@ -204,7 +219,7 @@ class ViewCache:
         # Prepared ahead of the clock: the first frame's time is not that of the later ones.
         self._views.get(planned)
         begin_s = self._clock()
-        rendered = self._render_with_effects(planned, camera_state)
+        rendered = self._render_with_effects(planned, request)
         frame_ms = 1e3 * (self._clock() - begin_s)
         self._plans.record_frame(planned, frame_ms, rendered.image.stage_ms)
         self._trials.record_frame(planned, camera_state, frame_ms)
@@ -224,39 +239,56 @@ class ViewCache:
 
     def _draw(self, planned: PlannedCamera, camera_state: CameraState) -> None:
         """Draw a frame for nobody."""
-        self._render_with_effects(planned, camera_state)
+        self._render_with_effects(planned, ViewRequest(planned.spec, camera_state))
         self._views.trim()
 
-    def _render_with_effects(
-        self, planned: PlannedCamera, camera_state: CameraState
-    ) -> RenderedView:
+    def _render_with_effects(self, planned: PlannedCamera, request: ViewRequest) -> RenderedView:
         """Render a view with the effects that the camera state calls for."""
-        camera, view = planned.spec, self._views.get(planned)
+        camera, camera_state = planned.spec, request.camera_state
+        view = self._views.get(planned)
         if not camera.effect_settings.settings:
             self._bound_frame(planned, camera_state)
+            drawn = _drawn_exposure(planned, camera_state)
+            image, labels = self._draw_with_labels(planned, view, drawn, request)
             return RenderedView(
-                view.render(camera_state),
+                image,
                 planned.plan_text,
                 planned.bounds,
                 choice=planned.choice,
-                drawn=_drawn_exposure(planned, camera_state),
+                drawn=drawn,
+                labels=labels,
             )
         plan = self._decide_effects(camera, camera_state)
         wanted = apply_scene_effects(camera_state, plan)
         limited = limit_time_samples(wanted, camera.camera, planned.plan)
         self._bound_frame(planned, limited)
-        image = view.render(limited, plan.image_effects, plan.thresholds)
+        drawn = _drawn_exposure(planned, limited, plan.image_effects)
+        image, labels = self._draw_with_labels(planned, view, drawn, request, plan.thresholds)
         decisions = plan.decide_by_frame(image.changes)
         self._log_decisions(planned, decisions)
         decisions = explain_limit(decisions, wanted, limited)
         return RenderedView(
-            image,
-            planned.plan_text,
-            planned.bounds,
-            decisions,
-            planned.choice,
-            _drawn_exposure(planned, limited, plan.image_effects),
+            image, planned.plan_text, planned.bounds, decisions, planned.choice, drawn, labels
         )
+
+    def _draw_with_labels(
+        self,
+        planned: PlannedCamera,
+        view: View,
+        drawn: DrawnExposure,
+        request: ViewRequest,
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+    ) -> tuple[RenderedImage, PixelLabels | None]:
+        """Draw an exposure, with the labels that are wanted if its rays can find them."""
+        state, effects = drawn.camera_state, drawn.image_effects
+        if (
+            request.request_labels is not None
+            and planned.plan.has_exact_rays
+            and isinstance(view, LabellingView)
+            and (labels := request.request_labels(drawn)) is not None
+        ):
+            return view.render_with_labels(state, effects, thresholds, labels)
+        return view.render(state, effects, thresholds), None
 
     def _log_decisions(self, planned: PlannedCamera, decisions: tuple[EffectDecision, ...]) -> None:
         """Log the decisions of a camera's first frame, later those that changed."""

@@ -19,6 +19,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.medium.misalignment import lookup_offset_map
 from catoptra_server.ground_truth.label_rays import LabelCamera, RaySource
@@ -38,6 +39,7 @@ _DISPLACEMENT_STEPS = 3
 # from a mirror of 3 cm each step leaves a sixth of the error.
 _TABLE_NODES = 4096
 _AIM_STEPS = 9
+_MIN_PLACE = 1e-300
 
 
 def find_flow(
@@ -67,18 +69,18 @@ def find_flow(
     # The kernel projects by tables of the angle alone, a twentieth of the time.
     if isinstance(camera, OmniCamera) and is_radial and source.misalignment is None:
         if isinstance(rays, FlowRays):
-            theta, radius, r, z = _tabulate_camera(camera)
+            table = _tabulate_camera(camera)
             tables = FlowTables(
                 points,
                 ids,
                 motions,
                 gone,
-                theta,
-                radius,
+                table.places,
+                table.radius_px,
                 _image_axes(camera),
                 camera.centre_px,
-                r,
-                z,
+                table.origin_r,
+                table.origin_z,
             )
             return rays.find_flow(_sharp(other), tables)
     height, width = ids.shape
@@ -114,21 +116,34 @@ def _sharp(other: CameraState) -> CameraState:
     return replace(other, shutter=None, has_shadows=False, fog=None)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _CameraTable:
+    """A camera by the angle from its axis."""
+
+    places: Floats
+    """(n,) evenly spaced t / (1 + t), t = tan(angle / 2)."""
+    angles_rad: Floats
+    """(n,) angles from the axis."""
+    radius_px: Floats
+    """(n,) image radii."""
+    origin_r: Floats | None
+    """(n,) distances of the mirror's points from the axis, metres; None with a viewpoint."""
+    origin_z: Floats | None
+    """(n,) their positions along the axis."""
+
+
 @lru_cache(maxsize=4)
-def _tabulate_camera(camera: OmniCamera) -> tuple[Floats, Floats, Floats | None, Floats | None]:
-    """Angles from the axis, their image radii, and r and z of the mirror's points.
-
-    The last two are None where all rays begin at the viewpoint.
-    """
-    first, last = 2.0 * math.atan(camera.projection.t_min), camera.rim_rad
-    theta = np.linspace(first, last, _TABLE_NODES)
-    t = np.minimum(np.tan(0.5 * theta), camera.rim_t)
+def _tabulate_camera(camera: OmniCamera) -> _CameraTable:
+    first, last = (t / (1.0 + t) for t in (camera.projection.t_min, camera.rim_t))
+    places = np.linspace(first, last, _TABLE_NODES)
+    # The last place of a camera that sees all around is that of an infinite t, or rounds to it.
+    t = np.clip(places / np.maximum(1.0 - places, _MIN_PLACE), None, camera.rim_t)
     radius_px = camera.scale_px * camera.projection.radius_ratio_from_t(t)
-    if camera.is_central:
-        return theta, radius_px, None, None
-    return theta, radius_px, *camera.mirror.surface_point(t)
+    origins = (None, None) if camera.is_central else camera.mirror.surface_point(t)
+    return _CameraTable(places, 2.0 * np.arctan(t), radius_px, *origins)
 
 
+@lru_cache(maxsize=4)
 def _image_axes(camera: OmniCamera) -> Floats:
     """(2, 2) unit displacements in the image, columns, of the azimuths of x and of y."""
     angle = 0.5 * (2.0 * math.atan(camera.projection.t_min) + camera.rim_rad)
@@ -145,7 +160,8 @@ def _aim_rays(camera: OmniCamera, in_mirror: Floats) -> Floats:
     origin's change per radian over the point's distance. `pixel_from_point` finds the same root by
     bisection, of each point alone.
     """
-    theta, _, r, z = _tabulate_camera(camera)
+    table = _tabulate_camera(camera)
+    theta, r, z = table.angles_rad, table.origin_r, table.origin_z
     assert r is not None, "a mirror without a viewpoint"
     assert z is not None
     rho, height = np.hypot(in_mirror[:, 0], in_mirror[:, 1]), in_mirror[:, 2]

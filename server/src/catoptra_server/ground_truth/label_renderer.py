@@ -26,7 +26,7 @@ from catoptra_server.ground_truth.occluded_fraction import OcclusionMeter, Pixel
 from catoptra_server.ground_truth.scene_labels import SceneLabels
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.instruction_sets import AUTO
-from catoptra_server.render.trace.label_tables import LabelTables
+from catoptra_server.render.trace.label_tables import LabelRequest, LabelTables
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import PixelLabels, TracedRays
 from catoptra_server.scene.scene_mesh import SceneMesh
@@ -38,9 +38,24 @@ _MAX_RAY_BYTES = 256 * 2**20
 class _PreparedRays:
     """Rays of an image, and what labels derive from them once."""
 
-    def __init__(self, table: RayTable, rays: TracedRays) -> None:
+    def __init__(self, table: RayTable, renderer: TraceRenderer) -> None:
         self.table = table
-        self.rays = rays
+        self._renderer = renderer
+
+    @cached_property
+    def rays(self) -> TracedRays:
+        """The same rays, traced by themselves: not needed beside a picture."""
+        return self._renderer.prepare_rays(self.table)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the rays, and of what the engine needs for them."""
+        return self.rays.memory_bytes if "rays" in vars(self) else self.table.memory_bytes
+
+    def close(self) -> None:
+        """Free what belongs to the rays."""
+        if "rays" in vars(self):
+            self.rays.close()
 
     @cached_property
     def mask(self) -> npt.NDArray[np.uint8]:
@@ -80,6 +95,7 @@ class LabelRenderer:
         drawn: DrawnExposure,
         channels: Collection[str],
         other: CameraState | None = None,
+        found_beside: PixelLabels | None = None,
     ) -> GroundTruth:
         """Ground truth of an exposure.
 
@@ -88,29 +104,55 @@ class LabelRenderer:
             channels: Names of the channels that are wanted.
             other: State of the frame that `flow` leads to, with the objects of that frame; None:
                 there is no such frame, and the flow is unknown.
+            found_beside: Labels of `request` for the same exposure and channels, found while its
+                picture was drawn; None: they are traced now.
 
         Raises:
             DomainError: There is no channel of a name.
         """
         wanted = {channel.name for channel in parse_channels(tuple(channels))}
-        centres = self._prepare(drawn.ray_source, 1)
-        exposure = label_exposure(drawn.camera_state)
-        tables = self._tables(drawn.camera_state)
-        # Samples are compared with the ids of the centres, and flow begins at their points.
-        needed = wanted | ({"ids"} if {"agreement", "flow"} & wanted else set())
-        needed |= {"point"} if "flow" in wanted else set()
-        found = centres.rays.label_pixels(exposure, tables, needed)
-        if "agreement" in wanted:
-            samples = self._prepare(drawn.ray_source, drawn.samples)
-            found |= samples.rays.count_agreement(exposure, tables, found["ids"])
+        found = self._trace(drawn, wanted) if found_beside is None else dict(found_beside)
         if "flow" in wanted:
             found |= self._find_flow(drawn, found, other)
         if "valid" in wanted:
-            found["valid"] = centres.mask.copy()
+            found["valid"] = self._prepare(drawn.ray_source, 1).mask.copy()
         objects = self.labels.describe(drawn.camera_state.objects)
         return GroundTruth(
             {name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects
         )
+
+    def request(self, drawn: DrawnExposure, channels: Collection[str]) -> LabelRequest | None:
+        """Labels that the rays of a picture find while it is drawn, for a part of the time.
+
+        Args:
+            drawn: The exposure, of which no picture is drawn yet.
+            channels: Names of the channels that are wanted.
+
+        Returns:
+            The request; None where labels are of other rays or times than the picture.
+
+        Raises:
+            DomainError: There is no channel of a name.
+        """
+        is_of_same_rays = drawn.ray_source == RaySource(drawn.camera)
+        wanted = {channel.name for channel in parse_channels(tuple(channels))}
+        if not is_of_same_rays or drawn.camera_state.shutter is not None or wanted <= {"valid"}:
+            return None
+        return self._make_request(drawn, wanted)
+
+    def _make_request(self, drawn: DrawnExposure, wanted: set[str]) -> LabelRequest:
+        # Flow begins at the points of the objects that pixels show.
+        needed = wanted | ({"ids", "point"} if "flow" in wanted else set())
+        centres = self._prepare(drawn.ray_source, 1).table
+        return LabelRequest(frozenset(needed), self._tables(drawn.camera_state), centres)
+
+    def _trace(self, drawn: DrawnExposure, wanted: set[str]) -> PixelLabels:
+        """Labels without a picture."""
+        request = self._make_request(drawn, wanted)
+        # Only agreement takes more rays than those of the pixels' centres.
+        samples = drawn.samples if "agreement" in wanted else 1
+        rays = self._prepare(drawn.ray_source, samples).rays
+        return rays.label_pixels(label_exposure(drawn.camera_state), request)
 
     def measure_occlusion(self, drawn: DrawnExposure, truth: GroundTruth) -> dict[int, float]:
         """Hidden fraction of each object in view, by number; of ground truth with `ids`."""
@@ -158,18 +200,17 @@ class LabelRenderer:
         key = source, samples
         prepared = self._prepared.pop(key, None)
         if prepared is None:
-            table = build_label_rays(source, samples)
-            prepared = _PreparedRays(table, self._renderer.prepare_rays(table))
+            prepared = _PreparedRays(build_label_rays(source, samples), self._renderer)
         self._prepared[key] = prepared
         while len(self._prepared) > 2 and self._memory_bytes > _MAX_RAY_BYTES:
-            self._prepared.pop(next(iter(self._prepared))).rays.close()
+            self._prepared.pop(next(iter(self._prepared))).close()
         return prepared
 
     @property
     def _memory_bytes(self) -> int:
-        return sum(prepared.rays.memory_bytes for prepared in self._prepared.values())
+        return sum(prepared.memory_bytes for prepared in self._prepared.values())
 
     def close(self) -> None:
         """Free all rays."""
         while self._prepared:
-            self._prepared.popitem()[1].rays.close()
+            self._prepared.popitem()[1].close()

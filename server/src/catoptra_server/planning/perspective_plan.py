@@ -26,6 +26,11 @@ class PerspectivePlan:
         if not 1 <= self.samples <= 16:
             raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
 
+    @property
+    def has_exact_rays(self) -> bool:
+        """Whether each pixel has the ray of the camera model: always."""
+        return True
+
     def __str__(self) -> str:
         return f"{self.renderer.value}, {self.samples}^2 samples: {self.reason}"
 

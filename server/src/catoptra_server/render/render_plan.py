@@ -42,6 +42,11 @@ class RenderPlan:
         return f"{self.description}: {self.reason}"
 
     @property
+    def has_exact_rays(self) -> bool:
+        """Whether each pixel has the ray of the camera model, not of a mirror mesh."""
+        return isinstance(self.surface, PerPixel)
+
+    @property
     def description(self) -> str:
         """All numbers of the plan in words, without its reason."""
         match self.surface:

@@ -28,8 +28,8 @@ class FlowTables:
     """Motion of each moving object by number, world there from world here."""
     gone: Collection[int]
     """Numbers of objects that the other exposure lacks."""
-    angles_rad: Floats
-    """(n,) evenly spaced angles from the axis, the camera's domain."""
+    places: Floats
+    """(n,) evenly spaced places of the camera's domain: t / (1 + t), t = tan(angle / 2)."""
     radius_px: Floats
     """(n,) image radii."""
     axes: Floats

@@ -16,7 +16,13 @@ from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
-from catoptra_server.render.trace.trace_engine import TracedFrame, TracedRays, TraceRequest
+from catoptra_server.render.trace.label_tables import LabelRequest
+from catoptra_server.render.trace.trace_engine import (
+    PixelLabels,
+    TracedFrame,
+    TracedRays,
+    TraceRequest,
+)
 
 
 class TraceOmniView:
@@ -46,22 +52,35 @@ class TraceOmniView:
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
     ) -> RenderedImage:
         """Render one exposure of the camera, changed by effects; each effect is a stage."""
+        return self.render_with_labels(camera_state, effects, thresholds, None)[0]
+
+    def render_with_labels(
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...],
+        thresholds: Mapping[str, float],
+        labels: LabelRequest | None,
+    ) -> tuple[RenderedImage, PixelLabels | None]:
+        """Render one exposure, and find labels along its rays where the engine can."""
         # The engine encodes a frame without image effects itself, without any float image: the
         # usual case, and the fastest.
         if not effects:
-            frame, stage_ms = self._trace(camera_state, TraceRequest(thresholds=thresholds))
+            request = TraceRequest(thresholds=thresholds, labels=labels)
+            frame, stage_ms = self._trace(camera_state, request)
             assert frame.image.dtype == np.uint8
-            return RenderedImage(frame.image, stage_ms, frame.changes)
-        exposed, stage_ms, changes = self._expose(camera_state, effects, thresholds)
+            return RenderedImage(frame.image, stage_ms, frame.changes), frame.labels
+        frame, stage_ms = self._expose(camera_state, effects, thresholds, labels)
+        exposed = self._expose_image(camera_state, frame)
         encoded = self._image_changer.encode(exposed, effects, thresholds)
-        all_changes = {**changes, **encoded.changes}
-        return RenderedImage(encoded.image, stage_ms | encoded.stage_ms, all_changes)
+        changes = {**frame.changes, **encoded.changes}
+        return RenderedImage(encoded.image, stage_ms | encoded.stage_ms, changes), frame.labels
 
     def render_linear(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
         """Render one exposure in linear light, after all effects and before the encoding."""
-        exposed, _, _ = self._expose(camera_state, effects, NO_THRESHOLDS)
+        frame, _ = self._expose(camera_state, effects, NO_THRESHOLDS, None)
+        exposed = self._expose_image(camera_state, frame)
         return self._image_changer.change(exposed, effects, NO_THRESHOLDS).image
 
     def _expose(
@@ -69,13 +88,19 @@ class TraceOmniView:
         camera_state: CameraState,
         effects: tuple[ImageEffect, ...],
         thresholds: Mapping[str, float],
-    ) -> tuple[ExposedImage, dict[str, float], Mapping[str, float]]:
-        """Linear image at the sensor, milliseconds by stage, and changes by scene effect."""
+        labels: LabelRequest | None,
+    ) -> tuple[TracedFrame, dict[str, float]]:
+        """Frame of linear light with all that the effects need, and milliseconds by stage."""
         has_ranges = any(effect.needs_range for effect in effects)
-        request = TraceRequest(is_linear=True, has_ranges=has_ranges, thresholds=thresholds)
-        frame, stage_ms = self._trace(camera_state, request)
+        request = TraceRequest(
+            is_linear=True, has_ranges=has_ranges, thresholds=thresholds, labels=labels
+        )
+        return self._trace(camera_state, request)
+
+    def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
+        """Linear image at the sensor."""
         context = CaptureContext(camera_state.noise_seed, range_m=frame.range_m)
-        return ExposedImage(frame.image, self._camera, context), stage_ms, frame.changes
+        return ExposedImage(frame.image, self._camera, context)
 
     def _trace(
         self, camera_state: CameraState, request: TraceRequest

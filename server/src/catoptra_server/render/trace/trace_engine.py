@@ -6,7 +6,7 @@ An engine holds a scene; `prepare` gives it the rays of a camera. Both shade by 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import field
 from typing import Any, Protocol, runtime_checkable
 
@@ -17,11 +17,12 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.image_changer import ImageChanger
-from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.renderer import Image, LinearImage, RenderedImage
 from catoptra_server.render.time_samples import trajectory
 from catoptra_server.render.trace.flow_tables import FlowTables
-from catoptra_server.render.trace.label_tables import LabelNumbers, LabelTables
+from catoptra_server.render.trace.label_tables import LabelRequest
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.scene.scene_mesh import SceneMesh
 
@@ -80,6 +81,10 @@ class RayHits:
     """(t, samples^2, 16) STATIC_SCENE, 1 + index of a dynamic object, or NOTHING."""
 
 
+PixelLabels = dict[str, npt.NDArray[Any]]
+"""(h, w) or (h, w, k) channels of labels by name."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TraceRequest:
     """Outputs of a frame."""
@@ -90,6 +95,8 @@ class TraceRequest:
     """Whether ranges are wanted, too."""
     thresholds: Mapping[str, float] = field(default_factory=dict)
     """Change that nobody sees, grey levels, by effect: see `OmniView.render`."""
+    labels: LabelRequest | None = None
+    """Labels that are wanted, too, of an exposure at rest; an engine may leave them out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,10 +111,9 @@ class TracedFrame:
     """(h, w) ranges of the pixels, metres; inf where nothing is met."""
     stage_ms: Mapping[str, float] = field(default_factory=dict)
     """Milliseconds of parts of the frame that are stages of their own."""
+    labels: PixelLabels | None = None
+    """Labels, if they were wanted and the engine finds them beside an image."""
 
-
-PixelLabels = dict[str, npt.NDArray[Any]]
-"""(h, w) or (h, w, k) channels of labels by name."""
 
 # Any pixel may change from the darkest grey level to the brightest.
 ANY_CHANGE = 255.0
@@ -141,15 +147,8 @@ class TracedRays(Protocol):
     def find_hits(self, exposure: TracedExposure) -> RayHits:
         """First hit of each ray."""
 
-    def label_pixels(
-        self, exposure: TracedExposure, tables: LabelTables, channels: Collection[str]
-    ) -> PixelLabels:
-        """Channels of what the rays meet, of a table of one sample a pixel."""
-
-    def count_agreement(
-        self, exposure: TracedExposure, tables: LabelTables, ids: LabelNumbers
-    ) -> PixelLabels:
-        """The channel `agreement`: samples that meet the objects of (h, w) ids."""
+    def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
+        """Labels without an image; their agreement is that of these rays."""
 
     def close(self) -> None:
         """Free what belongs to these rays."""
@@ -161,6 +160,20 @@ class FlowRays(Protocol):
 
     def find_flow(self, other: TracedExposure, tables: FlowTables) -> Float32s:
         """(h, w, 2) displacement of points to their places in another exposure; nan: not seen."""
+
+
+@runtime_checkable
+class LabellingView(Protocol):
+    """View whose rays find labels while a picture is drawn."""
+
+    def render_with_labels(
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...],
+        thresholds: Mapping[str, float],
+        labels: LabelRequest | None,
+    ) -> tuple[RenderedImage, PixelLabels | None]:
+        """Render one exposure at rest, as `View.render`, and find labels where the engine can."""
 
 
 class TraceEngine(Protocol):

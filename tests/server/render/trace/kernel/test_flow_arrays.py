@@ -17,7 +17,7 @@ TABLES = FlowTables(
     ids=np.zeros((4, 6), dtype=np.uint16),
     motions={7: TURN},
     gone={9},
-    angles_rad=np.linspace(0.1, 2.0, 20),
+    places=np.linspace(0.1, 0.575, 20),
     radius_px=np.linspace(0.0, 300.0, 20),
     axes=np.eye(2),
     centre_px=(3.0, 2.0),
@@ -26,7 +26,6 @@ TABLES = FlowTables(
 
 def test_motions_are_about_the_centre_of_the_scene() -> None:
     flow, owned = flow_arrays(TABLES, CENTRE)
-    assert np.isnan(flow).all()
     assert flow.shape == (4, 6, 2)
     motion_of = (ctypes.c_int32 * 2**16).from_address(owned.struct.motion_of)
     assert [motion_of[number] for number in (0, 7, 8, 9)] == [-1, 0, -1, -2]
@@ -39,5 +38,5 @@ def test_motions_are_about_the_centre_of_the_scene() -> None:
 def test_tables_have_even_steps_and_central_cameras_no_origins() -> None:
     _, owned = flow_arrays(TABLES, CENTRE)
     assert owned.struct.num_nodes == 20
-    np.testing.assert_allclose(owned.struct.step_rad, 0.1, rtol=1e-6)
+    np.testing.assert_allclose(owned.struct.nodes_per_unit, 40.0, rtol=1e-6)
     assert owned.struct.origin_r is None

@@ -12,13 +12,13 @@ from catoptra_server.render.trace.ray_table import Float32s
 
 
 def flow_arrays(tables: FlowTables, centre: Floats) -> tuple[Float32s, Owned]:
-    """Flow to be written, nan, and the structure that names it.
+    """Flow to be written whole, and the structure that names it.
 
     Args:
         tables: Points, motions and projection.
         centre: (3,) scene's centre in the world.
     """
-    flow = np.full((*tables.ids.shape, 2), np.nan, dtype=np.float32)
+    flow = np.empty((*tables.ids.shape, 2), dtype=np.float32)
     motion_of = np.full(2**16, NO_MOTION, dtype=np.int32)
     motions = np.zeros((max(1, len(tables.motions)), 12), dtype=np.float32)
     for index, (number, motion) in enumerate(tables.motions.items()):
@@ -34,16 +34,16 @@ def flow_arrays(tables: FlowTables, centre: Floats) -> tuple[Float32s, Owned]:
         for column in (tables.radius_px, tables.origin_r, tables.origin_z)
     ]
     addresses = [None if column is None else column.ctypes.data for column in columns]
-    angles = tables.angles_rad
+    places = tables.places
     struct = FlowStruct(
         points=points.ctypes.data,
         ids=ids.ctypes.data,
         motion_of=motion_of.ctypes.data,
         motions=motions.ctypes.data,
-        num_nodes=len(angles),
-        first_rad=angles[0],
-        step_rad=(angles[-1] - angles[0]) / (len(angles) - 1),
-        last_rad=angles[-1],
+        num_nodes=len(places),
+        first=places[0],
+        last=places[-1],
+        nodes_per_unit=(len(places) - 1) / (places[-1] - places[0]),
         radius_px=addresses[0],
         origin_r=addresses[1],
         origin_z=addresses[2],

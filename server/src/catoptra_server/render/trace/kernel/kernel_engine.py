@@ -6,7 +6,7 @@ A frame is one call, from the rays and the camera's pose to pixels. C code: `src
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,6 @@ from catoptra_server.render.trace.kernel.instruction_sets import choose_instruct
 from catoptra_server.render.trace.kernel.kernel_image_changer import KernelImageChanger
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.kernel.kernel_structs import (
-    OUTPUT_AGREEMENT,
     OUTPUT_FLOW,
     OUTPUT_HITS,
     OUTPUT_LABELS,
@@ -34,7 +33,11 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     FrameCounts,
     SceneStruct,
 )
-from catoptra_server.render.trace.kernel.label_arrays import agreement_arrays, label_arrays
+from catoptra_server.render.trace.kernel.label_arrays import (
+    CentreMatch,
+    label_arrays,
+    match_centres,
+)
 from catoptra_server.render.trace.kernel.scene_arrays import (
     Owned,
     caster_arrays,
@@ -47,7 +50,7 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     surfaces_struct,
     texture_array,
 )
-from catoptra_server.render.trace.label_tables import LabelNumbers, LabelTables
+from catoptra_server.render.trace.label_tables import LabelRequest
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, Float32s, RayTable
 from catoptra_server.render.trace.trace_engine import (
     ANY_CHANGE,
@@ -207,12 +210,12 @@ class KernelEngine:
         if labels is not None:
             labels.struct.centre[:] = self.centre.tolist()
             frame.struct.labels = ctypes.addressof(labels.struct)
-        elif flow is not None:
+        if flow is not None:
             frame.struct.flow = ctypes.addressof(flow.struct)
-        elif output == OUTPUT_HITS:
+        if output == OUTPUT_HITS:
             struct = frame.struct
             struct.range_m, struct.triangle, struct.object = (a.ctypes.data for a in arrays)
-        else:
+        elif arrays:
             frame.struct.image = arrays[0].ctypes.data
         return self._device.render(self._scene, view, frame.struct)
 
@@ -239,6 +242,7 @@ class KernelRays:
         self._device = device
         self._engine = engine
         self._view: int | None = device.prepare(ray_table_struct(table))
+        self._centres: CentreMatch | None = None
         self.last_counts = FrameCounts()
         """Tiles of the last frame: all, and those that one surface was proven to fill."""
 
@@ -256,7 +260,17 @@ class KernelRays:
             (*shape, 3), dtype=np.float32 if request.is_linear else np.uint8
         )
         inverse = np.zeros(shape, dtype=np.float32) if request.has_ranges else None
-        self._render(exposure, output, image, thresholds=request.thresholds, inverse_range=inverse)
+        labels, owned = None, None
+        if request.labels is not None:
+            labels, owned = label_arrays(self._match(request.labels.centres), request.labels)
+        self._render(
+            exposure,
+            output,
+            image,
+            thresholds=request.thresholds,
+            inverse_range=inverse,
+            labels=owned,
+        )
         # Frames are handed to other threads, which encode them while the next one is rendered.
         if not request.is_linear:
             image.setflags(write=False)
@@ -267,6 +281,7 @@ class KernelRays:
             _read_changes(exposure, counts, request.thresholds),
             None if inverse is None else invert_ranges(inverse),
             {"MotionBlur": counts.blur_ms} if is_blurred else {},
+            labels,
         )
 
     def render_srgb(self, exposure: TracedExposure) -> Image:
@@ -285,30 +300,24 @@ class KernelRays:
         self._render(exposure, OUTPUT_HITS, range_m, triangle, hit_object)
         return RayHits(range_m, triangle, hit_object)
 
-    def label_pixels(
-        self, exposure: TracedExposure, tables: LabelTables, channels: Collection[str]
-    ) -> PixelLabels:
-        """Channels of what the rays meet, of a table of one sample a pixel."""
-        arrays, owned = label_arrays(self._table, tables, channels)
-        self._label(exposure, OUTPUT_LABELS, owned)
+    def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
+        """Labels without an image; their agreement is that of these rays."""
+        arrays, owned = label_arrays(self._match(request.centres), request)
+        self._engine.render(self._require_view(), exposure, OUTPUT_LABELS, labels=owned)
         return arrays
 
-    def count_agreement(
-        self, exposure: TracedExposure, tables: LabelTables, ids: LabelNumbers
-    ) -> PixelLabels:
-        """The channel `agreement`: samples that meet the objects of (h, w) ids."""
-        arrays, owned = agreement_arrays(self._table, tables, ids)
-        self._label(exposure, OUTPUT_AGREEMENT, owned)
-        return arrays
+    def _match(self, centres: RayTable) -> CentreMatch:
+        """Where the rays of the pixels' centres are among these; kept for the next frame."""
+        if self._centres is None or self._centres.centres is not centres:
+            view = self._require_view()
+            self._centres = match_centres(self._device, view, self._table, centres)
+        return self._centres
 
     def find_flow(self, other: TracedExposure, tables: FlowTables) -> Float32s:
         """(h, w, 2) displacement of points to their places in another exposure; nan: not seen."""
         flow, owned = flow_arrays(tables, self._engine.centre)
         self._engine.render(self._require_view(), other, OUTPUT_FLOW, flow=owned)
         return flow
-
-    def _label(self, exposure: TracedExposure, output: int, labels: Owned) -> None:
-        self._engine.render(self._require_view(), exposure, output, labels=labels)
 
     def trace_bare(self, exposure: TracedExposure) -> None:
         """Trace the rays without any use of the hits: the bare packet rate, for benchmarks."""
@@ -321,6 +330,7 @@ class KernelRays:
         *arrays: npt.NDArray[np.generic],
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
         inverse_range: Float32s | None = None,
+        labels: Owned | None = None,
     ) -> None:
         self.last_counts = self._engine.render(
             self._require_view(),
@@ -329,6 +339,7 @@ class KernelRays:
             *arrays,
             thresholds=thresholds,
             inverse_range=inverse_range,
+            labels=labels,
         )
 
     def _require_view(self) -> int:
@@ -340,7 +351,7 @@ class KernelRays:
         """Free the view."""
         if self._view is not None:
             self._device.release_view(self._view)
-        self._view = None
+        self._view = self._centres = None
 
 
 def _read_changes(

@@ -98,6 +98,30 @@ class KernelDevice:
         """Free a view."""
         self._library.catoptra_release_view(view)
 
+    def match_centres(
+        self,
+        view: int,
+        centres: RayTableStruct,
+        centre_tile: npt.NDArray[np.int32],
+        is_held: npt.NDArray[np.uint8],
+    ) -> None:
+        """Match the rays of pixels' centres with the rays of a view of the same image.
+
+        Args:
+            view: A view.
+            centres: Rays of the pixels' centres.
+            centre_tile: (t,) receives the centres' tile of each of the view's tiles; -1: none.
+            is_held: (t,) receives whether proofs about the view's tile hold for the centres' rays.
+
+        Raises:
+            KernelError: The view lacks tiles of the centres, or memory is short.
+        """
+        addresses = (centre_tile.ctypes.data, is_held.ctypes.data)
+        unmatched = self._library.catoptra_match_centres(view, ctypes.byref(centres), *addresses)
+        if unmatched:
+            reason = "out of memory" if unmatched < 0 else f"{unmatched} tiles have no sample"
+            raise KernelError(f"no labels: {reason}")
+
     def cast(
         self,
         mesh: int,
@@ -194,6 +218,7 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_view_bytes": (c_int64, (c_void_p,)),
         "catoptra_release_view": (None, (c_void_p,)),
+        "catoptra_match_centres": (c_int32, (c_void_p,) * 4),
         "catoptra_build_light_maps": (c_void_p, (c_void_p,)),
         "catoptra_release_light_maps": (None, (c_void_p, c_int32)),
         "catoptra_render": (c_int32, (c_void_p,) * 6),

@@ -9,7 +9,7 @@ import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint32, c_void_p
 from typing import ClassVar
 
-OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_AGREEMENT, OUTPUT_FLOW = range(6)
+OUTPUT_SRGB, OUTPUT_LINEAR, OUTPUT_HITS, OUTPUT_LABELS, OUTPUT_FLOW = range(5)
 FACET_UNLIT, FACET_TEXTURED, FACET_CORNER_COLOURS, FACET_OCCLUDED = 1, 2, 4, 8
 LIGHT_DIRECTIONAL, LIGHT_POINT = 0, 1
 
@@ -151,6 +151,9 @@ class LabelsStruct(ctypes.Structure):
     """Channels of labels."""
 
     _fields_: ClassVar[Fields] = [
+        ("centres", RayTableStruct),
+        ("centre_tile", c_void_p),
+        ("is_held", c_void_p),
         ("triangle_numbers", c_void_p),
         ("object_numbers", c_void_p),
         ("class_table", c_void_p),
@@ -160,7 +163,6 @@ class LabelsStruct(ctypes.Structure):
         ("point", c_void_p),
         ("ids", c_void_p),
         ("classes", c_void_p),
-        ("expected", c_void_p),
         ("agreement", c_void_p),
     ]
 
@@ -175,9 +177,9 @@ class FlowStruct(ctypes.Structure):
         ("motions", c_void_p),
         ("centre", c_double * 3),
         ("num_nodes", c_int32),
-        ("first_rad", c_float),
-        ("step_rad", c_float),
-        ("last_rad", c_float),
+        ("first", c_float),
+        ("last", c_float),
+        ("nodes_per_unit", c_float),
         ("radius_px", c_void_p),
         ("origin_r", c_void_p),
         ("origin_z", c_void_p),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -19,7 +19,7 @@ from catoptra_server.render.image_changer import NumpyImageChanger
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.srgb_encoding import encode_srgb
 from catoptra_server.render.time_samples import advance, sample_shutter
-from catoptra_server.render.trace.label_tables import LabelNumbers, LabelTables
+from catoptra_server.render.trace.label_tables import LabelRequest
 from catoptra_server.render.trace.ray_table import (
     BLOCK_RAYS,
     TILE_PX,
@@ -288,20 +288,18 @@ class ReferenceRays:
         self._for_all_batches(trace)
         return found
 
-    def label_pixels(
-        self, exposure: TracedExposure, tables: LabelTables, channels: Collection[str]
-    ) -> PixelLabels:
-        """Channels of what the rays meet, of a table of one sample a pixel."""
+    def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
+        """Labels without an image; their agreement is that of these rays."""
         static, _ = self._make_frame(exposure).meshes[0]
-        hits = self.find_hits(exposure)
-        return label_pixels(self._table, hits, exposure, static.facets.normals, tables, channels)
-
-    def count_agreement(
-        self, exposure: TracedExposure, tables: LabelTables, ids: LabelNumbers
-    ) -> PixelLabels:
-        """The channel `agreement`: samples that meet the objects of (h, w) ids."""
-        numbers = hit_numbers(self.find_hits(exposure), tables)
-        return count_agreement(self._table, numbers, ids)
+        centres = ReferenceRays(request.centres, self._make_frame, self._pool)
+        hits = centres.find_hits(exposure)
+        needed = {*request.channels, "ids"}
+        table, tables = request.centres, request.tables
+        found = label_pixels(table, hits, exposure, static.facets.normals, tables, needed)
+        if "agreement" in request.channels:
+            numbers = hit_numbers(self.find_hits(exposure), tables)
+            found |= count_agreement(self._table, numbers, found["ids"])
+        return {name: found[name] for name in found if name in request.channels}
 
     def _for_all_batches(self, work: Callable[[RayBatch], None]) -> None:
         """Work on all batches; each writes tiles of its own, so the threads share no element."""

@@ -122,6 +122,12 @@ void enclose_tile_origins(const RayTable *rays, int tile, Beam *beam, BeamOrigin
     found->apex = subtract(focus, scale(retreat, beam->axis));
 }
 
+int is_origin_inside(const Beam *beam, const BeamOrigin *found, Vec3 origin) {
+    float rounding = ORIGIN_ROUNDING_M + POINT_ROUNDING_M;
+    return find_retreat(beam, subtract(origin, found->apex), rounding) <= 0.0f &&
+           distance_between(origin, found->centre) + rounding <= found->radius;
+}
+
 void enclose_part_origins(const BeamOrigin *const parts[4], Beam *beam, BeamOrigin *found) {
     Vec3 focus = {0, 0, 0}, centre = {0, 0, 0};
     float count = 0.0f, retreat = -INFINITY;

@@ -24,4 +24,7 @@ void enclose_tile_origins(const RayTable *rays, int tile, Beam *beam, BeamOrigin
 /* The same of the parts of a larger one; the empty ones among them are NULL. */
 void enclose_part_origins(const BeamOrigin *const parts[4], Beam *beam, BeamOrigin *found);
 
+/* Whether a narrow tile's pyramid and sphere hold a ray's origin, as they hold those of its rays. */
+int is_origin_inside(const Beam *beam, const BeamOrigin *found, Vec3 origin);
+
 #endif

@@ -65,6 +65,13 @@ static void enclose(Beam *beam, const Vec3 *directions, int count) {
     beam->kind = BEAM_NARROW;
 }
 
+int is_direction_inside(const Beam *beam, Vec3 direction) {
+    float along = dot(beam->axis, direction);
+    float a = dot(beam->a, direction) / along, b = dot(beam->b, direction) / along;
+    return along >= MIN_COSINE && a - MARGIN >= beam->a_min && a + MARGIN <= beam->a_max &&
+           b - MARGIN >= beam->b_min && b + MARGIN <= beam->b_max;
+}
+
 /* Unit direction of a pyramid's edge: the solution of a.x = a_value, b.x = b_value, axis.x = 1. */
 static Vec3 edge_direction(const Beam *beam, float a_value, float b_value) {
     float mixed = dot(beam->a, beam->b), aa = dot(beam->a, beam->a), bb = dot(beam->b, beam->b);

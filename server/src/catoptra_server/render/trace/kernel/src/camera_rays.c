@@ -4,8 +4,8 @@
 #include <string.h>
 
 /* World directions and origins of rays with times of their own. */
-static void place_rays_singly(const FrameState *state, size_t block, RayBlock *rays) {
-    const RayTable *table = state->rays;
+static void place_rays_singly(const FrameState *state, const RayTable *table, size_t block,
+                              RayBlock *rays) {
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
         size_t at = block * 3 * BLOCK_RAYS + (size_t)lane;
         Pose pose;
@@ -134,16 +134,20 @@ void load_ordered(const FrameState *state, int tile, const uint16_t *source, Ray
     rays->active = active;
 }
 
-void load_block(const FrameState *state, size_t block, RayBlock *rays) {
+void load_rays(const FrameState *state, const RayTable *table, size_t block, RayBlock *rays) {
     size_t first = block * 3 * BLOCK_RAYS;
-    if (state->rays->times)
-        place_rays_singly(state, block, rays);
+    if (table->times)
+        place_rays_singly(state, table, block, rays);
     else
-        turn_rays(state, state->rays->directions + first, rays);
-    if (state->rays->origins && !state->rays->times)
-        place_origins(state, state->rays->origins + first, rays);
+        turn_rays(state, table->directions + first, rays);
+    if (table->origins && !table->times)
+        place_origins(state, table->origins + first, rays);
     for (int lane = 0; lane < BLOCK_RAYS; lane++)
         rays->limit[lane] = INFINITY;
-    rays->active = state->rays->valid[block];
+    rays->active = table->valid[block];
     rays->index = block;
+}
+
+void load_block(const FrameState *state, size_t block, RayBlock *rays) {
+    load_rays(state, state->rays, block, rays);
 }

@@ -15,6 +15,9 @@ RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays);
 /* Rays of a block of the table, without limits, in Embree's coordinates. */
 void load_block(const FrameState *state, size_t block, RayBlock *rays);
 
+/* The same of another table of the camera's. */
+void load_rays(const FrameState *state, const RayTable *table, size_t block, RayBlock *rays);
+
 /* The same of the rays of a tile that a block of a RayOrder names. */
 void load_ordered(const FrameState *state, int tile, const uint16_t *source, RayBlock *rays);
 

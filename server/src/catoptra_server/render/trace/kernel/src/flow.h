@@ -8,6 +8,10 @@
 
 #include "frame_state.h"
 
+/* Flow of the pixels of a tile. */
 void flow_tile(const FrameState *state, int tile);
+
+/* Flow of the pixels that no tile of the view has: unknown. */
+void flow_beside_view(const Flow *flow, const View *view);
 
 #endif

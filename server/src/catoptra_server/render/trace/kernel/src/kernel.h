@@ -25,8 +25,7 @@ enum {
     OUTPUT_LINEAR = 1,
     OUTPUT_HITS = 2,
     OUTPUT_LABELS = 3,
-    OUTPUT_AGREEMENT = 4,
-    OUTPUT_FLOW = 5
+    OUTPUT_FLOW = 4
 };
 
 /* Object numbers: nothing, the static scene, 1 + index of a dynamic object, any of these. */
@@ -139,28 +138,31 @@ typedef struct {
     const int32_t *motion_of; /* (65536,) index into motions; -1: at rest, below: not in the frame */
     const Pose *motions;      /* there from here, Embree's coordinates */
     double centre[3];         /* origin of Embree's coordinates in the world */
-    int32_t num_nodes;        /* of the tables by evenly spaced angles from the axis */
-    float first_rad, step_rad, last_rad;
+    int32_t num_nodes;        /* of the tables by evenly spaced places, of t / (1 + t) of t =
+                                 tan(angle from the axis / 2) */
+    float first, last, nodes_per_unit;
     const float *radius_px;   /* (num_nodes,) */
     const float *origin_r;    /* (num_nodes,) or NULL: rays begin at the viewpoint */
     const float *origin_z;    /* likewise */
     float axes[4];            /* (2, 2) displacements of the azimuths of x and y */
     float centre_px[2];
-    float *flow;              /* (h, w, 2) not a number */
+    float *flow;              /* (h, w, 2) written whole; not a number where unknown */
 } Flow;
 
-/* Channels of labels, (h, w) or (h, w, 3); NULL where one is not wanted. */
+/* Channels of labels, (h, w) or (h, w, 3), written whole; NULL where one is not wanted. */
 typedef struct {
+    RayTable centres;           /* rays of the pixels' centres, one sample a pixel */
+    const int32_t *centre_tile; /* (t,) of catoptra_match_centres, as is_held */
+    const uint8_t *is_held;
     const uint16_t *triangle_numbers; /* (n,) number of each triangle's object, from 1 */
     const uint16_t *object_numbers;   /* (o,) of each dynamic object */
     const uint16_t *class_table;      /* (65536,) class of each number */
     double centre[3];                 /* origin of Embree's coordinates in the world */
-    float *range_m;                   /* infinite before the call, as are all that nothing meets */
-    float *normal;                    /* zero */
+    float *range_m;                   /* infinite where nothing is met */
+    float *normal;                    /* likewise zero */
     float *point;                     /* not a number */
     uint16_t *ids, *classes;          /* zero */
-    const uint16_t *expected;         /* ids that samples are compared with */
-    uint8_t *agreement;               /* zero */
+    uint8_t *agreement;               /* zero; of the samples of the view's rays */
 } Labels;
 
 typedef struct {
@@ -189,7 +191,7 @@ typedef struct {
     float fog_density;     /* extinction per metre; 0: clear air */
     float airlight[3];     /* linear radiance */
     int32_t measures_fog;  /* fog_change of the counts is wanted */
-    const Labels *labels;  /* of OUTPUT_LABELS and OUTPUT_AGREEMENT */
+    const Labels *labels;  /* alone, with OUTPUT_LABELS, or beside an image at rest; or NULL */
     const Flow *flow;      /* of OUTPUT_FLOW */
 } Frame;
 
@@ -226,6 +228,12 @@ CATOPTRA_EXPORT void catoptra_release_mesh(Mesh *mesh);
 CATOPTRA_EXPORT View *catoptra_prepare(Device *device, const RayTable *rays, char *error);
 CATOPTRA_EXPORT int64_t catoptra_view_bytes(const View *view);
 CATOPTRA_EXPORT void catoptra_release_view(View *view);
+
+/* For each tile of a view, the tile of a table of the same image's pixel centres, -1 for none; and
+ * whether proofs about the view's tile are proofs about these rays. Returns the number of tiles of
+ * the table that the view lacks, whose labels would be missing; -1 if memory is short. */
+CATOPTRA_EXPORT int32_t catoptra_match_centres(const View *view, const RayTable *centres,
+                                               int32_t *centre_tile, uint8_t *is_held);
 
 /* Maps of where nothing occludes a scene's directional lights; NULL if memory is short. */
 CATOPTRA_EXPORT void *catoptra_build_light_maps(const Scene *scene);

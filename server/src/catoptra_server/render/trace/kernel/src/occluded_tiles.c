@@ -2,6 +2,7 @@
 
 #include "blur_plan.h"
 #include "fog.h"
+#include "labels.h"
 #include "occlusion.h"
 #include "pixels.h"
 #include "plane_light.h"
@@ -146,5 +147,7 @@ int fill_occluded_tile(const FrameState *state, int tile, const TileContent *con
         return 0;
     find_factors(state->scene, triangle, columns, rows, factors);
     write_factors(state, tile, triangle, light.radiance, factors);
+    if (state->frame->labels)
+        label_filled_tile(state, tile, content);
     return 1;
 }

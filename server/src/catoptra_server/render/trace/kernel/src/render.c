@@ -6,7 +6,9 @@
 #include "blur_plan.h"
 #include "coverage.h"
 #include "encoding.h"
+#include "flow.h"
 #include "frame_state.h"
+#include "labels.h"
 #include "light_map.h"
 #include "measures.h"
 #include "shading.h"
@@ -254,6 +256,10 @@ static int blur_frame(Device *device, Job *job, FrameCounts *counts) {
 static int render_all(Device *device, const FrameState *state, const View *view,
                       FrameCounts *counts) {
     Job job = {.state = state, .view = view};
+    if (state->frame->labels)
+        label_beside_view(state->frame->labels, view);
+    if (state->frame->flow)
+        flow_beside_view(state->frame->flow, view);
     if (!run_pass(device, &job, 0.0f))
         return 0;
     counts->num_tiles = view->rays.num_tiles;

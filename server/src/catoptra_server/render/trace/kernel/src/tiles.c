@@ -81,8 +81,8 @@ static void watch_object(const FrameState *state, const RayBlock *rays, const Hi
             atomic_store_explicit(&state->measures->shows_watched, 1, memory_order_relaxed);
 }
 
-void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
-               const TileContent *content) {
+void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
+                       const TileContent *content) {
     clear_hits(hits);
     if (content->triangle == SURFACE_UNKNOWN)
         intersect_scene(state, content->short_list, rays, hits);
@@ -95,7 +95,13 @@ void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
         intersect_block(state->device, state->objects, OBJECT_ANY, rays, hits);
     else if (content->object != OBJECT_ANY)
         intersect_object(state, content->object, rays, hits);
-    watch_object(state, rays, hits);
+}
+
+void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
+               const TileContent *content) {
+    intersect_content(state, rays, hits, content);
+    if (content->object != OBJECT_NONE)
+        watch_object(state, rays, hits);
 }
 
 void trace_tile(const FrameState *state, int tile) {
@@ -410,7 +416,8 @@ static void render_rows(const FrameState *state, int tile, const TileContent *co
         note_changes(state, tile, &state->measures->shadow_change, &sums.sums, &sums.unshadowed);
 }
 
-static void render_samples(const FrameState *state, int tile, const TileContent *content) {
+static void render_samples(const FrameState *state, int tile, const TileContent *content,
+                           TileLabels *labels) {
     int blocks = state->rays->samples * state->rays->samples;
     int has_ranges = state->frame->inverse_range != NULL;
     float inverse[BLOCK_RAYS], inverse_sums[TILE_PX * TILE_PX] = {0};
@@ -424,6 +431,8 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
         _Alignas(64) float radiance[3][BLOCK_RAYS];
         load_block(state, index, &rays);
         find_hits(state, &rays, &hits, content);
+        if (labels)
+            count_samples(state, block, rays.active, &hits, labels);
         if (blocks == 1 && has_table_colours(state, rays.active, &hits)) {
             write_table_colours(state, tile, rays.active, &hits);
             return;
@@ -476,6 +485,23 @@ int is_single_radiance(const FrameState *state, int tile, const TileContent *con
            find_single_radiance(state, content, &light, &entry);
 }
 
+/* Draw a tile of one radiance, in one air; 0 if it has several. */
+static int fill_single_tile(const FrameState *state, int tile, const TileContent *content) {
+    PlaneLight light;
+    size_t entry;
+    if (!may_fill(state, tile, content) || !find_single_radiance(state, content, &light, &entry))
+        return 0;
+    if (!has_fog(state) || content->triangle < 0) {
+        fill_tile(state, tile, content, entry, &light);
+        return 1;
+    }
+    if (!is_fogged_as_one(state, tile, light.radiance) ||
+        (state->frame->measures_shadows && max_abs(light.lost) > 0.0f))
+        return 0;
+    fill_fogged_tile(state, tile, content->triangle, light.radiance);
+    return 1;
+}
+
 void render_tile(const FrameState *state, int tile, const TileContent *content) {
     switch (state->frame->output) {
     case OUTPUT_HITS:
@@ -484,25 +510,21 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
     case OUTPUT_LABELS:
         label_tile(state, tile, content);
         return;
-    case OUTPUT_AGREEMENT:
-        count_agreement(state, tile, content);
-        return;
     case OUTPUT_FLOW:
         flow_tile(state, tile);
         return;
     }
-    PlaneLight light;
-    size_t entry;
-    int is_single = may_fill(state, tile, content) &&
-                    find_single_radiance(state, content, &light, &entry);
-    int is_fogged = is_single && has_fog(state) && content->triangle >= 0;
-    if (is_single && !is_fogged)
-        fill_tile(state, tile, content, entry, &light);
-    else if (is_fogged && is_fogged_as_one(state, tile, light.radiance) &&
-             !(state->frame->measures_shadows && max_abs(light.lost) > 0.0f))
-        fill_fogged_tile(state, tile, content->triangle, light.radiance);
-    else if (state->is_rolling)
-        render_rows(state, tile, content);
-    else
-        render_samples(state, tile, content);
+    TileLabels labels;
+    if (!fill_single_tile(state, tile, content)) {
+        if (state->frame->labels)
+            label_centres(state, tile, content, &labels);
+        if (state->is_rolling)
+            render_rows(state, tile, content);
+        else
+            render_samples(state, tile, content, state->frame->labels ? &labels : NULL);
+        if (state->frame->labels)
+            write_agreement(state, tile, &labels);
+    } else if (state->frame->labels) {
+        label_filled_tile(state, tile, content);
+    }
 }

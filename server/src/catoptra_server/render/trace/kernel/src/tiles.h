@@ -45,6 +45,10 @@ void load_unit(const FrameState *state, int tile, const RayOrder *order, int uni
 int is_wholly_valid(const FrameState *state, int tile);
 
 /* First hits of a block's rays, whose limits end there. */
+void intersect_content(const FrameState *state, RayBlock *rays, HitBlock *hits,
+                       const TileContent *content);
+
+/* The same of the samples of a picture: whether the watched object is seen is noted. */
 void find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
                const TileContent *content);
 
