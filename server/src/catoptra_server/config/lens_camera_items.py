@@ -9,10 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
+
+import numpy as np
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.camera_conf import LENS_PARAMETERS
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
@@ -33,6 +37,12 @@ from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.robot.render_settings import PerPixel
 from catoptra_server.robot.robot_description import OmniCameraDescription
+
+# Pixels along a side among which one that sees something is looked for: a field that fits between
+# them is none that anybody wants.
+_GRID_SIDE = 33
+# Anamorphic lenses squeeze by 2.
+_MAX_ASPECT = 10.0
 
 
 def is_lens_camera(file: IniFile, item: SectionReader) -> bool:
@@ -59,6 +69,7 @@ def read_lens_camera(
         camera = _read_calibrated_camera(file, section)
     else:
         camera = _read_camera(section)
+    _require_picture(section, camera)
     mount = read_mount(robot, item)
     description = OmniCameraDescription(
         name=item.get_wire_name("ItemName"),
@@ -150,25 +161,51 @@ def _read_camera(section: SectionReader) -> OmniCamera:
         raise section.make_error(key, expected=f"a possible value: {error}") from error
 
 
+def _require_picture(section: SectionReader, camera: OmniCamera) -> None:
+    """Raise ConfigError for a camera whose picture is black all over: of a wrong unit, mostly."""
+    side = np.linspace(0.0, 1.0, _GRID_SIDE)
+    u, v = (np.floor(side * (length - 1)) + 0.5 for length in (camera.width_px, camera.height_px))
+    pixels = np.stack(np.meshgrid(u, v), axis=-1)
+    if ray_from_pixel(camera, pixels.reshape(-1, 2))[2].any():
+        return
+    centre_u, centre_v = camera.centre_px
+    wrong = {
+        "CentreU": not 0.0 <= centre_u <= camera.width_px,
+        "CentreV": not 0.0 <= centre_v <= camera.height_px,
+        "FieldOfView": section.has_key("FieldOfView"),
+        "FocalLength": True,
+    }
+    raise section.make_error(
+        next(key for key, is_wrong in wrong.items() if is_wrong),
+        expected="a camera that shows something, with lengths in px and angles in degrees: of "
+        f"{camera.width_px} x {camera.height_px} px, its field of "
+        f"{math.degrees(2.0 * camera.rim_rad):.4g} deg is {2.0 * camera.rim_radius_px:.3g} px wide "
+        f"around ({centre_u:g}, {centre_v:g})",
+    )
+
+
 def _read_lens(section: SectionReader) -> RadialProjection:
     """Lens by its name, with its parameters; those with a default may be missing."""
     name = section.get_choice("Lens", list(LENSES))
     lens = LENSES[name]
     fields = {field.name: field for field in dataclasses.fields(lens)}  # type: ignore[arg-type]
     values: dict[str, float | tuple[float, ...]] = {}
-    last_key = "Lens"
+    keys = ["Lens"]
     for wire_name, attribute in LENS_PARAMETERS[name]:
         key = wire_name.removeprefix("Lens")
         is_optional = fields[attribute].default is not dataclasses.MISSING
         if is_optional and not section.has_key(key):
             continue
-        last_key = key
+        keys.append(key)
         is_table = "tuple" in str(fields[attribute].type)
         values[attribute] = section.get_floats(key) if is_table else section.get_float(key)
     try:
         return lens(**values)
     except DomainError as error:
-        raise section.make_error(last_key, expected=f"a possible value: {error}") from error
+        # Models name the parameter that is out of its domain; tables as a whole are the last key.
+        named = (key for key in keys[1:] if re.search(rf"\b{key}\b", str(error), re.IGNORECASE))
+        key = next(named, keys[-1])
+        raise section.make_error(key, expected=f"a possible value: {error}") from error
 
 
 def _read_plane(section: SectionReader, focal_length_px: float) -> ImagePlane:
@@ -182,4 +219,10 @@ def _read_plane(section: SectionReader, focal_length_px: float) -> ImagePlane:
         return ImagePlane((a, b, c, d), p1, p2)
     skew = section.get_float("Skew", 0.0) / focal_length_px
     aspect = section.get_float("FocalLengthY", focal_length_px, min_value=1e-6) / focal_length_px
+    if not 1.0 / _MAX_ASPECT <= aspect <= _MAX_ASPECT:
+        raise section.make_error(
+            "FocalLengthY",
+            expected=f"px, as FocalLength={focal_length_px:g}: at most {_MAX_ASPECT:g} times as "
+            "long or short",
+        )
     return ImagePlane((1.0, skew, 0.0, aspect), p1, p2)
