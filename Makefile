@@ -66,6 +66,9 @@ live: $(READY) ## Show a robot that drives and localizes itself in the browser u
 test: $(READY) ## Run all tests, 7 minutes on two cores with set-up
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile --no-loadscope-reorder tests
 
+long-test: $(READY) ## Run the further cases of proofs of which `make test` runs one of each kind, 3 minutes on two cores
+	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile -m long tests
+
 # The tests end with the way to install Chromium where it is missing.
 browser-test: $(READY) ## Drive the live page in headless Chromium; writes out/browser: [BROWSER=chromium] [LONG=yes] [SECONDS=60]
 	$(BIN)/python -m pytest tests/browser -q --browser "$(or $(BROWSER),chromium)" \

@@ -1,4 +1,4 @@
-"""Twenty seconds of all attacks at once beside an honest robot and two honest viewers.
+"""Eight seconds of all attacks at once beside an honest robot and two honest viewers.
 
 A file of its own, so that its control run and its attack share the machine with the same tests.
 """
@@ -13,9 +13,9 @@ from load.attacks import ATTACKS, SOAK_ARGUMENTS
 from load.soak import run_load
 from load.soak_limits import SoakLimits, evaluate_soak
 
-_CONTROL_S = 5.0
-_ATTACK_S = 20.0
-# In twenty seconds caches and ports fill up: views to 256 MiB, 64 connections to each TCP port and
+_CONTROL_S = 3.0
+_ATTACK_S = 8.0
+# In eight seconds caches and ports fill up: views to 256 MiB, 64 connections to each TCP port and
 # 288 to the stream, which take two descriptors each.
 _FILL = {"resident_mb": 300.0, "descriptors": 600.0, "threads": 16.0}
 # Viewers keep a few per cent of their rate, not yet the half that `make soak` states: a traced

@@ -18,6 +18,7 @@ from catoptra_server.datasets.local_workers import (
 )
 from catoptra_server.datasets.shard_job import ShardJob
 from helpers.dataset_recipes import write_drive, write_recipe
+from helpers.long_cases import quick_cases
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def hashes(job: ShardJob) -> dict[int, str]:
     return draw(job, LocalWorkers(job, 1))
 
 
-@pytest.mark.parametrize("num_workers", [2, 4])
+@pytest.mark.parametrize("num_workers", quick_cases([2, 4], 0))
 def test_bytes_do_not_depend_on_the_number_of_workers(
     job: ShardJob, hashes: dict[int, str], num_workers: int
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from helpers.labelled_rooms import (
     cast_image,
     open_labels,
 )
+from helpers.long_cases import quick_cases
 
 ALL = tuple(LABEL_CHANNELS)
 
@@ -159,12 +161,15 @@ def test_rows_of_a_rolling_shutter_are_labelled_at_their_own_times() -> None:
         found = labels.render(DrawnExposure(camera, moving), ("range", "ids")).channels
     for row in (10, 48, 80):
         time_s = 0.06 * ((row + 0.5) / camera.height_px - 0.5)
-        cast = cast_image(camera, advance(moving, time_s))
-        sure = cast.is_certain[row]
+        pixels = np.column_stack(
+            (np.arange(camera.width_px) + 0.5, np.full(camera.width_px, row + 0.5))
+        )
+        cast = cast_image(camera, advance(moving, time_s), pixels[None])
+        sure, ids, range_m = cast.is_certain[0], cast.ids[0], cast.range_m[0]
         # Poses between two states are interpolated entry by entry: a few pixels at edges.
-        assert (found["ids"][row] == cast.ids[row])[sure].mean() > 0.97
-        same = sure & (found["ids"][row] == cast.ids[row]) & np.isfinite(cast.range_m[row])
-        np.testing.assert_allclose(found["range"][row][same], cast.range_m[row][same], rtol=5e-3)
+        assert (found["ids"][row] == ids)[sure].mean() > 0.97
+        same = sure & (found["ids"][row] == ids) & np.isfinite(range_m)
+        np.testing.assert_allclose(found["range"][row][same], range_m[same], rtol=5e-3)
 
 
 def test_global_shutter_is_labelled_at_the_middle_of_the_exposure() -> None:
@@ -299,10 +304,13 @@ def test_flow_ends_at_the_pixel_that_the_camera_model_gives(camera: OmniCamera, 
     assert np.linalg.norm(found["flow"][known], axis=-1).max() > 3.0
 
 
-@pytest.mark.parametrize("samples", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("name", "samples"), quick_cases(product(CAMERAS, (1, 2, 3)), 1, 3, 8), ids=str
+)
 def test_labels_beside_a_picture_are_those_alone_and_leave_the_picture(
-    camera: OmniCamera, samples: int
+    name: str, samples: int
 ) -> None:
+    camera = CAMERAS[name]
     state = replace(STATE, has_shadows=True, fog=FogMedium(0.05, (0.6, 0.6, 0.6)))
     drawn = DrawnExposure(camera, state, samples=samples)
     channels = tuple(name for name in ALL if name != "flow")
@@ -319,8 +327,8 @@ def test_labels_beside_a_picture_are_those_alone_and_leave_the_picture(
             picture, found = view.render_with_labels(state, effects, {}, request)
             beside = labels.render(drawn, channels, found_beside=found).channels
             assert picture.rgb.tobytes() == plain.rgb.tobytes()
-            for name in ("ids", "classes", "agreement", "valid"):
-                np.testing.assert_array_equal(beside[name], alone[name], err_msg=name)
+            for each in ("ids", "classes", "agreement", "valid"):
+                np.testing.assert_array_equal(beside[each], alone[each], err_msg=each)
             # The same rays; proofs of planes, which differ, change the last bits.
             np.testing.assert_allclose(beside["range"], alone["range"], rtol=3e-6)
             np.testing.assert_allclose(beside["point"], alone["point"], atol=3e-5)

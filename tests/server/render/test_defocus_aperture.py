@@ -38,6 +38,7 @@ from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, World
 from helpers.blur_measurement import inner_pixels
 from helpers.lens_ray_tracer import LensRays, pinhole_lens, render_through_lens, telecentric_lens
+from helpers.long_cases import quick_cases
 from helpers.worlds import make_omni_camera, make_plan
 
 WIDTH_PX = 640
@@ -113,7 +114,7 @@ def render_traced(site: CameraSite, *effects: ImageEffect) -> Floats:
     return light.astype(np.float64)
 
 
-@pytest.mark.parametrize("name", POSES)
+@pytest.mark.parametrize("name", quick_cases(POSES, 0))
 def test_image_when_blurred_equals_that_of_a_traced_aperture(name: str) -> None:
     expected = render_reference(name, objects_near=False)
     sharp, blurred = (
@@ -123,7 +124,7 @@ def test_image_when_blurred_equals_that_of_a_traced_aperture(name: str) -> None:
     assert rmse_levels(sharp, expected) > 2.0
 
 
-@pytest.mark.parametrize("name", POSES)
+@pytest.mark.parametrize("name", quick_cases(POSES, 1))
 def test_image_of_near_objects_needs_their_depths(name: str) -> None:
     expected = render_reference(name, objects_near=True)
     site = make_site(name, objects_near=True)
@@ -132,7 +133,7 @@ def test_image_of_near_objects_needs_their_depths(name: str) -> None:
     assert rmse_levels(by_depth, expected) < 0.95 * rmse_levels(fixed, expected)
 
 
-@pytest.mark.parametrize("name", POSES)
+@pytest.mark.parametrize("name", quick_cases(POSES, 1))
 def test_raster_image_when_blurred_equals_that_of_a_traced_aperture(
     device: GlDevice, name: str
 ) -> None:

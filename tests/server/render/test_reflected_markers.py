@@ -27,6 +27,7 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, World
+from helpers.long_cases import quick_cases
 from helpers.markers import marker_centroid
 from helpers.mirror_checks import make_camera
 
@@ -82,7 +83,7 @@ def _bracket(equation: Equation, slope: Any) -> Any:
     return next(d for d in depths if equation(slope * d, d) >= 0)
 
 
-@pytest.mark.parametrize("name", MIRRORS)
+@pytest.mark.parametrize("name", quick_cases(MIRRORS, 0))
 def test_markers_are_drawn_where_the_surface_reflects_them(name: str) -> None:
     mirror, equation = MIRRORS[name]
     camera = make_camera(mirror, SIZE_PX)

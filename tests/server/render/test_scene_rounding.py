@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -36,6 +37,7 @@ from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Item, Material, Rectangle, Ring, World
 from helpers.displacement_targets import scatter_discs
 from helpers.dynamic_objects import build_cube_mesh
+from helpers.long_cases import quick_cases
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=400)
@@ -112,10 +114,14 @@ def place_discs(
     return items, axes[:, :, 0], np.arctan(targets.half_size)
 
 
-@pytest.mark.parametrize("kind", list(RendererKind), ids=lambda kind: kind.value)
-@pytest.mark.parametrize("distance_m", [0.02, 0.06, 0.3])
-@pytest.mark.parametrize("extent_m", [2e3, 2e4, 2e5])
-@pytest.mark.parametrize("place", [0.0, 0.9], ids=["centre", "border"])
+@pytest.mark.parametrize(
+    ("kind", "distance_m", "extent_m", "place"),
+    # Of 36 cases every fifth: each value of each parameter, with others each time.
+    quick_cases(
+        product(RendererKind, (0.02, 0.06, 0.3), (2e3, 2e4, 2e5), (0.0, 0.9)), *range(0, 36, 5)
+    ),
+    ids=str,
+)
 def test_thing_nearby_in_a_large_world_is_displaced_within_the_bound(
     make_renderer: MakeRenderer,
     kind: RendererKind,

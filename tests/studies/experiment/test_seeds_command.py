@@ -17,6 +17,7 @@ from studies.experiment.test_seeds_report import make_result
 SEED, RUNS, TRAINING_FRAMES = 7, 1, 12
 
 
+@pytest.mark.long
 def test_seed_has_the_numbers_of_demo(tmp_path, capsys):
     config = ExperimentConfig(
         None, tmp_path, setups=SETUPS, num_runs=RUNS, seed=0, num_training_frames=TRAINING_FRAMES

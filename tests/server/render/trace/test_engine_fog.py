@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from catoptra_server.scene.world_description import (
     World,
 )
 from helpers.effect_measurement import make_effect
+from helpers.long_cases import quick_cases
 from helpers.motion_reference import (
     START_POSES,
     crossing_object,
@@ -126,9 +128,18 @@ def make_plain_floor() -> World:
     return World("plain floor", (floor, wall), lights=(sun,), background=(0.1, 0.2, 0.3))
 
 
-@pytest.mark.parametrize("samples", [1, 2, 3])
-@pytest.mark.parametrize("airlight", [(0.5, 0.55, 0.6), (0.0, 2.0, 0.9)])
-@pytest.mark.parametrize("shutter", [None, Shutter(0.03, 0.0, 9.0), Shutter(0.0, 0.03, 9.0)])
+@pytest.mark.parametrize(
+    ("samples", "airlight", "shutter"),
+    quick_cases(
+        product(
+            (1, 2, 3),
+            ((0.5, 0.55, 0.6), (0.0, 2.0, 0.9)),
+            (None, Shutter(0.03, 0.0, 9.0), Shutter(0.0, 0.03, 9.0)),
+        ),
+        # Each number of samples, air and shutter, and each pair of air and shutter.
+        *(0, 4, 7, 11, 14, 15),
+    ),
+)
 def test_fog_of_tiles_of_one_facet_is_the_mean_of_their_samples(
     samples: int, airlight: tuple[float, float, float], shutter: Shutter | None
 ) -> None:
