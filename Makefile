@@ -16,7 +16,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiment-seeds live test browser-test stability lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels compose clean
+.PHONY: help setup demo experiment-seeds live test long-test browser-test stability lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
