@@ -7,12 +7,14 @@ from pathlib import Path
 import cv2
 import pytest
 
+from catoptra_studies.accuracy_cost import cost_plots
 from catoptra_studies.accuracy_cost.cost_command import EXIT_FAILURE, main
 from catoptra_studies.accuracy_cost.cost_results import (
     CostResults,
     read_cost_results,
     write_cost_results,
 )
+from catoptra_studies.accuracy_cost.plots import polygon_plot
 from helpers.configs import FIELD, OMNI_ROBOT, REPOSITORY
 
 FILES = ("--robot", str(OMNI_ROBOT), "--world", str(FIELD))
@@ -23,7 +25,11 @@ PLOTS = ("pareto.png", "levels.png", "polygons.png", "detail.png", "frame_rates.
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("cost") / "new"
     arguments = ("--size", "64", "--quick", "--no-drives", "--output", str(output))
-    assert main([*FILES, *arguments]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        # Figures of the paper's size with one ray a pixel: no test here looks at their edges.
+        patch.setattr(cost_plots, "FIGURE_SAMPLES", 1)
+        patch.setattr(polygon_plot, "FIGURE_SAMPLES", 1)
+        assert main([*FILES, *arguments]) == 0
     return output
 
 
