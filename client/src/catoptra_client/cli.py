@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import secrets
 import sys
 from collections.abc import Sequence
 from itertools import count, islice
@@ -11,7 +12,7 @@ from pathlib import Path
 
 from catoptra_client.bundled_landmarks import find_landmark_file
 from catoptra_client.frame_pictures import make_panorama, write_image
-from catoptra_client.frame_sources.frame_source import open_frame_source
+from catoptra_client.frame_sources.frame_source import FrameSource, open_frame_source
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.landmarks import (
@@ -114,21 +115,38 @@ def _print_bearings(parsed: argparse.Namespace) -> None:
     landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
     classifier = load_classifier(parsed.classifier)
     address = _server_address(parsed)
-    with (
-        RobotClient.connect(address.host, address.control_port) as robot,
-        ImageClient.connect(address.host, address.image_port) as images,
-    ):
-        robot.spawn(parsed.robot_class, start_pose=parsed.start)
+    # The stream selects cameras by the robot's name, so that name is chosen here.
+    name = f"bearings_{secrets.token_hex(4)}" if parsed.camera else None
+    with RobotClient.connect(address.host, address.control_port) as robot:
+        robot.spawn(parsed.robot_class, name=name, start_pose=parsed.start)
         # The server's configuration has the exact camera model: nothing to calibrate.
-        camera, height_m = robot.get_camera_and_height()
-        detector = make_detector(
-            camera, classifier, landmarks=landmarks, viewpoint=Viewpoint(height_m)
-        )
-        # islice has no end for None: --frames 0 runs until interrupted.
-        for frame in islice(images.iter_frames(), parsed.frames or None):
-            print(f"frame {frame.sequence}")
-            for detection in detect(detector, frame.rgb):
-                print("  " + _format_detection(detection))
+        camera, height_m = robot.get_camera_and_height(parsed.camera)
+        with _open_bearing_source(parsed, name) as images:
+            viewpoint = _find_viewpoint(images, height_m) if name else Viewpoint(height_m)
+            detector = make_detector(camera, classifier, landmarks=landmarks, viewpoint=viewpoint)
+            # islice has no end for None: --frames 0 runs until interrupted.
+            for frame in islice(images.iter_frames(), parsed.frames or None):
+                print(f"frame {frame.sequence}")
+                for detection in detect(detector, frame.rgb):
+                    print("  " + _format_detection(detection))
+
+
+def _open_bearing_source(parsed: argparse.Namespace, robot: str | None) -> FrameSource:
+    """Frames of the image port, or of the selected camera over the stream."""
+    if robot is None:
+        return ImageClient.connect(parsed.host, parsed.image_port)
+    host = f"[{parsed.host}]" if ":" in parsed.host else parsed.host
+    url = f"zmq://{host}:{parsed.stream_port}"
+    return open_frame_source(url, robot=robot, camera=parsed.camera, encoding=ImageEncoding.PNG)
+
+
+def _find_viewpoint(images: FrameSource, height_m: float) -> Viewpoint:
+    """Viewpoint of the selected camera, as a frame states its mount."""
+    mount = images.get_frame().robot_from_mirror
+    if mount is None:
+        return Viewpoint(height_m)
+    # The robot's origin is as high as makes this the viewpoint's height; z points down.
+    return Viewpoint.from_mount(mount, floor_from_robot_m=height_m + float(mount.translation[2]))
 
 
 def _format_detection(detection: Detection) -> str:
@@ -196,6 +214,10 @@ def _make_parser() -> argparse.ArgumentParser:
     bearings_parser.add_argument("--classifier", type=Path, default=Path("out/classifier.npz"))
     bearings_parser.add_argument("--start", default="Centre", help="start pose of the robot")
     bearings_parser.add_argument("--frames", type=int, default=0, help="0 = until interrupted")
+    bearings_parser.add_argument(
+        "--camera", help="name of the camera, over the stream; the image port's picture"
+    )
+    bearings_parser.add_argument("--stream-port", type=int, default=5005)
     # On each subcommand rather than the parent, so that options may follow the command.
     for command in (train_parser, bearings_parser):
         command.add_argument(

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import pytest
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.lenses import EquidistantLens
+from catoptra_protocol.optics.mirrors import SphericalMirror
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.planning.camera_spec import OmniCameraSpec
@@ -52,6 +56,25 @@ def test_polygons_take_the_place_of_the_target(polygons: int) -> None:
     assert settings.surface.num_polygons == polygons
     assert settings.accuracy_target == AccuracyTarget()
     assert settings.samples == 3
+
+
+@pytest.mark.parametrize("is_approximated", [False, True])
+def test_polygons_need_a_mirror_with_one_viewpoint(is_approximated: bool) -> None:
+    ball = make_omni_camera(mirror=SphericalMirror(0.03, 0.2, math.radians(120.0)))
+    camera = dataclasses.replace(
+        CAMERA, camera=dataclasses.replace(ball, is_approximated=is_approximated)
+    )
+    with pytest.raises(DomainError, match=r"0 polygons.*one viewpoint"):
+        CameraVariant(polygons=64).apply_to(camera)
+    assert CameraVariant(polygons=0).apply_to(camera).render_settings.surface == PerPixel()
+    lens = dataclasses.replace(
+        CAMERA,
+        camera=camera_with_inscribed_rim(
+            EquidistantLens(), width_px=100, height_px=100, rim_rad=1.5
+        ),
+    )
+    with pytest.raises(DomainError, match="a mesh stands for a mirror"):
+        CameraVariant(polygons=64).apply_to(lens)
 
 
 def test_zero_polygons_are_the_exact_model() -> None:

@@ -37,7 +37,11 @@ from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.texture_client_sections import read_texture_clients
 from catoptra_server.config.unknown_names import is_own_section
 from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
+from catoptra_server.robot.render_settings import (
+    MirrorSurface,
+    PerPixel,
+    require_mesh_viewpoint,
+)
 from catoptra_server.robot.robot_description import OmniCameraDescription
 
 # Directions in real files have four digits: 1.5708 for a right angle.
@@ -88,7 +92,7 @@ def read_omni_camera(
         texture_clients=texture_clients,
         render_settings=read_render_settings(
             capture,
-            surface=_read_surface(mirror, mirror_settings),
+            surface=_read_surface(camera, mirror_settings),
             # Faces share an atlas and one size.
             face_size_px=max(client.size_px for client in texture_clients),
             central_error_px=central_error_px,
@@ -126,14 +130,16 @@ def _find_child(section: SectionReader, key: str, viewpoint: SectionReader) -> S
     )
 
 
-def _read_surface(mirror: Mirror, settings: SectionReader) -> MirrorSurface:
+def _read_surface(camera: OmniCamera, settings: SectionReader) -> MirrorSurface:
     surface = read_surface(settings)
-    if isinstance(surface, PerPixel) or mirror.is_central:
+    if isinstance(surface, PerPixel):
         return surface
-    key = "Polygons" if settings.has_key("Polygons") else "Sectors"
-    raise settings.make_error(
-        key, expected="0: a mesh looks up directions at one viewpoint, which this mirror has not"
-    )
+    try:
+        require_mesh_viewpoint(camera)
+    except DomainError as error:
+        key = "Polygons" if settings.has_key("Polygons") else "Sectors"
+        raise settings.make_error(key, expected=str(error)) from error
+    return surface
 
 
 def _read_viewpoint_pose(viewpoint: SectionReader) -> Pose:

@@ -22,6 +22,7 @@ from catoptra_server.robot.render_settings import (
     MirrorSurface,
     PerPixel,
     RenderSettings,
+    require_mesh_viewpoint,
 )
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 
@@ -88,8 +89,10 @@ class CameraVariant:
         """Camera with the changes.
 
         Raises:
-            DomainError: The camera has no effect of a name.
+            DomainError: The camera has no effect of a name, or no viewpoint for a mesh.
         """
+        if self.polygons:
+            require_mesh_viewpoint(camera.camera)
         return replace(
             camera,
             render_settings=self._change_settings(camera.render_settings),

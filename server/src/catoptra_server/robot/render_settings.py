@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.scene.mirror_mesh import Tessellation
 
@@ -15,6 +16,20 @@ class PerPixel:
 
 
 MirrorSurface = PerPixel | Tessellation
+
+
+def require_mesh_viewpoint(camera: OmniCamera) -> None:
+    """Raise DomainError for a camera that no mirror mesh can stand for, of a file or a variant.
+
+    Whether rays are approximated as central does not count: the mirror's surface is not the one
+    whose mesh would be drawn.
+    """
+    if not camera.has_mirror:
+        raise DomainError("0 polygons: a mesh stands for a mirror, which this camera has not")
+    if not camera.mirror.is_central:
+        raise DomainError(
+            "0 polygons: a mesh looks up directions at one viewpoint, which this mirror has not"
+        )
 
 
 @dataclass(frozen=True, slots=True)
