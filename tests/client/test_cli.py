@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_client.cli import main
+from catoptra_client.server_process import run_server
 from catoptra_client.training_frames import ROBOT_CLASS
 
 
@@ -18,6 +19,31 @@ def test_command_takes_any_class_of_robot(command: str, capsys: pytest.CaptureFi
     help_text = capsys.readouterr().out
     assert "--robot-class CLASS" in help_text
     assert ROBOT_CLASS in help_text
+
+
+def test_bearings_are_those_of_the_named_camera_in_the_robot_s_axes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, world, path = Path("p2at_fisheye"), Path("four_legged_2006"), tmp_path / "c.npz"
+    with run_server(robot, world, seed=3, log_file=tmp_path / "log") as address:
+        common = [
+            *("--host", address.host, "--control-port", str(address.control_port)),
+            *("--image-port", str(address.image_port), "--robot-class", "USARBot.FisheyeP2AT"),
+        ]
+        assert main(["train", "--output", str(path), "--frames", "8", *common]) == 0
+        command = ["bearings", "--classifier", str(path), "--frames", "1", *common]
+        command += ["--stream-port", str(address.stream_port), "--camera"]
+        capsys.readouterr()
+        assert main([*command, "FrontCam"]) == 0
+        lines = capsys.readouterr().out.splitlines()[1:]
+        bearings = {line.split()[0]: float(line.split()[1]) for line in lines}
+        # The centre of the field, looking at the yellow goal: those behind are not in the picture,
+        # which the hanging camera, the first one, has.
+        assert bearings == pytest.approx(
+            {"magenta_over_yellow": -54.6, "yellow_over_magenta": 54.6, "yellow_goal": 0.0}, abs=0.5
+        )
+        assert main([*command, "Nobody"]) == 1
+        assert "camera 'Nobody' of USARBot.FisheyeP2AT is missing" in capsys.readouterr().err
 
 
 def test_error_is_one_line_and_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,7 +30,7 @@ from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
 from catoptra_protocol.calibration.calibration_folder import write_calibration
 from catoptra_protocol.calibration.exports import DEFAULT_MAX_RESIDUAL_PX
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 from catoptra_protocol.landmarks import read_landmarks
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.picture import Picture
@@ -120,7 +120,11 @@ def _print_bearings(parsed: argparse.Namespace) -> None:
     with RobotClient.connect(address.host, address.control_port) as robot:
         robot.spawn(parsed.robot_class, name=name, start_pose=parsed.start)
         # The server's configuration has the exact camera model: nothing to calibrate.
-        camera, height_m = robot.get_camera_and_height(parsed.camera)
+        try:
+            camera, height_m = robot.get_camera_and_height(parsed.camera)
+        except RemoteProtocolError as error:
+            place = f"camera {parsed.camera!r} of {parsed.robot_class}" if name else "the camera"
+            raise CatoptraError(f"{place} is missing or not omnidirectional: {error}") from error
         with _open_bearing_source(parsed, name) as images:
             viewpoint = _find_viewpoint(images, height_m) if name else Viewpoint(height_m)
             detector = make_detector(camera, classifier, landmarks=landmarks, viewpoint=viewpoint)

@@ -18,18 +18,24 @@ class PerPixel:
 MirrorSurface = PerPixel | Tessellation
 
 
+def has_mesh_viewpoint(camera: OmniCamera) -> bool:
+    """Whether a camera has a mirror with one viewpoint, for which a mesh can stand."""
+    return camera.has_mirror and camera.mirror.is_central
+
+
 def require_mesh_viewpoint(camera: OmniCamera) -> None:
     """Raise DomainError for a camera that no mirror mesh can stand for, of a file or a variant.
 
     Whether rays are approximated as central does not count: the mirror's surface is not the one
     whose mesh would be drawn.
     """
+    if has_mesh_viewpoint(camera):
+        return
     if not camera.has_mirror:
         raise DomainError("0 polygons: a mesh stands for a mirror, which this camera has not")
-    if not camera.mirror.is_central:
-        raise DomainError(
-            "0 polygons: a mesh looks up directions at one viewpoint, which this mirror has not"
-        )
+    raise DomainError(
+        "0 polygons: a mesh looks up directions at one viewpoint, which this mirror has not"
+    )
 
 
 @dataclass(frozen=True, slots=True)

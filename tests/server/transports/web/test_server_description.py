@@ -59,12 +59,14 @@ def test_effects_of_a_camera_are_those_of_the_robot_file() -> None:
     assert len(camera["effects"]) == len(set(camera["effects"])) > 5
 
 
-@pytest.mark.parametrize(("name", "expected"), [("p2at_omni", True), ("p2at_fisheye", False)])
-def test_omnidirectional_cameras_state_whether_they_have_a_mirror(
+@pytest.mark.parametrize(
+    ("name", "expected"), [("p2at_omni", True), ("p2at_sphere", False), ("p2at_fisheye", False)]
+)
+def test_omnidirectional_cameras_state_whether_a_mesh_can_stand_for_their_mirror(
     name: str, expected: bool
 ) -> None:
     (robot, *_) = describe(name)["classes"]
-    assert {camera["has_mirror"] for camera in robot["cameras"]} == {expected}
+    assert {camera["has_mesh"] for camera in robot["cameras"]} == {expected}
 
 
 @pytest.mark.parametrize("name", ["p2at_omni", "p2at_omni_full"])

@@ -6,6 +6,7 @@ import dataclasses
 
 from catoptra_server.planning.camera_variant import POLYGON_COUNTS
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import has_mesh_viewpoint
 from catoptra_server.robot.robot_description import RobotDescription, SensorDescription
 from catoptra_server.sensors.range_scanner import RangeScannerDescription
 from catoptra_server.sensors.sonar import SonarDescription
@@ -54,7 +55,7 @@ def _describe_cameras(robot: RobotDescription) -> list[Json]:
             {
                 "name": omni.name,
                 "kind": "omni",
-                "has_mirror": omni.camera.has_mirror,
+                "has_mesh": has_mesh_viewpoint(omni.camera),
                 "width_px": omni.camera.width_px,
                 "height_px": omni.camera.height_px,
                 "effects": [setting.effect.name for setting in omni.effects.settings],

@@ -74,7 +74,7 @@ class AccuracyPanel {
   updateAvailability() {
     const { camera } = this.#context;
     const hasSettings = camera?.kind === "omni";
-    this.#controls.hasMirror = camera?.has_mirror;
+    this.#controls.hasMesh = camera?.has_mesh;
     if (this.#contents.hidden === !hasSettings && this.hint.hidden === hasSettings) return;
     this.#contents.hidden = !hasSettings;
     this.hint.hidden = hasSettings;
@@ -154,7 +154,7 @@ class AccuracyPanel {
 /** Sliders and lists; `variant` is what they select. */
 class Controls {
   #onChange;
-  #hasMirror = true;
+  #hasMesh = true;
   #mode;
   #tolerance;
   #budget;
@@ -188,9 +188,9 @@ class Controls {
     this.#showRows();
   }
 
-  /** A lens has no mesh of polygons to choose. */
-  set hasMirror(hasMirror) {
-    this.#hasMirror = hasMirror;
+  /** A lens or a mirror without a viewpoint has no mesh of polygons to choose. */
+  set hasMesh(hasMesh) {
+    this.#hasMesh = hasMesh;
     this.#showRows();
   }
 
@@ -203,7 +203,7 @@ class Controls {
     const renderer = this.#renderer.control.value || null;
     const target = { max_error_px: this.#tolerance.value, budget_ms: this.#budget.value };
     const numbers = {
-      polygons: this.#hasMirror ? Number(this.#polygons.control.value) : 0,
+      polygons: this.#hasMesh ? Number(this.#polygons.control.value) : 0,
       samples: Number(this.#samples.control.value),
     };
     return { ...(this.hasTarget ? target : numbers), renderer, reference: "exact" };
@@ -225,7 +225,7 @@ class Controls {
   #showRows() {
     for (const node of this.#targetRows) node.hidden = !this.hasTarget;
     for (const node of this.#numberRows) node.hidden = this.hasTarget;
-    for (const node of this.#polygons.nodes) node.hidden ||= !this.#hasMirror;
+    for (const node of this.#polygons.nodes) node.hidden ||= !this.#hasMesh;
   }
 }
 
