@@ -62,12 +62,15 @@ experiment-seeds: $(READY) ## Evaluate the claims of demo with many seeds, 20 mi
 live: $(READY) ## Show a robot that drives and localizes itself in the browser until Ctrl-C: [PORT=5080]
 	$(BIN)/catoptra-studies live --output out/live $(if $(PORT),--view $(PORT))
 
+# One worker more than processors: tests wait for servers and processes a sixth of their time.
+WORKERS = $$($(BIN)/python -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
+
 # Files in the order of the tree, not by their numbers of tests: else those of one long test come last.
 test: $(READY) ## Run all tests, 7 minutes on two cores with set-up
-	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile --no-loadscope-reorder tests
+	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder tests
 
 long-test: $(READY) ## Run the further cases of proofs of which `make test` runs one of each kind, 3 minutes on two cores
-	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile -m long tests
+	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile -m long tests
 
 # The tests end with the way to install Chromium where it is missing.
 browser-test: $(READY) ## Drive the live page in headless Chromium; writes out/browser: [BROWSER=chromium] [LONG=yes] [SECONDS=60]
