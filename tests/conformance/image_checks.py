@@ -45,6 +45,8 @@ _SEARCH_PX = 24
 # Standard deviation of the mean levels of blocks of this size, below which a picture shows nothing.
 _BLOCK_PX = 16
 _MIN_CONTRAST_LEVELS = 2.0
+# One that was drawn ahead, one that was under way.
+_MAX_EARLY_FRAMES = 2
 
 
 @contextmanager
@@ -54,7 +56,18 @@ def _show_robot(server: ServerUnderTest) -> Iterator[tuple[ControlSession, Image
         if not any(one.get("Name") for one in control.query("GETCONF {Type Camera}")):
             raise CheckSkipped(f"{server.robot_class} has no camera")
         with connect_images(server) as images:
+            _skip_early_frames(images)
             yield control, images
+
+
+def _skip_early_frames(images: ImageSession) -> None:
+    """Take the frames that may show the time before the robot was spawned.
+
+    A busy server may deliver what it exposed before INIT: frames are as old as drawing one takes.
+    """
+    for _ in range(_MAX_EARLY_FRAMES):
+        if _has_contrast(images.get_picture()):
+            return
 
 
 def check_picture(server: ServerUnderTest) -> None:
