@@ -69,7 +69,7 @@ WORKERS = $$($(BIN)/python -c 'import os; print(min((os.cpu_count() or 1) + 1, 4
 test: $(READY) ## Run all tests, 7 minutes on two cores with set-up
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder tests
 
-long-test: $(READY) ## Run the further cases of proofs of which `make test` runs one of each kind, 3 minutes on two cores
+long-test: $(READY) ## Run the further cases of proofs of which `make test` runs one of each kind, 2 minutes on two cores
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile -m long tests
 
 # The tests end with the way to install Chromium where it is missing.
