@@ -80,7 +80,7 @@ def test_sample_that_cannot_be_drawn_is_an_error(tmp_path: Path) -> None:
     area = ("[Catoptra.RandomPoses]", "X=(Min=50,Max=51)", "Y=(Min=0,Max=1)", "MaxTries=3")
     bad = prepare_run(write_recipe(tmp_path, *area), tmp_path / "out").job
     with pytest.raises(CatoptraError, match=r"sample 000000: .*no free pose"):
-        list(LocalWorkers(bad, 2).draw([0, 1]))
+        list(LocalWorkers(bad, 1).draw([0, 1]))
 
 
 def test_workers_that_refuse_are_an_error(job: ShardJob) -> None:
