@@ -66,7 +66,7 @@ live: $(READY) ## Show a robot that drives and localizes itself in the browser u
 WORKERS = $$($(BIN)/python -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
 
 # Files in the order of the tree, not by their numbers of tests: else those of one long test come last.
-test: $(READY) ## Run all tests, 7 minutes on two cores with set-up
+test: $(READY) ## Run the tests, 7 minutes on two cores with set-up
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder tests
 
 long-test: $(READY) ## Run the further cases of proofs of which `make test` runs one of each kind, 2 minutes on two cores

@@ -10,7 +10,8 @@ import os
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
+from catoptra_server.render.trace.kernel.kernel_rays import KernelRays
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.scene.scene_mesh import SceneMesh

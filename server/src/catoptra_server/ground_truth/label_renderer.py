@@ -41,21 +41,24 @@ class _PreparedRays:
     def __init__(self, table: RayTable, renderer: TraceRenderer) -> None:
         self.table = table
         self._renderer = renderer
+        self._rays: TracedRays | None = None
 
-    @cached_property
+    @property
     def rays(self) -> TracedRays:
-        """The same rays, traced by themselves: not needed beside a picture."""
-        return self._renderer.prepare_rays(self.table)
+        """The same rays, ready to be traced by themselves: not needed beside a picture."""
+        if self._rays is None:
+            self._rays = self._renderer.prepare_rays(self.table)
+        return self._rays
 
     @property
     def memory_bytes(self) -> int:
         """Size of the rays, and of what the engine needs for them."""
-        return self.rays.memory_bytes if "rays" in vars(self) else self.table.memory_bytes
+        return (self._rays or self.table).memory_bytes
 
     def close(self) -> None:
         """Free what belongs to the rays."""
-        if "rays" in vars(self):
-            self.rays.close()
+        if self._rays is not None:
+            self._rays.close()
 
     @cached_property
     def mask(self) -> npt.NDArray[np.uint8]:

@@ -14,7 +14,7 @@ import pytest
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.kernel import kernel_engine
+from catoptra_server.render.trace.kernel import kernel_rays
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.ray_table import face_ray_table
@@ -44,8 +44,8 @@ def test_view_when_memory_is_short_is_refused(monkeypatch: pytest.MonkeyPatch) -
         struct.tile_columns = 2**25
         return struct
 
-    real = kernel_engine.ray_table_struct
-    monkeypatch.setattr(kernel_engine, "ray_table_struct", huge)
+    real = kernel_rays.ray_table_struct
+    monkeypatch.setattr(kernel_rays, "ray_table_struct", huge)
     with open_kernel(FLOOR) as engine, pytest.raises(KernelError, match="out of memory"):
         engine.prepare(BELOW)
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.ground_truth.label_rays import build_label_rays, make_ray_source
 from catoptra_server.render.trace.kernel.exposure_arrays import ray_table_struct
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
+from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
 from catoptra_server.render.trace.kernel.label_arrays import (
     CentreMatch,
     label_arrays,
@@ -85,5 +86,5 @@ def test_tiles_without_a_sample_are_an_error() -> None:
         directions=samples.directions[:-3],
         valid=samples.valid[:-3],
     )
-    with pytest.raises(KernelError, match=r"no labels: [123] tiles have no sample"):
+    with pytest.raises(DomainError, match=r"[123] tiles of pixels' centres have no sample"):
         match(part, CENTRES)

@@ -114,13 +114,15 @@ class KernelDevice:
             is_held: (t,) receives whether proofs about the view's tile hold for the centres' rays.
 
         Raises:
-            KernelError: The view lacks tiles of the centres, or memory is short.
+            DomainError: The view lacks tiles of the centres.
+            KernelError: Memory is short.
         """
         addresses = (centre_tile.ctypes.data, is_held.ctypes.data)
         unmatched = self._library.catoptra_match_centres(view, ctypes.byref(centres), *addresses)
+        if unmatched < 0:
+            raise KernelError("no labels: out of memory")
         if unmatched:
-            reason = "out of memory" if unmatched < 0 else f"{unmatched} tiles have no sample"
-            raise KernelError(f"no labels: {reason}")
+            raise DomainError(f"{unmatched} tiles of pixels' centres have no sample")
 
     def cast(
         self,

@@ -54,7 +54,7 @@ def match_centres(
         centres: Rays of the pixels' centres of the same image.
 
     Raises:
-        KernelError: The view lacks tiles of the centres.
+        DomainError: The view lacks tiles of the centres.
     """
     centre_tile = np.arange(len(table.tiles), dtype=np.int32)
     is_held = np.ones(len(table.tiles), dtype=np.uint8)

@@ -1,6 +1,7 @@
 #include "flow.h"
 
 #include "packets.h"
+#include "tile_place.h"
 
 #include <math.h>
 
@@ -8,7 +9,6 @@
  * 0.2 m from a mirror of 3 cm. */
 enum { AIM_STEPS = 9 };
 enum { AT_REST = -1 };
-enum { TILE_PIXELS = TILE_PX * TILE_PX };
 /* What is nearer to the point than this may be the point's own facet. */
 #define SAME_RANGE 2e-3f
 #define SAME_RANGE_M 2e-3f
@@ -18,31 +18,12 @@ enum { TILE_PIXELS = TILE_PX * TILE_PX };
 /* By component, for vector code: all loops over pixels are loops over lanes. */
 typedef float Lanes[TILE_PIXELS];
 
-/* The pixels of a tile: the first one's position in the image, and how many are in the image. */
-typedef struct {
-    size_t first, width_px;
-    int rows, columns, top, left;
-} FlowPlace;
-
 /* Points in the other image. */
 typedef struct {
     _Alignas(64) Lanes u, v;
     float origin[3][TILE_PIXELS]; /* of the rays that meet them, mirror frame */
     int is_shown[TILE_PIXELS];
 } Projections;
-
-static FlowPlace find_place(const RayTable *table, int32_t number) {
-    int top = number / table->tile_columns * TILE_PX, left = number % table->tile_columns * TILE_PX;
-    int rows = table->height_px - top, columns = table->width_px - left;
-    return (FlowPlace){
-        .first = (size_t)top * (size_t)table->width_px + (size_t)left,
-        .width_px = (size_t)table->width_px,
-        .rows = rows < TILE_PX ? rows : TILE_PX,
-        .columns = columns < TILE_PX ? columns : TILE_PX,
-        .top = top,
-        .left = left,
-    };
-}
 
 /* Comparisons that are false of what is not a number keep positions within the tables. */
 static inline float limit(float value, float low, float high) {
@@ -118,7 +99,7 @@ static void clear_points(float points[3][TILE_PIXELS]) {
 
 /* Points of the pixels where they are in the other exposure, Embree's coordinates; not a number for
  * none. */
-static void move_points(const Flow *flow, const FlowPlace *place, float points[3][TILE_PIXELS]) {
+static void move_points(const Flow *flow, const TilePlace *place, float points[3][TILE_PIXELS]) {
     if (place->rows < TILE_PX || place->columns < TILE_PX)
         clear_points(points);
     for (int row = 0; row < place->rows; row++)
@@ -194,7 +175,7 @@ static uint32_t find_occluded(const FrameState *state, const RayBlock *rays) {
     return occluded;
 }
 
-static void store_flow(const Flow *flow, const FlowPlace *place, const Lanes u, const Lanes v,
+static void store_flow(const Flow *flow, const TilePlace *place, const Lanes u, const Lanes v,
                        uint32_t visible) {
     for (int row = 0; row < place->rows; row++)
         for (int column = 0; column < place->columns; column++) {
@@ -209,7 +190,7 @@ static void store_flow(const Flow *flow, const FlowPlace *place, const Lanes u, 
 
 void flow_tile(const FrameState *state, int tile) {
     const Flow *flow = state->frame->flow;
-    FlowPlace place = find_place(state->rays, state->rays->tiles[tile]);
+    TilePlace place = place_tile(state->rays, state->rays->tiles[tile]);
     _Alignas(64) float points[3][TILE_PIXELS];
     Projections found;
     RayBlock rays;
@@ -226,7 +207,7 @@ void flow_tile(const FrameState *state, int tile) {
 void flow_beside_view(const Flow *flow, const View *view) {
     static const Lanes unknown;
     for (int number = 0; number < view->tile_rows * view->rays.tile_columns; number++) {
-        FlowPlace place = find_place(&view->rays, number);
+        TilePlace place = place_tile(&view->rays, number);
         if (view->tile_at[number] < 0)
             store_flow(flow, &place, unknown, unknown, 0);
     }

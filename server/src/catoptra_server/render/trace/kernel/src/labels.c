@@ -1,125 +1,13 @@
 #include "labels.h"
 
-#include "beam_origins.h"
 #include "camera_rays.h"
 #include "facet_plane.h"
 #include "hit_points.h"
+#include "label_block.h"
 #include "pixels.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
-
-enum { TILE_PIXELS = TILE_PX * TILE_PX };
-_Static_assert(TILE_PIXELS == BLOCK_RAYS, "one sample a pixel makes a tile a block");
-
-/* Values of a tile's pixels, by component for vector code. */
-typedef struct {
-    _Alignas(64) float range_m[TILE_PIXELS];
-    float normal[3][TILE_PIXELS];
-    float point[3][TILE_PIXELS];
-    uint16_t number[TILE_PIXELS];
-} LabelBlock;
-
-/* The pixels of a tile: the first one's position in the channels, and how many are in the image. */
-typedef struct {
-    size_t first, width_px;
-    int rows, columns;
-} LabelPlace;
-
-static LabelPlace find_place(const RayTable *table, int32_t number) {
-    int top = number / table->tile_columns * TILE_PX, left = number % table->tile_columns * TILE_PX;
-    int rows = table->height_px - top, columns = table->width_px - left;
-    return (LabelPlace){
-        .first = (size_t)top * (size_t)table->width_px + (size_t)left,
-        .width_px = (size_t)table->width_px,
-        .rows = rows < TILE_PX ? rows : TILE_PX,
-        .columns = columns < TILE_PX ? columns : TILE_PX,
-    };
-}
-
-typedef float Row __attribute__((vector_size(4 * TILE_PX)));
-typedef float Rows __attribute__((vector_size(8 * TILE_PX)));
-
-/* Vectors of four pixels by pixel: in three stores instead of twelve, which would wait for one
- * another. */
-static inline void store_vectors(const float values[3][TILE_PIXELS], int first, float *pixels) {
-    Row x, y, z, right;
-    memcpy(&x, values[0] + first, sizeof x);
-    memcpy(&y, values[1] + first, sizeof y);
-    memcpy(&z, values[2] + first, sizeof z);
-    Rows xy = __builtin_shufflevector(x, y, 0, 4, 1, 5, 2, 6, 3, 7);
-    Rows zz = __builtin_shufflevector(z, z, 0, 1, 2, 3, 4, 5, 6, 7);
-    Rows left = __builtin_shufflevector(xy, zz, 0, 1, 8, 2, 3, 9, 4, 5);
-    right = __builtin_shufflevector(xy, zz, 10, 6, 7, 11);
-    memcpy(pixels, &left, sizeof left);
-    memcpy(pixels + 2 * TILE_PX, &right, sizeof right);
-}
-
-/* Values of a tile by component into a channel of `depth` values a pixel. */
-static inline __attribute__((always_inline)) void
-store_floats(const LabelPlace *place, int depth, const float values[][TILE_PIXELS], int rows,
-             int columns, float *channel) {
-    for (int row = 0; row < rows; row++) {
-        size_t at = place->first + (size_t)row * place->width_px;
-        float *pixels = channel + (size_t)depth * at;
-        if (depth == 3 && columns == TILE_PX)
-            store_vectors(values, row * TILE_PX, pixels);
-        else
-            for (int column = 0; column < columns; column++)
-                for (int axis = 0; axis < depth; axis++)
-                    pixels[depth * column + axis] = values[axis][row * TILE_PX + column];
-    }
-}
-
-static inline __attribute__((always_inline)) void
-store_numbers(const LabelPlace *place, const uint16_t numbers[TILE_PIXELS], int rows, int columns,
-              uint16_t *channel) {
-    for (int row = 0; row < rows; row++)
-        for (int column = 0; column < columns; column++)
-            channel[place->first + (size_t)row * place->width_px + (size_t)column] =
-                numbers[row * TILE_PX + column];
-}
-
-static inline __attribute__((always_inline)) void
-store_pixels(const Labels *labels, const LabelPlace *place, const LabelBlock *block, int rows,
-             int columns) {
-    if (labels->ids)
-        store_numbers(place, block->number, rows, columns, labels->ids);
-    if (labels->classes) {
-        uint16_t classes[TILE_PIXELS];
-        for (int lane = 0; lane < TILE_PIXELS; lane++)
-            classes[lane] = labels->class_table[block->number[lane]];
-        store_numbers(place, classes, rows, columns, labels->classes);
-    }
-    if (labels->range_m)
-        store_floats(place, 1, &block->range_m, rows, columns, labels->range_m);
-    if (labels->normal)
-        store_floats(place, 3, block->normal, rows, columns, labels->normal);
-    if (labels->point)
-        store_floats(place, 3, block->point, rows, columns, labels->point);
-}
-
-static void store_block(const Labels *labels, const LabelPlace *place, const LabelBlock *block) {
-    /* With sides known to the compiler where the tile lies within the image. */
-    if (place->rows == TILE_PX && place->columns == TILE_PX)
-        store_pixels(labels, place, block, TILE_PX, TILE_PX);
-    else
-        store_pixels(labels, place, block, place->rows, place->columns);
-}
-
-/* Pixels whose rays meet nothing. */
-static void clear_block(LabelBlock *block) {
-    for (int lane = 0; lane < TILE_PIXELS; lane++) {
-        block->number[lane] = 0;
-        block->range_m[lane] = INFINITY;
-    }
-    for (int axis = 0; axis < 3; axis++)
-        for (int lane = 0; lane < TILE_PIXELS; lane++) {
-            block->normal[axis][lane] = 0.0f;
-            block->point[axis][lane] = NAN;
-        }
-}
 
 static int number_of(const Labels *labels, int32_t object, int32_t triangle) {
     if (object == OBJECT_NONE)
@@ -220,28 +108,6 @@ static void label_plane(const FrameState *state, int32_t triangle, const RayBloc
             block->normal[axis][lane] = rays->active >> lane & 1 ? axes[axis] : 0.0f;
 }
 
-/* Ask for the memory that a tile's values will be stored in: tiles lie in it far apart, and each
- * store would wait for its line. */
-static void prefetch_pixels(const Labels *labels, const LabelPlace *place) {
-    for (int row = 0; row < place->rows; row++) {
-        size_t at = place->first + (size_t)row * place->width_px;
-        if (labels->ids)
-            __builtin_prefetch(labels->ids + at, 1);
-        if (labels->classes)
-            __builtin_prefetch(labels->classes + at, 1);
-        if (labels->range_m)
-            __builtin_prefetch(labels->range_m + at, 1);
-        if (labels->normal) {
-            __builtin_prefetch(labels->normal + 3 * at, 1);
-            __builtin_prefetch(labels->normal + 3 * at + 11, 1);
-        }
-        if (labels->point) {
-            __builtin_prefetch(labels->point + 3 * at, 1);
-            __builtin_prefetch(labels->point + 3 * at + 11, 1);
-        }
-    }
-}
-
 /* What the centres of a tile's pixels meet, where the tile has any. */
 static void label_rays(const FrameState *state, size_t centres, const TileContent *content,
                        LabelBlock *block) {
@@ -261,10 +127,10 @@ static void label_rays(const FrameState *state, size_t centres, const TileConten
 void label_centres(const FrameState *state, int tile, const TileContent *content,
                    TileLabels *found) {
     const Labels *labels = state->frame->labels;
-    LabelPlace place = find_place(state->rays, state->rays->tiles[tile]);
+    TilePlace place = place_tile(state->rays, state->rays->tiles[tile]);
     int32_t centres = labels->centre_tile[tile];
     LabelBlock block;
-    prefetch_pixels(labels, &place);
+    prefetch_block(labels, &place);
     /* A proof is one about the samples' rays, which need not hold the centres at the rim. */
     if (centres < 0)
         clear_block(&block);
@@ -293,7 +159,7 @@ void write_agreement(const FrameState *state, int tile, const TileLabels *found)
     const Labels *labels = state->frame->labels;
     if (!labels->agreement)
         return;
-    LabelPlace place = find_place(state->rays, state->rays->tiles[tile]);
+    TilePlace place = place_tile(state->rays, state->rays->tiles[tile]);
     int samples = state->rays->samples * state->rays->samples;
     for (int row = 0; row < place.rows; row++)
         for (int column = 0; column < place.columns; column++)
@@ -342,56 +208,10 @@ void label_beside_view(const Labels *labels, const View *view) {
     for (int number = 0; number < tiles; number++) {
         if (view->tile_at[number] >= 0 && !(beams && beams[number].kind == BEAM_EMPTY))
             continue;
-        LabelPlace place = find_place(&view->rays, number);
+        TilePlace place = place_tile(&view->rays, number);
         store_block(labels, &place, &block);
         for (int row = 0; labels->agreement && row < place.rows; row++)
             memset(labels->agreement + place.first + (size_t)row * place.width_px, 0,
                    (size_t)place.columns);
     }
-}
-
-static int is_ray_inside(const BeamLevel *tiles, int number, Vec3 origin, Vec3 direction) {
-    const Beam *beam = tiles->beams + number;
-    return beam->kind == BEAM_NARROW && is_direction_inside(beam, direction) &&
-           (!tiles->origins || is_origin_inside(beam, tiles->origins + number, origin));
-}
-
-/* Whether the beam of a tile holds the rays of its pixels' centres, too. */
-static int holds_centres(const View *view, int tile, const RayTable *centres, int32_t at) {
-    const BeamLevel *tiles = view->levels;
-    const float(*directions)[BLOCK_RAYS] =
-        (const float(*)[BLOCK_RAYS])(centres->directions + (size_t)at * 3 * BLOCK_RAYS);
-    const float(*origins)[BLOCK_RAYS] = NULL;
-    if (centres->origins)
-        origins = (const float(*)[BLOCK_RAYS])(centres->origins + (size_t)at * 3 * BLOCK_RAYS);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        Vec3 origin = origins ? get_lane(origins, lane) : (Vec3){0, 0, 0};
-        if (centres->valid[at] >> lane & 1 &&
-            !is_ray_inside(tiles, view->rays.tiles[tile], origin, get_lane(directions, lane)))
-            return 0;
-    }
-    return 1;
-}
-
-int32_t catoptra_match_centres(const View *view, const RayTable *centres, int32_t *centre_tile,
-                               uint8_t *is_held) {
-    size_t numbers = (size_t)view->tile_rows * (size_t)view->rays.tile_columns;
-    const Beam *beams = view->levels[0].beams;
-    int32_t *at = malloc(sizeof *at * numbers), unmatched = 0;
-    if (!at)
-        return -1;
-    memset(at, 0xff, sizeof *at * numbers);
-    for (int32_t i = 0; i < centres->num_tiles; i++) {
-        int32_t number = centres->tiles[i];
-        at[number] = i;
-        unmatched += centres->valid[i] && (view->tile_at[number] < 0 ||
-                                           (beams && beams[number].kind == BEAM_EMPTY));
-    }
-    for (int32_t tile = 0; tile < view->rays.num_tiles; tile++) {
-        centre_tile[tile] = at[view->rays.tiles[tile]];
-        is_held[tile] = beams && centre_tile[tile] >= 0 &&
-                        holds_centres(view, tile, centres, centre_tile[tile]);
-    }
-    free(at);
-    return unmatched;
 }

@@ -1,18 +1,16 @@
 #include "pixels.h"
 
+#include "tile_place.h"
+
 TilePixels find_pixels(const FrameState *state, int tile) {
-    const RayTable *table = state->rays;
-    int32_t number = table->tiles[tile];
-    int top = number / table->tile_columns * TILE_PX, left = number % table->tile_columns * TILE_PX;
+    TilePlace place = place_tile(state->rays, state->rays->tiles[tile]);
     size_t pixel_bytes = state->frame->output == OUTPUT_LINEAR ? 3 * sizeof(float) : 3;
-    size_t row_bytes = (size_t)table->width_px * pixel_bytes;
-    int rows = table->height_px - top, columns = table->width_px - left;
     return (TilePixels){
-        .first = (char *)state->frame->image + (size_t)top * row_bytes + (size_t)left * pixel_bytes,
-        .row_bytes = row_bytes,
+        .first = (char *)state->frame->image + place.first * pixel_bytes,
+        .row_bytes = place.width_px * pixel_bytes,
         .pixel_bytes = pixel_bytes,
-        .rows = rows < TILE_PX ? rows : TILE_PX,
-        .columns = columns < TILE_PX ? columns : TILE_PX,
+        .rows = place.rows,
+        .columns = place.columns,
     };
 }
 

@@ -3,6 +3,7 @@
 #include "camera_rays.h"
 #include "facet_plane.h"
 #include "hit_points.h"
+#include "tile_place.h"
 
 #include <string.h>
 
@@ -59,14 +60,10 @@ void fill_ranges(const FrameState *state, int tile, int32_t triangle) {
 }
 
 void write_ranges(const FrameState *state, int tile, const float sums[TILE_PX * TILE_PX]) {
-    const RayTable *table = state->rays;
-    int32_t number = table->tiles[tile];
-    int top = number / table->tile_columns * TILE_PX, left = number % table->tile_columns * TILE_PX;
-    float factor = 1.0f / (float)(table->samples * table->samples);
-    for (int pixel = 0; pixel < TILE_PX * TILE_PX; pixel++) {
-        int row = top + pixel / TILE_PX, column = left + pixel % TILE_PX;
-        if (row < table->height_px && column < table->width_px)
-            state->frame->inverse_range[(size_t)row * (size_t)table->width_px + (size_t)column] =
-                factor * sums[pixel];
-    }
+    TilePlace place = place_tile(state->rays, state->rays->tiles[tile]);
+    float factor = 1.0f / (float)(state->rays->samples * state->rays->samples);
+    for (int row = 0; row < place.rows; row++)
+        for (int column = 0; column < place.columns; column++)
+            state->frame->inverse_range[place.first + (size_t)row * place.width_px +
+                                        (size_t)column] = factor * sums[row * TILE_PX + column];
 }
