@@ -213,10 +213,6 @@ class FakeViewProvider:
         )
         return ViewState(PlanChoice(plan, error_bound(camera.camera, plan)), 12.5)
 
-    def work_beside_frames(self, *, is_idle: bool) -> bool:
-        """Do nothing beside frames."""
-        return False
-
     def close(self) -> None:
         """Close the view."""
         self.view.close()

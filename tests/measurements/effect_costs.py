@@ -36,7 +36,6 @@ from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.planning.renderer_rule import ImageLoad
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 
@@ -87,7 +86,7 @@ def make_renderer(
     """A function that renders the next frame through a view cache of its own."""
     world = make_worlds()["field"]
     scene = build_scene(world)
-    choice = choose_renderer(renderer, scene, world, image=ImageLoad(samples=samples))
+    choice = choose_renderer(renderer, scene, world)
     views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(scene, world))
     spec = OmniCameraSpec(make_camera(), RenderSettings(samples=samples), effects)
     return lambda: views.render(ViewRequest(spec, next(camera_states)))

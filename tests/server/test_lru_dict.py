@@ -45,33 +45,6 @@ def test_item_whose_making_fails_leaves_the_others() -> None:
     assert len(items) == 0
 
 
-class CountedKey:
-    """A key that counts how often it is hashed; all are equal."""
-
-    num_hashes = 0
-
-    def __hash__(self) -> int:
-        self.num_hashes += 1
-        return 1
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, CountedKey)
-
-
-def test_item_when_used_again_by_the_same_key_is_found_without_its_hash() -> None:
-    items: LruDict[object, str] = LruDict(2)
-    key, equal = CountedKey(), CountedKey()
-    items.get_or_make(key, lambda: "made")
-    num_hashes = key.num_hashes
-    assert items.get_or_make(key, str) == items.get(key) == "made"
-    assert key.num_hashes == num_hashes
-    assert items.get_or_make(equal, str) == "made"
-    # The key used last, whatever object it is, and no longer once its item is removed.
-    items.remove(key)
-    assert items.get(key) is items.get(equal) is None
-    assert items.get_or_make(equal, lambda: "anew") == "anew"
-
-
 def test_item_when_set_takes_the_place_of_another_and_counts_as_a_use() -> None:
     removed: list[str] = []
     items: LruDict[str, int] = LruDict(2, on_remove=removed.append)

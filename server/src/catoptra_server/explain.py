@@ -29,7 +29,6 @@ from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.planning.renderer_rule import largest_image
 from catoptra_server.planning.viewpoint_choice import explain_viewpoint, shows_ego_body
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.robot.planar_pose import PlanarPose
@@ -180,9 +179,7 @@ def _explain_views(
     requests: Mapping[str, ViewRequest],
     renderer: str,
 ) -> Iterator[CameraEffectReport]:
-    # As a server chooses: by the omnidirectional camera, whose images are the larger ones.
-    image = largest_image((o.camera, o.render_settings, o.effects) for o in robot.omni_cameras)
-    choice = choose_renderer(renderer, startup.scene, startup.world, image=image)
+    choice = choose_renderer(renderer, startup.scene, startup.world)
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)
     summarizer = SceneSummarizer(startup.scene, startup.world)

@@ -25,7 +25,6 @@ from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.planning.renderer_rule import largest_image
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
 from catoptra_server.startup import StartupConfig, create_ray_caster
@@ -125,9 +124,6 @@ class ServerThreads:
             startup.scene,
             startup.world,
             threads=options.threads,
-            image=largest_image(
-                (omni.camera, omni.render_settings, omni.effects) for omni in omnis.values()
-            ),
             instruction_set=options.instruction_set,
             is_reproducible=not is_realtime,
         )

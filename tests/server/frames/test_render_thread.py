@@ -11,7 +11,6 @@ import pytest
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.frames import render_thread as render_thread_module
 from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import (
@@ -265,33 +264,6 @@ def test_long_frames_under_lockstep_wait_for_no_other_channel() -> None:
     thread.join()
     assert not is_waiting
     assert [frame.sequence for frame in store.frames] == [0, 1, 2]
-
-
-class _WorkingViews(FakeViewProvider):
-    """Has work beside frames, in pauses; stops the render thread after the last piece."""
-
-    def __init__(self, render_thread: RenderThread, pieces: int) -> None:
-        super().__init__()
-        self.idle: list[bool] = []
-        self._render_thread, self._pieces = render_thread, pieces
-
-    def work_beside_frames(self, *, is_idle: bool) -> bool:
-        self.idle.append(is_idle)
-        if len(self.idle) == self._pieces:
-            self._render_thread.stop()
-        return True
-
-
-def test_work_beside_frames_follows_a_frame_and_goes_on_in_a_pause(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(render_thread_module, "_PAUSE_S", 0.001)
-    render_thread, store = make_render_thread()
-    views = _WorkingViews(render_thread, pieces=3)
-    render_thread.submit(make_request(VIEW))
-    render_thread.run(lambda: views, lambda: None)
-    assert len(store.frames) == 1
-    assert views.idle == [False, True, True]
 
 
 def test_variants_of_all_cameras_share_one_account() -> None:

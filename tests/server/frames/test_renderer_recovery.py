@@ -120,8 +120,7 @@ class FaultyRenderers:
             create[RendererKind.TRACE](),
             RendererKind.TRACE,
             "test",
-            {} if named else {RendererKind.RASTER: create[RendererKind.RASTER]},
-            create[RendererKind.TRACE],
+            {RendererKind.TRACE: create[RendererKind.TRACE]} if named else create,
         )
         self.views = ViewCache(
             RenderPlanner(RendererPool(choice, may_replace=may_replace)),

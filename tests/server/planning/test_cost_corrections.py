@@ -8,10 +8,8 @@ import pytest
 
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.scene.fog import Fog
-from catoptra_server.effects.sensor.shot_noise import ShotNoise
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_corrections import CostCorrections, added_ms
-from catoptra_server.planning.effect_rates import RenderEngine, predict_effects_ms
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
 from helpers.worlds import make_omni_camera
@@ -50,37 +48,6 @@ def test_added_times_belong_to_a_camera_with_its_effects_whatever_the_target() -
     assert corrections.correct(replace(CAMERA, effect_settings=fog), TRACE, 10.0) == 10.0
     corrections.clear()
     assert corrections.correct(CAMERA, TRACE, 10.0) == 10.0
-
-
-ENGINES = {TRACE: RenderEngine.KERNEL, RASTER: RenderEngine.SOFTWARE_OPENGL}
-NOISY = replace(
-    CAMERA,
-    camera=make_omni_camera(width_px=480),
-    effect_settings=EffectSettings((EffectSetting(ShotNoise(18000.0), EffectMode.AUTO),)),
-)
-
-
-def predict_ms(kind: RendererKind) -> float:
-    pixels = 480 * 480
-    return predict_effects_ms(
-        ENGINES[kind], frozenset({"ShotNoise"}), num_pixels=pixels, num_samples=pixels
-    )
-
-
-def test_effects_are_predicted_by_rates_before_any_frame() -> None:
-    corrections = CostCorrections(ENGINES)
-    assert corrections.correct(CAMERA, TRACE, 5.0) == 5.0
-    for kind in ENGINES:
-        assert corrections.correct(NOISY, kind, 5.0) == pytest.approx(5.0 + predict_ms(kind))
-    assert CostCorrections().correct(NOISY, TRACE, 5.0) == 5.0, "no rates of that renderer"
-
-
-def test_frames_of_one_renderer_scale_the_rates_of_the_other() -> None:
-    corrections = CostCorrections(ENGINES)
-    corrections.update(NOISY, TRACE, 10.0, median_ms=10.0 + 30.0, added_ms=30.0)
-    assert corrections.correct(NOISY, TRACE, 10.0) == pytest.approx(40.0)
-    expected_ms = 30.0 * predict_ms(RASTER) / predict_ms(TRACE)
-    assert corrections.correct(NOISY, RASTER, 10.0) == pytest.approx(10.0 + expected_ms)
 
 
 @pytest.mark.parametrize(("median_ms", "factor"), [(1e6, 10.0), (1e-6, 0.1), (-1.0, 0.1)])

@@ -5,16 +5,13 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import catoptra_server
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_server.planning import renderer_choice
-from catoptra_server.planning.effect_rates import RenderEngine
 from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
-from catoptra_server.planning.renderer_rule import ImageLoad, RendererRule
 from catoptra_server.render import raster
 from catoptra_server.render.raster import OpenGLMissingError
 from catoptra_server.render.renderer_kind import RendererKind
@@ -31,9 +28,7 @@ TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
 
 
 def choose(requested: str, *, is_reproducible: bool = False) -> RendererChoice:
-    choice = choose_renderer(
-        requested, SCENE, WORLD, threads=1, image=ImageLoad(), is_reproducible=is_reproducible
-    )
+    choice = choose_renderer(requested, SCENE, WORLD, threads=1, is_reproducible=is_reproducible)
     choice.renderer.close()
     return choice
 
@@ -53,21 +48,15 @@ def _without_gpu_files(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(renderer_choice, "_GPU_FILES", ("/dev/absent*",))
 
 
-def prefer(monkeypatch: pytest.MonkeyPatch, kind: RendererKind) -> None:
-    """Have the rule find a renderer faster than the other."""
-    monkeypatch.setattr(RendererRule, "find_fastest", lambda rule, image: kind)
-
-
 def test_trace_when_requested_is_chosen() -> None:
     choice = choose("trace")
     assert choice.kind is TRACE
-    assert (choice.reason, choice.rule) == ("requested", None)
+    assert choice.reason == "requested"
 
 
 def test_raster_when_requested_is_chosen() -> None:
     device_or_skip().close()
-    choice = choose("raster")
-    assert (choice.kind, choice.rule) == (RASTER, None)
+    assert choose("raster").kind is RASTER
 
 
 @pytest.mark.usefixtures("_no_opengl")
@@ -76,22 +65,8 @@ def test_raster_without_opengl_names_library_and_packages() -> None:
         choose("raster")
 
 
-@pytest.mark.usefixtures("_no_opengl", "_without_gpu_files")
-@pytest.mark.parametrize("is_reproducible", [False, True])
-def test_auto_without_opengl_traces_and_gives_the_reason(
-    is_reproducible: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    prefer(monkeypatch, RASTER)
-    choice = choose("auto", is_reproducible=is_reproducible)
-    assert choice.kind is TRACE
-    assert "libabsent.so.1 cannot be loaded" in choice.reason
-
-
 @pytest.mark.usefixtures("_with_gpu_files", "_no_opengl")
-def test_auto_with_a_graphics_processor_but_no_opengl_follows_the_rule(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    prefer(monkeypatch, TRACE)
+def test_auto_with_a_graphics_processor_but_no_opengl_traces() -> None:
     assert choose("auto").kind is TRACE
 
 
@@ -102,43 +77,16 @@ def test_auto_takes_raster_on_a_graphics_processor(
 ) -> None:
     device = replace(device_or_skip(), renderer=name)
     monkeypatch.setattr(raster, "open_device", lambda: device)
-    prefer(monkeypatch, TRACE)
     choice = choose("auto")
     device.close()
     assert choice.kind is kind
     assert (name in choice.reason) == (kind is RASTER)
-    assert choice.rule is not None
-    assert TRACE in choice.rule.engines
 
 
 @pytest.mark.usefixtures("_without_gpu_files")
-@pytest.mark.parametrize("kind", RendererKind)
-@pytest.mark.parametrize("is_reproducible", [False, True])
-def test_auto_without_a_graphics_processor_follows_the_rule(
-    kind: RendererKind, is_reproducible: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    device_or_skip().close()
-    prefer(monkeypatch, kind)
-    choice = choose("auto", is_reproducible=is_reproducible)
-    assert choice.kind is kind
-    assert f"{len(SCENE)} triangles" in choice.reason
-    assert (choice.rule is None) == is_reproducible
-
-
-@pytest.mark.usefixtures("_without_gpu_files")
-def test_rule_knows_the_engine_that_traces(monkeypatch: pytest.MonkeyPatch) -> None:
-    create_trace = renderer_choice._create_trace
-
-    def create_reference(inputs: Any) -> Any:
-        renderer = create_trace(inputs)
-        renderer.engine_name = "reference"
-        return renderer
-
-    prefer(monkeypatch, TRACE)
-    monkeypatch.setattr(renderer_choice, "_create_trace", create_reference)
-    rule = choose("auto").rule
-    assert rule is not None
-    assert rule.engines[TRACE] is RenderEngine.REFERENCE
+def test_auto_without_a_graphics_processor_traces() -> None:
+    choice = choose("auto")
+    assert (choice.kind, choice.reason) == (TRACE, "no graphics processor")
 
 
 def test_reproducible_choice_looks_at_no_property_of_the_machine(
@@ -151,16 +99,8 @@ def test_reproducible_choice_looks_at_no_property_of_the_machine(
     assert reasons[0] == reasons[1]
 
 
-@pytest.mark.usefixtures("_without_gpu_files")
-@pytest.mark.parametrize("kind", RendererKind)
-def test_auto_offers_the_other_renderer_as_alternative(
-    kind: RendererKind, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    device_or_skip().close()
-    prefer(monkeypatch, kind)
-    choice = choose("auto")
-    (other,) = choice.alternatives
-    assert {choice.kind, other} == set(RendererKind)
+def test_auto_offers_the_other_renderer_in_its_place() -> None:
+    assert set(choose("auto").factories) == set(RendererKind)
 
 
 @pytest.mark.usefixtures("_without_gpu_files")
@@ -177,8 +117,8 @@ def test_auto_that_traces_does_not_load_opengl() -> None:
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
-def test_renderer_when_requested_by_name_has_no_alternative() -> None:
-    assert not choose("trace").alternatives
+def test_renderer_when_requested_by_name_is_replaced_by_no_other() -> None:
+    assert set(choose("trace").factories) == {TRACE}
 
 
 def test_unknown_renderer_is_rejected_with_the_existing_names() -> None:

@@ -36,7 +36,7 @@ def make_pool(log: list[str], *, named: bool = False, may_replace: bool = True) 
         return PooledRenderer(log, "raster")
 
     alternatives = {} if named else {RASTER: create_raster}
-    choice = RendererChoice(create_trace(), TRACE, "test", alternatives, create_trace)
+    choice = RendererChoice(create_trace(), TRACE, "test", {TRACE: create_trace, **alternatives})
     return RendererPool(choice, may_replace=may_replace)
 
 
@@ -112,9 +112,7 @@ def test_renderer_by_name_or_under_lockstep_is_not_replaced(settings: dict[str, 
 def test_usable_renderers_are_those_that_exist_or_can_be_created_and_were_not_replaced() -> None:
     pool = make_pool([])
     assert [pool.is_usable(kind) for kind in (TRACE, RASTER)] == [True, True]
-    assert [pool.has_renderer(kind) for kind in (TRACE, RASTER)] == [True, False]
     assert pool.describe(RASTER) == "raster"
-    assert pool.has_renderer(RASTER)
     pool.replace(TRACE, RASTER)
     assert [pool.is_usable(kind) for kind in (TRACE, RASTER)] == [False, True]
     assert not make_pool([], named=True).is_usable(RASTER)

@@ -158,11 +158,6 @@ class CameraPlans:
             log.info("no better plan: %s", choice)
         planned.set_choice(choice)
 
-    def forget(self, camera: CameraSpec) -> None:
-        """Have the next frame of a camera planned anew."""
-        if self._cameras.get(camera) is not None:
-            self._cameras.remove(camera)
-
     def forget_all(self) -> None:
         """Have all cameras planned anew."""
         self._cameras.clear()

@@ -46,9 +46,6 @@ class ViewProvider(Protocol):
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
 
-    def work_beside_frames(self, *, is_idle: bool) -> bool:
-        """Do a piece of work that no frame waits for; whether more is left."""
-
     def close(self) -> None:
         """Close all views and renderers."""
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from weakref import WeakValueDictionary
 
@@ -18,7 +18,6 @@ from catoptra_server.frames.capture_scheduler import TICK_S
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_events import FrameEvent, FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import Channel, is_variant
-from catoptra_server.immediate_future import ImmediateFuture
 
 
 class ChannelUnavailableError(Exception):
@@ -58,7 +57,7 @@ class Mailbox:
         # Sequence number of the request for the next frame; None if there is none so far.
         self._requested_after: float | None = None
         # One future a coroutine: a shared one would have to be shielded, at twice the cost.
-        self._waiting: list[ImmediateFuture[Frame]] = []
+        self._waiting: list[asyncio.Future[Frame]] = []
 
     @property
     def wants_next(self) -> bool:
@@ -75,7 +74,7 @@ class Mailbox:
         self._newest = frame
         self._requested_after = frame.sequence if is_next_requested else None
         for future in self._take_waiting():
-            future.set_result(frame)  # the coroutine runs here, and may wait for the next frame
+            future.set_result(frame)
 
     def fail(self, reason: str) -> None:
         """Raise ChannelUnavailableError with a reason in all waiting coroutines."""
@@ -83,11 +82,10 @@ class Mailbox:
         for future in self._take_waiting():
             future.set_exception(ChannelUnavailableError(reason))
 
-    def _take_waiting(self) -> Iterator[ImmediateFuture[Frame]]:
+    def _take_waiting(self) -> list[asyncio.Future[Frame]]:
         """Futures of the coroutines that wait now; those of cancelled ones are dropped."""
         waiting, self._waiting = self._waiting, []
-        # Each in its turn: a coroutine that is resumed may cancel another one.
-        return (future for future in waiting if not future.done())
+        return [future for future in waiting if not future.done()]
 
     async def wait_for_newer(self, sequence: int) -> Frame:
         """Wait for a fresh frame with a larger sequence number.
@@ -109,7 +107,7 @@ class Mailbox:
 
     async def _next_arrival(self) -> Frame:
         """Wait for the next frame, whatever its number."""
-        future: ImmediateFuture[Frame] = ImmediateFuture(self._loop)
+        future: asyncio.Future[Frame] = self._loop.create_future()
         self._waiting.append(future)
         try:
             return await future

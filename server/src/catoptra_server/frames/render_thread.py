@@ -38,10 +38,6 @@ _LONG_FRAME_S = 0.05
 _MAX_WEIGHT = 4.0
 # Interval at which a long frame is tried again that waits for such a viewer.
 _RETRY_S = 0.01
-# Time without a request after which work beside the frames goes on: more than between two frames of
-# a viewer at 10 Hz.
-_PAUSE_S = 0.2
-
 # No camera has this name.
 _VARIANTS = CameraChannel("", "\0variants")
 
@@ -175,19 +171,17 @@ class RenderThread:
                 views.close()
 
     def _serve_queue(self, views: ViewProvider | None) -> None:
-        """Answer requests until stopped; in pauses do work beside the frames."""
-        has_work = False
+        """Answer requests until stopped."""
         while True:
             with self._changed:
-                is_busy = self._changed.wait_for(
-                    lambda: self._is_stopping or len(self._frames) or self._plans,
-                    timeout=_PAUSE_S if has_work else None,
+                self._changed.wait_for(
+                    lambda: self._is_stopping or len(self._frames) or self._plans
                 )
                 if self._is_stopping:
                     return
                 pending = self._frames.take()
                 query = self._plans.pop(next(iter(self._plans))) if self._plans else None
-                if pending is None and query is None and is_busy:
+                if pending is None and query is None:
                     self._changed.wait(_RETRY_S)
                     continue
             # At most one plan a frame: neither a flood of one kind keeps the other waiting.
@@ -195,8 +189,6 @@ class RenderThread:
                 self._answer_frame(*pending[1], views)
             if query is not None:
                 query.reply(_find_plan(query.camera, views))
-            if views is not None:
-                has_work = views.work_beside_frames(is_idle=not is_busy)
 
     def _answer_frame(
         self, request: FrameRequest, future: Future[None] | None, views: ViewProvider | None

@@ -36,7 +36,6 @@ class RendererRecovery:
         plans: CameraPlans,
         *,
         close_views: Callable[[RendererKind], None],
-        cancel_trials: Callable[[], None],
     ) -> None:
         """Guard the work of a planner's renderers.
 
@@ -44,12 +43,10 @@ class RendererRecovery:
             planner: Owner of the renderers.
             plans: Plans of the cameras, made anew with other renderers.
             close_views: Closes the prepared views of a renderer.
-            cancel_trials: Ends comparisons of the renderers.
         """
         self._planner = planner
         self._plans = plans
         self._close_views = close_views
-        self._cancel_trials = cancel_trials
 
     def work(self, camera: CameraSpec, work: Callable[[PlannedCamera], _ResultT]) -> _ResultT:
         """Result of some work for a camera, by a new or another renderer after a fault.
@@ -103,7 +100,6 @@ class RendererRecovery:
 
     def _discard_plans(self) -> None:
         """Plan all cameras anew, with other renderers."""
-        self._cancel_trials()
         self._plans.forget_all()
         self._planner.discard_tables()
 

@@ -35,7 +35,6 @@ from catoptra_server.frames.frame_labels import FrameLabels
 from catoptra_server.frames.frame_request import Channel, ViewRequest
 from catoptra_server.frames.planned_camera import PlannedCamera
 from catoptra_server.frames.renderer_recovery import RendererRecovery
-from catoptra_server.frames.renderer_trial import RendererTrials
 from catoptra_server.frames.view_store import MAX_VIEW_BYTES, MAX_VIEWS, ViewStore
 from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.lru_dict import LruDict
@@ -116,19 +115,7 @@ class ViewCache:
         self._plans = CameraPlans(
             planner, calibration_states=calibration_states, error_bounds=error_bounds
         )
-        self._trials = RendererTrials(
-            planner,
-            draw=self._draw,
-            plan_anew=self._plans.forget,
-            close_views=self._close_views_of,
-            clock=clock,
-        )
-        self._recovery = RendererRecovery(
-            planner,
-            self._plans,
-            close_views=self._close_views_of,
-            cancel_trials=self._trials.cancel,
-        )
+        self._recovery = RendererRecovery(planner, self._plans, close_views=self._close_views_of)
 
     def _close_views_of(self, kind: RendererKind) -> None:
         """Close all views of one renderer, and the rays of labels, which may be of the same."""
@@ -209,7 +196,6 @@ class ViewCache:
 
     def _render_by_plan(self, request: ViewRequest, planned: PlannedCamera) -> RenderedView:
         """Render a view by a plan."""
-        camera_state = request.camera_state
         if not isinstance(planned.spec, OmniCameraSpec):
             rendered = self._render_with_effects(planned, request)
             self._views.trim()
@@ -222,25 +208,8 @@ class ViewCache:
         rendered = self._render_with_effects(planned, request)
         frame_ms = 1e3 * (self._clock() - begin_s)
         self._plans.record_frame(planned, frame_ms, rendered.image.stage_ms)
-        self._trials.record_frame(planned, camera_state, frame_ms)
         self._views.trim()
         return rendered
-
-    def work_beside_frames(self, *, is_idle: bool) -> bool:
-        """Draw a frame of a trial of the other renderer, where one is due and there is time.
-
-        Args:
-            is_idle: Whether no client has requested a frame for a while.
-
-        Returns:
-            Whether more is left to do.
-        """
-        return self._trials.work(is_idle=is_idle)
-
-    def _draw(self, planned: PlannedCamera, camera_state: CameraState) -> None:
-        """Draw a frame for nobody."""
-        self._render_with_effects(planned, ViewRequest(planned.spec, camera_state))
-        self._views.trim()
 
     def _render_with_effects(self, planned: PlannedCamera, request: ViewRequest) -> RenderedView:
         """Render a view with the effects that the camera state calls for."""

@@ -7,13 +7,10 @@ multiply all times of a renderer; stages that no calibration has, such as effect
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from types import MappingProxyType
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects.effect import EffectSettings
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.effect_rates import RenderEngine, predict_effects_ms
-from catoptra_server.planning.renderer_rule import ImageLoad
 from catoptra_server.render.renderer_kind import RendererKind
 
 # Real frames take a few times the measured time at most; a larger quotient comes from a suspended
@@ -21,8 +18,6 @@ from catoptra_server.render.renderer_kind import RendererKind
 _MAX_FACTOR = 10.0
 # In place of the calibrated stages, in frames of several time samples.
 _MULTIPLIED_STAGES = frozenset({"accumulate"})
-
-NO_ENGINES: Mapping[RendererKind, RenderEngine] = MappingProxyType({})
 
 _EffectsKey = tuple[OmniCamera, EffectSettings]
 
@@ -39,14 +34,8 @@ def added_ms(stage_ms: Mapping[str, float], calibrated_stages: Container[str]) -
 class CostCorrections:
     """Corrections of one scene: a factor a renderer, added times a camera and renderer."""
 
-    def __init__(self, engines: Mapping[RendererKind, RenderEngine] = NO_ENGINES) -> None:
-        """Create corrections without any frame.
-
-        Args:
-            engines: Engines of the renderers with rates of effects; effects of others count as
-                free until a frame is drawn.
-        """
-        self._engines = engines
+    def __init__(self) -> None:
+        """Create corrections without any frame."""
         self._factors: dict[RendererKind, float] = {}
         self._added_ms: dict[_EffectsKey, dict[RendererKind, float]] = {}
 
@@ -82,28 +71,9 @@ class CostCorrections:
         self._added_ms.setdefault(_effects_key(camera), {})[kind] = added_ms
 
     def _find_added_ms(self, camera: OmniCameraSpec, kind: RendererKind) -> float:
-        """Added time by a renderer; where unknown, as the rates of its effects predict.
-
-        Times by another renderer say by how much this machine and scene are off the rates.
-        """
+        """Added time by a renderer; until it has drawn, by another one; 0 before any frame."""
         known = self._added_ms.get(_effects_key(camera), {})
-        if kind in known:
-            return known[kind]
-        predicted_ms = self._predict_added_ms(camera, kind)
-        for other, ms in known.items():
-            other_ms = self._predict_added_ms(camera, other)
-            return ms * predicted_ms / other_ms if predicted_ms and other_ms else ms
-        return predicted_ms
-
-    def _predict_added_ms(self, camera: OmniCameraSpec, kind: RendererKind) -> float:
-        """Time of a camera's effects by the rates of its engine; 0 without rates."""
-        engine = self._engines.get(kind)
-        if engine is None:
-            return 0.0
-        image = ImageLoad.from_camera(camera.camera, camera.render_settings, camera.effect_settings)
-        return predict_effects_ms(
-            engine, image.effects, num_pixels=image.num_pixels, num_samples=image.num_samples
-        )
+        return known.get(kind, next(iter(known.values()), 0.0))
 
     def clear(self) -> None:
         """Forget the added times: cameras are planned anew."""

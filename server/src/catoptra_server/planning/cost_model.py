@@ -11,8 +11,8 @@ sample, a texel. Rates hold for one scene, one camera and one renderer on one ma
 | raster   | mirror | samples of the image, and texels: a larger atlas exceeds the cache |
 | any      | other  | samples: averaging, read-back, time between the stages             |
 
-Effects are no stage of a calibration: `cost_corrections` adds them, by `effect_rates` until frames
-are drawn.
+Effects are no stage of a calibration: `cost_corrections` adds them, once frames are
+drawn.
 """
 
 from __future__ import annotations

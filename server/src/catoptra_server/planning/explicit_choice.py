@@ -48,11 +48,6 @@ def choose_by_settings(
     return _bound_plan(camera, other, what)
 
 
-def can_follow_settings(camera: OmniCameraSpec, kind: RendererKind) -> bool:
-    """Whether a renderer can show a camera's image by the configured numbers."""
-    return not _find_fault(camera, kind, _bound_plan(camera, kind, "").bound)
-
-
 def _find_fault(camera: OmniCameraSpec, kind: RendererKind, bound: ErrorBound | None) -> str:
     """Why a renderer cannot show a camera's image; empty if it can."""
     if needs_exact_rays(camera.camera, kind):

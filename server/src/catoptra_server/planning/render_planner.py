@@ -1,10 +1,9 @@
 """Plans for the cameras of one scene.
 
-Without an accuracy target a plan follows explicit numbers, and the renderer the rule or measured
-frames (`renderer_preferences`). With a target,
-all renderers are measured once for the camera, and the rates are stored on disk; times of real
-frames then correct the predictions by one factor a renderer. Belongs to the thread of the
-renderers.
+Without an accuracy target a plan follows explicit numbers, by the renderer that `renderer_choice`
+took. With a target all renderers are measured once for the camera, and the rates are stored on
+disk; times of real frames then correct the predictions by one factor per renderer. Belongs to the
+thread of the renderers.
 """
 
 from __future__ import annotations
@@ -24,10 +23,9 @@ from catoptra_server.planning.candidate_table import (
 )
 from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_calibration import measure_costs
-from catoptra_server.planning.cost_corrections import NO_ENGINES, CostCorrections, added_ms
+from catoptra_server.planning.cost_corrections import CostCorrections, added_ms
 from catoptra_server.planning.cost_model import CostModel
-from catoptra_server.planning.explicit_choice import can_follow_settings, choose_by_settings
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.explicit_choice import choose_by_settings
 from catoptra_server.planning.plan_choice import (
     PlanChoice,
     PlanOption,
@@ -35,7 +33,6 @@ from catoptra_server.planning.plan_choice import (
     pareto_front,
 )
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.planning.renderer_preferences import RendererPreferences
 from catoptra_server.planning.viewpoint_choice import describe_viewpoint
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
@@ -65,13 +62,9 @@ class RenderPlanner:
             measure: Measures the calibration plans of a renderer.
         """
         self.renderers = renderers
-        device = renderers.describe(renderers.default_kind) if renderers.rule else ""
-        self.preferences = RendererPreferences(renderers.rule, cache, device)
         self._calibration = RendererCalibration(renderers, cache, measure)
         self._tables: LruDict[_CostKey, CandidateTable] = LruDict(_MAX_CAMERAS)
-        self._corrections = CostCorrections(
-            renderers.rule.engines if renderers.rule else NO_ENGINES
-        )
+        self._corrections = CostCorrections()
 
     def choose_plan(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
@@ -112,29 +105,17 @@ class RenderPlanner:
 
     def _follow_settings(self, camera: OmniCameraSpec) -> PlanChoice:
         """Plan by explicit numbers, with its bound where the error has one."""
-        kind, reason = self.choose_renderer(camera)
+        kind, reason = self._choose_renderer(camera)
         others = [one for one in RendererKind if self.renderers.is_usable(one)]
         return choose_by_settings(camera, kind, reason, usable=others)
 
-    def choose_renderer(self, camera: OmniCameraSpec) -> tuple[RendererKind, str]:
+    def _choose_renderer(self, camera: OmniCameraSpec) -> tuple[RendererKind, str]:
         """Renderer of a camera without an accuracy target, and the reason."""
         pool = self.renderers
         requested = camera.render_settings.renderer
         if requested and pool.is_usable(RendererKind(requested)):
             return RendererKind(requested), "as requested"
-        kind, reason = self.preferences.choose(camera, pool.default_kind, pool.reason)
-        return (kind, reason) if pool.is_usable(kind) else (pool.default_kind, pool.reason)
-
-    def plan_by(self, camera: OmniCameraSpec, kind: RendererKind) -> RenderPlan:
-        """Plan by explicit numbers, for one renderer."""
-        return plan_from_settings(camera.render_settings, camera.camera, kind=kind, reason="")
-
-    def find_rival(self, camera: OmniCameraSpec, kind: RendererKind) -> RendererKind | None:
-        """Usable renderer that could be clearly faster than a camera's own; None for none."""
-        rival = self.preferences.find_rival(camera, kind)
-        if rival is None or not self.renderers.is_usable(rival):
-            return None
-        return rival if can_follow_settings(camera, rival) else None
+        return pool.default_kind, pool.reason
 
     def _correct(
         self, camera: OmniCameraSpec, options: Iterable[PlanOption]

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, cast
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_server.fault_log import log_fault
 from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.planning.renderer_rule import RendererRule
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 
@@ -37,9 +36,7 @@ class RendererPool:
         """
         self._choice = choice
         self._renderers: dict[RendererKind, Renderer] = {choice.kind: choice.renderer}
-        self._factories = dict(choice.alternatives)
-        if choice.factory is not None:
-            self._factories[choice.kind] = choice.factory
+        self._factories = dict(choice.factories)
         self._may_replace = may_replace
         self._default_kind = choice.kind
         self._replaced: dict[RendererKind, RendererKind] = {}
@@ -54,15 +51,6 @@ class RendererPool:
     def reason(self) -> str:
         """Reason of that kind."""
         return ": ".join(filter(None, (self.replacement_note, self._choice.reason)))
-
-    @property
-    def rule(self) -> RendererRule | None:
-        """Rule that measured frames may overrule; None where the choice is final."""
-        return self._choice.rule
-
-    def has_renderer(self, kind: RendererKind) -> bool:
-        """Whether there is a renderer of a kind."""
-        return kind in self._renderers
 
     def is_usable(self, kind: RendererKind) -> bool:
         """Whether a renderer of a kind exists or can be created, and has not been replaced."""

@@ -12,8 +12,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import cast
 
-from catoptra_server.immediate_future import ImmediateFuture
-
 # A chunk of input: a turn of the loop handles at most some 100 commands.
 READ_BYTES = 4 * 1024
 _MAX_CHUNKS_AHEAD = 2
@@ -53,7 +51,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._ahead: deque[bytes] = deque()
         self._is_lost = False
         self._has_read_all = False
-        self._arrival: ImmediateFuture[None] | None = None
+        self._arrival: asyncio.Future[None] | None = None
         self._can_write = asyncio.Event()
         self._can_write.set()
 
@@ -66,7 +64,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         """Next input, at most READ_BYTES; empty once the peer sends nothing more."""
         # Not by `peer_ended_at_s`, which may be known while input still waits in the kernel.
         while not self._ahead and not self._has_read_all:
-            self._arrival = ImmediateFuture(asyncio.get_running_loop())
+            self._arrival = asyncio.get_running_loop().create_future()
             await self._arrival
         if not self._ahead:
             return b""
