@@ -309,6 +309,19 @@ def test_viewer_of_an_image_that_cannot_be_rendered_is_disconnected_with_a_log_l
     assert "Traceback" not in caplog.text
 
 
+def test_web_page_that_posts_requests_is_disconnected_without_a_frame() -> None:
+    async def scenario() -> None:
+        camera = CountingCamera()
+        async with serve_camera(camera) as server:
+            reader, writer = await connect(server)
+            writer.write(b"POST / HTTP/1.1\r\nHost: x\r\n\r\nOKOK")
+            assert await reader.read() == b""
+            assert camera.num_rendered == 0
+            writer.close()
+
+    run_scenario(scenario())
+
+
 class _RecordingShare(LoopShare):
     """A share on a clock that stands still, with its accounts: what they use is never paid back."""
 
