@@ -73,7 +73,7 @@ class FakeSimulation:
 
     def _render(self, channel: Channel) -> None:
         assert self.mailboxes is not None
-        known = {CameraChannel(r, c) for r in ("", "OmniP2AT") for c in ("", "Omni")}
+        known = {CameraChannel(r, c) for r in ("", "OmniP2AT") for c in ("", "omni")}
         if channel not in {IMAGE_PORT, *known}:
             self.mailboxes.fail(channel, "")
             return

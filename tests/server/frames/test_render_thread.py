@@ -17,6 +17,9 @@ from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
     CameraChannel,
     Channel,
+    FrameComposition,
+    FrameMetadata,
+    FrameRequest,
     ViewRequest,
 )
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread
@@ -24,7 +27,7 @@ from catoptra_server.frames.renderer_recovery import ViewFailedError
 from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.camera_variant import CameraVariant
-from helpers.frame_requests import VIEW, make_request
+from helpers.frame_requests import SINGLE, VIEW, make_request
 from helpers.loopback import DEADLINE_S
 from helpers.robots import CAMERA, FakeViewProvider
 
@@ -279,3 +282,19 @@ def test_variants_of_all_cameras_share_one_account() -> None:
     render_thread.run(lambda: views, lambda: None)
     # After the first variant the others wait behind the image port, which has used nothing.
     assert [frame.channel for frame in store.frames] == [variants[0], IMAGE_PORT, *variants[1:]]
+
+
+def test_channels_of_one_camera_share_one_account() -> None:
+    times = iter(range(1000))
+    store, views = FrameStore(stop_after=4), FakeViewProvider()
+    store.render_thread = RenderThread(store, monotonic=lambda: float(next(times)))
+    # An empty name selects the displayed robot, or its first camera: here the same one.
+    names = [("", "omni"), ("R", ""), ("R", "omni"), ("R", "front")]
+    channels = [CameraChannel(robot, camera) for robot, camera in names]
+    for channel in channels:
+        metadata = FrameMetadata("R", camera="Front" if channel.camera == "front" else "Omni")
+        composition = FrameComposition(SINGLE, (VIEW,), metadata)
+        store.render_thread.submit(FrameRequest(channel, 1, 0.5, 2.0, composition))
+    store.render_thread.run(lambda: views, lambda: None)
+    # After the first frame of one camera its others wait behind the other camera.
+    assert [frame.channel for frame in store.frames] == [channels[0], channels[3], *channels[1:3]]

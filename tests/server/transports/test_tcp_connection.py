@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from catoptra_server.transports.tcp_connection import READ_BYTES, TcpConnection
+from catoptra_server.transports.tcp_connection import READ_BYTES, HttpRequestError, TcpConnection
 from helpers.loopback import HOST, run_scenario, wait_until
 
 
@@ -161,5 +161,52 @@ def test_methods_before_the_socket_is_connected_do_nothing() -> None:
         connection.close()
         connection.abort()
         assert connection.num_unsent_bytes == 0
+
+    run_scenario(scenario())
+
+
+@pytest.mark.parametrize("size", [1, 7, READ_BYTES])
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"POST / HTTP/1.1\r\n",
+        b"GET /x HTTP/1.0\n",
+        b"OPTIONS * HTTP/1.1\r\n",
+        b"GET /" + 5000 * b"x" + b" HTTP/1.1\r\n",
+    ],
+    ids=["POST", "GET", "OPTIONS", "long path"],
+)
+def test_first_line_when_an_http_request_is_an_error_in_any_segmentation(
+    line: bytes, size: int
+) -> None:
+    async def read_all(connection: TcpConnection, peer: socket.socket) -> None:
+        for begin in range(0, len(line), size):
+            await asyncio.get_running_loop().sock_sendall(peer, line[begin : begin + size])
+            await connection.read()
+
+    async def scenario() -> None:
+        async with connected([]) as (connection, peer):
+            with pytest.raises(HttpRequestError):
+                await read_all(connection, peer)
+
+    run_scenario(scenario())
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"INIT {ClassName HTTP/1.1}\r\n",
+        b"GETCONF {Type Robot}\r\nPOST / HTTP/1.1\r\n",
+        b"GET /x HTTP/1.1 INIT\r\n",
+        b"OKOKOK",
+        bytes(100) + b"\n",
+    ],
+    ids=["value", "second line", "more behind", "requests for images", "zeros"],
+)
+def test_first_line_when_no_http_request_is_read(data: bytes) -> None:
+    async def scenario() -> None:
+        async with connected([]) as (connection, peer):
+            await asyncio.get_running_loop().sock_sendall(peer, data)
+            assert await connection.read() == data
 
     run_scenario(scenario())

@@ -332,9 +332,8 @@ def test_report_when_invalid_is_skipped_and_the_others_are_sent(
         100_000 * b"{",
         50_000 * b"{}",
         10_000 * b"INIT {",
-        b"GET / HTTP/1.1\r\nHost: x\r\n\r\n",
     ],
-    ids=["random", "no line end", "braces", "empty blocks", "half INITs", "http"],
+    ids=["random", "no line end", "braces", "empty blocks", "half INITs"],
 )
 def test_garbage_when_sent_is_ignored_and_both_connections_stay_usable(garbage: bytes) -> None:
     async def scenario() -> None:
@@ -418,3 +417,23 @@ def test_status_when_the_dialect_is_udk_is_in_its_form() -> None:
         assert line.startswith(b"STA {Time 1.5000} {Battery 99} {Type GroundVehicle}")
 
     run_scenario(scenario())
+
+
+def test_web_page_that_posts_commands_is_disconnected_before_any_is_executed(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def scenario() -> None:
+        posted = PostRecorder()
+        async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
+            reader, writer = await connect(server)
+            writer.write(b"POST / HTTP/1.1\r\nHost: x\r\n\r\n" + INIT)
+            await read_greeting(reader)
+            assert await reader.read() == b""
+            assert isinstance(await posted.wait_for_event(), ClientDisconnected)
+            assert posted.num_waiting == 0
+            writer.close()
+
+    run_scenario(scenario())
+    assert [record.levelname for record in caplog.records if "HTTP" in record.message] == [
+        "WARNING"
+    ]

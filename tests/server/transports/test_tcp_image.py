@@ -309,6 +309,19 @@ def test_viewer_of_an_image_that_cannot_be_rendered_is_disconnected_with_a_log_l
     assert "Traceback" not in caplog.text
 
 
+def test_web_page_that_posts_requests_is_disconnected_without_a_frame() -> None:
+    async def scenario() -> None:
+        camera = CountingCamera()
+        async with serve_camera(camera) as server:
+            reader, writer = await connect(server)
+            writer.write(b"POST / HTTP/1.1\r\nHost: x\r\n\r\nOKOK")
+            assert await reader.read() == b""
+            assert camera.num_rendered == 0
+            writer.close()
+
+    run_scenario(scenario())
+
+
 class _RecordingShare(LoopShare):
     """A share on a clock that stands still, with its accounts: what they use is never paid back."""
 
@@ -324,35 +337,76 @@ class _RecordingShare(LoopShare):
         """Whether a client is held back."""
         return any(account.remaining_wait_s > 0.0 for account in self.accounts)
 
+    def add_other_users(self, number: int) -> None:
+        """Open accounts that use next to nothing, and count in the price of everyone's reads."""
+        for _ in range(number):
+            self.open_account().charge(1e-6)
 
-@pytest.mark.parametrize("is_flood", [False, True])
-def test_client_is_held_back_only_if_it_sends_requests_before_the_replies(
-    is_flood: bool, monkeypatch: pytest.MonkeyPatch
+
+@asynccontextmanager
+async def serve_in_share(
+    share: _RecordingShare,
+) -> AsyncIterator[tuple[CountingCamera, socket.socket]]:
+    """A camera behind an image port that uses a share, and a client."""
+    camera = CountingCamera()
+    camera.mailboxes = Mailboxes(camera.post, prefetch=False)
+    limits = ConnectionLimits(loop_share=share)
+    async with serve_images(
+        HOST, 0, mailboxes=camera.mailboxes, options=RAW, limits=limits
+    ) as server:
+        with socket.create_connection((HOST, server.port)) as client:
+            yield camera, client
+
+
+@pytest.mark.parametrize("num_others", [0, 31])
+def test_client_that_waits_for_each_reply_is_never_held_back(
+    num_others: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     share, write = _RecordingShare(), TcpConnection.write
 
     async def scenario() -> None:
-        camera = CountingCamera()
-        camera.mailboxes = Mailboxes(camera.post, prefetch=False)
-        limits = ConnectionLimits(loop_share=share)
-        async with serve_images(
-            HOST, 0, mailboxes=camera.mailboxes, options=RAW, limits=limits
-        ) as server:
-            with socket.create_connection((HOST, server.port)) as client:
+        share.add_other_users(num_others)
+        async with serve_in_share(share) as (camera, client):
 
-                def write_and_request(connection: TcpConnection, data: bytes | memoryview) -> None:
-                    """Write a reply that the client answers at once."""
-                    write(connection, data)
-                    client.sendall(b"OK")
+            def write_and_request(connection: TcpConnection, data: bytes | memoryview) -> None:
+                """Write a reply that the client answers at once."""
+                write(connection, data)
+                client.sendall(b"OK")
 
-                if is_flood:
-                    # Twelve reads with a request in each; other bytes are ignored.
-                    client.sendall(12 * b"OK".ljust(READ_BYTES, b"-"))
-                    await wait_until(share.has_waiting_account, "pause of a client that floods")
-                else:
-                    monkeypatch.setattr(TcpConnection, "write", write_and_request)
-                    client.sendall(b"OK")
-                    await wait_until(lambda: camera.num_rendered > 50, "frames")
-                    assert not share.has_waiting_account()
+            monkeypatch.setattr(TcpConnection, "write", write_and_request)
+            client.sendall(b"OK")
+            await wait_until(lambda: camera.num_rendered > 50, "frames")
+            assert not share.has_waiting_account()
+
+    run_scenario(scenario())
+
+
+def test_client_that_sends_requests_before_the_replies_is_held_back() -> None:
+    share = _RecordingShare()
+
+    async def scenario() -> None:
+        async with serve_in_share(share) as (_, client):
+            # Twelve reads with a request in each; other bytes are ignored.
+            client.sendall(12 * b"OK".ljust(READ_BYTES, b"-"))
+            await wait_until(share.has_waiting_account, "pause of a client that floods")
+
+    run_scenario(scenario())
+
+
+def test_client_that_sends_single_bytes_without_a_request_is_held_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    share, read = _RecordingShare(), TcpConnection.read
+
+    async def scenario() -> None:
+        async with serve_in_share(share) as (_, client):
+
+            async def send_and_read(connection: TcpConnection) -> bytes:
+                client.sendall(b"-")
+                return await read(connection)
+
+            monkeypatch.setattr(TcpConnection, "read", send_and_read)
+            client.sendall(b"-")
+            await wait_until(share.has_waiting_account, "pause of a client that floods")
 
     run_scenario(scenario())

@@ -125,7 +125,7 @@ class RenderThread:
         with self._changed:
             # Under the lock a request is either cancelled here or found by `_cancel_pending`.
             if not self._has_ended:
-                self._frames.put(_account_of(request.channel), (request, future))
+                self._frames.put(_account_of(request), (request, future))
                 self._changed.notify()
             elif future is not None:
                 future.cancel()
@@ -203,7 +203,7 @@ class RenderThread:
         duration_s = self._monotonic() - begin_s
         weight = min(max(1.0, duration_s / _LONG_FRAME_S), _MAX_WEIGHT)
         with self._changed:
-            self._frames.charge(_account_of(request.channel), duration_s, weight=weight)
+            self._frames.charge(_account_of(request), duration_s, weight=weight)
 
     def _render_or_fail(self, request: FrameRequest, views: ViewProvider | None) -> str:
         """Render a frame and put it; the reason of a failure, empty after success."""
@@ -236,10 +236,16 @@ class RenderThread:
                 future.cancel()
 
 
-def _account_of(channel: Channel) -> Channel:
-    """Account that pays for the frames of a channel."""
+def _account_of(request: FrameRequest) -> Channel:
+    """Account that pays for a frame: that of its camera, whatever names the channel has."""
+    channel, metadata = request.channel, request.composition.metadata
     # One for all variants, of which a client may request another one for each frame.
-    return _VARIANTS if is_variant(channel) else channel
+    if is_variant(channel):
+        return _VARIANTS
+    # Either name of a channel may be empty: one camera has up to four channels.
+    if isinstance(channel, CameraChannel) and metadata.camera:
+        return CameraChannel(metadata.robot, metadata.camera)
+    return channel
 
 
 def _find_plan(camera: OmniCameraSpec, views: ViewProvider | None) -> ViewState | PlanFailure:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
+import re
 import socket
 import struct
 import termios
@@ -18,6 +19,17 @@ _MAX_CHUNKS_AHEAD = 2
 # States in the first byte of Linux's TCP_INFO: open, and after the peer's FIN.
 _ESTABLISHED = 1
 _CLOSE_WAIT = 8
+_HTTP_REQUEST = re.compile(rb"[A-Za-z-]+ .*HTTP/[0-9.]+ *", re.DOTALL)
+# Bytes kept of either end of a first line: a method, a version.
+_LINE_END_BYTES = 32
+
+
+class HttpRequestError(ConnectionError):
+    """The first line of a connection is an HTTP request.
+
+    A web page makes a browser send one to any port of its user, and lines of the body would be
+    commands. Redis closes such connections likewise.
+    """
 
 
 class TcpConnection(asyncio.BufferedProtocol):
@@ -49,6 +61,8 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._transport: asyncio.Transport | None = None
         self._buffer = bytearray(READ_BYTES)
         self._ahead: deque[bytes] = deque()
+        # Both ends of the first line so far; None behind it.
+        self._first_line: bytes | None = b""
         self._is_lost = False
         self._has_read_all = False
         self._arrival: asyncio.Future[None] | None = None
@@ -61,7 +75,11 @@ class TcpConnection(asyncio.BufferedProtocol):
         return self._transport is not None
 
     async def read(self) -> bytes:
-        """Next input, at most READ_BYTES; empty once the peer sends nothing more."""
+        """Next input, at most READ_BYTES; empty once the peer sends nothing more.
+
+        Raises:
+            HttpRequestError: The first line is complete with this input, and an HTTP request.
+        """
         # Not by `peer_ended_at_s`, which may be known while input still waits in the kernel.
         while not self._ahead and not self._has_read_all:
             self._arrival = asyncio.get_running_loop().create_future()
@@ -70,7 +88,20 @@ class TcpConnection(asyncio.BufferedProtocol):
             return b""
         if self._is_paused and self._transport is not None:
             self._transport.resume_reading()
-        return self._ahead.popleft()
+        data = self._ahead.popleft()
+        if self._first_line is not None:
+            self._check_first_line(self._first_line + data)
+        return data
+
+    def _check_first_line(self, data: bytes) -> None:
+        """Raise HttpRequestError where these bytes end a first line that is an HTTP request."""
+        line, end, _ = data.replace(b"\r", b"\n").partition(b"\n")
+        # The peer chooses the length of a path: without the middle any line is short.
+        self._first_line = (
+            None if end else line[:_LINE_END_BYTES] + line[_LINE_END_BYTES:][-_LINE_END_BYTES:]
+        )
+        if end and _HTTP_REQUEST.fullmatch(line):
+            raise HttpRequestError("an HTTP request instead of the protocol of this port")
 
     def _end_wait(self) -> None:
         """Resume a coroutine that waits for input."""

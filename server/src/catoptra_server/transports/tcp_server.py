@@ -19,7 +19,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.fault_log import log_fault
 from catoptra_server.transports.listener import AcceptLoop, create_listener
 from catoptra_server.transports.loop_share import LoopShare
-from catoptra_server.transports.tcp_connection import TcpConnection
+from catoptra_server.transports.tcp_connection import HttpRequestError, TcpConnection
 
 ConnectionHandler = Callable[[TcpConnection], Awaitable[None]]
 
@@ -117,6 +117,8 @@ class TcpServer:
         try:
             await self._loop.connect_accepted_socket(lambda: connection, accepted)
             await self._handler(connection)
+        except HttpRequestError as error:
+            log.warning("%s disconnected: %s", connection.address, error)
         except OSError as error:
             log.info("%s disconnected: %s", connection.address, error)
         except asyncio.CancelledError:

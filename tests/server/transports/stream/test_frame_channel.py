@@ -21,7 +21,13 @@ def select(robot: str, camera: str, variant: FrameVariant | None = None) -> Chan
 def test_empty_names_select_the_image_port_and_others_a_camera() -> None:
     assert select("", "") == IMAGE_PORT
     assert select("R", "") == CameraChannel("R", "")
-    assert select("", "Omni") == CameraChannel("", "Omni")
+    assert select("", "omni") == CameraChannel("", "omni")
+
+
+@pytest.mark.parametrize("variant", [None, FrameVariant(samples=2)], ids=["camera", "variant"])
+def test_camera_in_any_letter_case_has_one_channel(variant: FrameVariant | None) -> None:
+    spellings = ("PanoCam", "panocam", "PANOCAM", "pAnOcAm")
+    assert len({select("R", spelling, variant) for spelling in spellings}) == 1
 
 
 def test_variant_selects_a_channel_of_its_own() -> None:
