@@ -14,14 +14,17 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import Report
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.frames.camera_plans import ViewState
+from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectDecision
 from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_plan import CameraPlan, FramePlan, ViewState
 from catoptra_server.frames.frame_rendering import render_frame
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, FrameRequest, ViewRequest
 from catoptra_server.frames.view_cache import RenderedView
+from catoptra_server.planning.budget_monitor import BudgetMonitor
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.perspective_plan import plan_perspective_view
 from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
@@ -184,6 +187,34 @@ class FakeView:
         self.is_closed = True
 
 
+def make_rendered_view(
+    image: RenderedImage,
+    request: ViewRequest,
+    *,
+    bounds: dict[str, float] | None = None,
+    decisions: tuple[EffectDecision, ...] = (),
+) -> RenderedView:
+    """An image as drawn by a plan with some bounds."""
+    plan = plan_perspective_view(1, kind=RendererKind.TRACE, reason="fake")
+    camera, state = request.camera, request.camera_state
+    camera_plan = CameraPlan(camera, plan, BudgetMonitor(0.0))
+    frame_plan = FramePlan(
+        camera,
+        camera,
+        plan,
+        camera_plan.view_key,
+        "fake plan",
+        state,
+        state,
+        NO_EFFECTS,
+        None,
+        bounds,
+        camera_plan,
+        0.0,
+    )
+    return RenderedView(image, frame_plan, decisions)
+
+
 class FakeViewProvider:
     """Views of all cameras, rendered by one fake view at the size of the camera."""
 
@@ -200,7 +231,7 @@ class FakeViewProvider:
         rgb = np.full((camera.height_px, camera.width_px, 3), image.rgb.flat[0], dtype=np.uint8)
         bound = self.error_bound(request.camera)
         bounds = bound.as_dict() if bound else None
-        return RenderedView(RenderedImage(rgb, image.stage_ms), "fake plan", bounds)
+        return make_rendered_view(RenderedImage(rgb, image.stage_ms), request, bounds=bounds)
 
     def error_bound(self, camera: CameraSpec) -> ErrorBound | None:
         """Error bound of an omnidirectional camera as requested, traced."""

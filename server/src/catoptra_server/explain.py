@@ -190,7 +190,7 @@ def _explain_views(
             yield CameraEffectReport(
                 robot.class_name,
                 name,
-                times.view.plan,
+                times.view.frame_plan.plan_text,
                 times.view.effect_decisions,
                 dict(times.effect_ms),
                 times.other_ms,

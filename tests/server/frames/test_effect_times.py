@@ -17,6 +17,7 @@ from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.startup import read_startup_config
+from helpers.robots import make_rendered_view
 
 IMAGE = np.zeros((1, 1, 3), dtype=np.uint8)
 STAGES = {"Bayer", "Defocus"}
@@ -65,7 +66,7 @@ class FakeMachine:
             for name in on
         )
         stages = {name: self.costs_ms[name] for name in on if name in STAGES} | {"trace": 10.0}
-        return RenderedView(RenderedImage(IMAGE, stages), "plan", effect_decisions=decisions)
+        return make_rendered_view(RenderedImage(IMAGE, stages), request, decisions=decisions)
 
     def measure(self) -> EffectTimes:
         return measure_effect_times(

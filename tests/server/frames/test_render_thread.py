@@ -11,8 +11,8 @@ import pytest
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
     CameraChannel,

@@ -30,7 +30,7 @@ from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.quantisation import Quantisation
-from catoptra_server.frames.camera_plans import ErrorBoundTable
+from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
@@ -141,7 +141,7 @@ def test_mirror_without_a_viewpoint_has_one_while_nothing_is_near() -> None:
     request = ViewRequest(spec, CAMERA_STATE)
     plans = []
     for renderer.nearest_m in (0.1, 100.0, 0.1):
-        plans.append(views.render(request).plan)
+        plans.append(views.render(request).frame_plan.plan_text)
         assert renderer.drawn[-1].is_approximated == (renderer.nearest_m > 1.0)
         assert bounds.get(spec) is not None
         assert str(views.view_state(spec).choice.plan) == plans[-1]
@@ -240,7 +240,7 @@ def test_camera_when_its_effects_are_negligible_is_rendered_without_and_reports_
     view = make_cache(renderer).render(
         ViewRequest(camera_spec_with(Quantisation(12)), CAMERA_STATE)
     )
-    assert renderer.log == ["prepare omni 8", "radiance", "draw"]
+    assert renderer.log == ["radiance", "prepare omni 8", "draw"]
     assert [(one.effect, one.enabled) for one in view.effect_decisions] == [("Quantisation", False)]
 
 
@@ -254,7 +254,7 @@ def test_perspective_camera_decides_and_draws_effects_as_a_mirror_does() -> None
     )
     spec = PerspectiveCameraSpec(PerspectiveCamera(8, 6, 1.0), settings)
     view = make_cache(renderer).render(ViewRequest(spec, CAMERA_STATE))
-    assert renderer.log[0] == "prepare 8"
+    assert renderer.log[:2] == ["radiance", "prepare 8"]
     assert renderer.log[-1].split()[0] == "draw"
     drawn = [one.effect for one in view.effect_decisions if one.enabled]
     assert "Quantisation" in drawn
@@ -267,7 +267,7 @@ def test_perspective_camera_without_effects_summarizes_no_scene() -> None:
     spec = PerspectiveCameraSpec(PerspectiveCamera(8, 6, 1.0))
     view = make_cache(renderer).render(ViewRequest(spec, CAMERA_STATE))
     assert (renderer.log, view.effect_decisions) == (["prepare 8", "draw"], ())
-    assert view.error_bounds is None
+    assert view.frame_plan.bounds is None
 
 
 def test_camera_when_a_state_calls_for_an_effect_keeps_its_view() -> None:
@@ -303,7 +303,7 @@ def test_camera_when_its_effects_read_geometry_summarizes_the_whole_scene() -> N
     make_cache(renderer).render(
         ViewRequest(camera_spec_with(Fog(1e-6, 0.5, 0.5, 0.5)), CAMERA_STATE)
     )
-    assert renderer.log[:2] == ["prepare omni 8", "summary"]
+    assert renderer.log[:2] == ["summary", "prepare omni 8"]
 
 
 def test_decisions_when_only_a_bound_moves_are_reported_but_not_logged(
@@ -386,14 +386,14 @@ def test_plan_of_a_frame_when_replanning_is_the_one_that_rendered_the_frame() ->
     for _ in range(100):
         rendered = views.render(request)
         samples = math.sqrt(rendered.image.stage_ms["trace"] / 2.0)
-        assert f" {samples:.0f}^2 samples" in rendered.plan
+        assert f" {samples:.0f}^2 samples" in rendered.frame_plan.plan_text
 
 
 def test_plan_and_bounds_are_formatted_once_a_plan() -> None:
     views, request = make_budgeted_cache(SlowRenderer(1.0), 10.0)
     first, second = views.render(request), views.render(request)
-    assert first.plan is second.plan
-    assert first.error_bounds is second.error_bounds is not None
+    assert first.frame_plan.plan_text is second.frame_plan.plan_text
+    assert first.frame_plan.bounds is second.frame_plan.bounds is not None
 
 
 def test_view_state_when_requested_prepares_no_view() -> None:
@@ -413,12 +413,12 @@ def test_bound_of_a_prepared_view_is_published() -> None:
     rendered = views.render(request)
     bound = published.get(request.camera)
     assert bound is not None
-    assert rendered.error_bounds == bound.as_dict()
+    assert rendered.frame_plan.bounds == bound.as_dict()
 
 
 def test_perspective_camera_has_no_bound() -> None:
     request = ViewRequest(PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)), CAMERA_STATE)
-    assert make_cache(CountingRenderer()).render(request).error_bounds is None
+    assert make_cache(CountingRenderer()).render(request).frame_plan.bounds is None
 
 
 def spec_with_tolerance(max_error_px: float) -> OmniCameraSpec:

@@ -14,7 +14,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.frames import view_store
-from catoptra_server.frames.planned_camera import PlannedCamera
+from catoptra_server.frames.frame_plan import CameraPlan
 from catoptra_server.frames.view_store import ViewStore
 from catoptra_server.planning.budget_monitor import BudgetMonitor
 from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
@@ -68,36 +68,36 @@ def make_store(renderer: Any, **limits: int) -> ViewStore:
 
 def plan_camera(
     samples: int, *, reason: str = "test", effects: EffectSettings = NO_EFFECT_SETTINGS
-) -> PlannedCamera:
+) -> CameraPlan:
     settings = RenderSettings(samples=samples)
     plan = plan_from_settings(settings, CAMERA, kind=TRACE, reason=reason)
     spec = OmniCameraSpec(CAMERA, settings, effects)
-    return PlannedCamera(spec, plan, BudgetMonitor(0.0))
+    return CameraPlan(spec, plan, BudgetMonitor(0.0))
 
 
 def test_cameras_of_one_plan_share_a_view_whatever_target_and_effects_they_have() -> None:
     renderer = SizedRenderer()
     store = make_store(renderer)
-    one = store.get(plan_camera(2))
-    assert store.get(plan_camera(2, reason="another")) is one
-    assert store.get(plan_camera(2, effects=EffectSettings(threshold_px=0.1))) is one
-    assert store.get(plan_camera(3)) is not one
+    one = store.get(plan_camera(2).view_key)
+    assert store.get(plan_camera(2, reason="another").view_key) is one
+    assert store.get(plan_camera(2, effects=EffectSettings(threshold_px=0.1)).view_key) is one
+    assert store.get(plan_camera(3).view_key) is not one
     assert renderer.num_prepared == len(store) == 2
 
 
 def use(store: ViewStore, *samples: int) -> None:
     for number in samples:
-        store.get(plan_camera(number))
+        store.get(plan_camera(number).view_key)
         store.trim()
 
 
 def test_view_that_was_closed_is_prepared_anew_although_it_was_used_last() -> None:
     renderer = SizedRenderer()
     store, planned = make_store(renderer), plan_camera(2)
-    one = store.get(planned)
-    assert store.get(planned) is one
+    one = store.get(planned.view_key)
+    assert store.get(planned.view_key) is one
     store.close_views_of(TRACE)
-    assert store.get(planned) is not one
+    assert store.get(planned.view_key) is not one
     assert renderer.num_prepared == 2
 
 
@@ -122,7 +122,7 @@ def test_view_that_grows_when_it_is_used_counts_with_its_new_size() -> None:
     renderer = SizedRenderer()
     store = make_store(renderer, max_bytes=9)
     use(store, 2, 3)
-    cast(SizedView, store.get(plan_camera(3))).memory_bytes = 8
+    cast(SizedView, store.get(plan_camera(3).view_key)).memory_bytes = 8
     store.trim()
     assert renderer.closed == [2]
 
@@ -131,7 +131,7 @@ def test_view_that_grew_while_it_was_alone_counts_with_its_new_size() -> None:
     renderer = SizedRenderer()
     store = make_store(renderer, max_bytes=9)
     use(store, 2)
-    cast(SizedView, store.get(plan_camera(2))).memory_bytes = 8
+    cast(SizedView, store.get(plan_camera(2).view_key)).memory_bytes = 8
     use(store, 2, 3)
     assert (renderer.closed, store.memory_bytes) == ([8], 3)
 
@@ -149,7 +149,7 @@ def test_views_of_a_renderer_are_closed_together_and_a_failing_one_stops_nothing
     use(store, 2, 3)
     lens = PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0))
     plan = plan_perspective_view(0, kind=TRACE, reason="test")
-    view = store.get(PlannedCamera(lens, plan, BudgetMonitor(0.0)))
+    view = store.get(CameraPlan(lens, plan, BudgetMonitor(0.0)).view_key)
 
     def fail() -> None:
         raise RuntimeError("lost device")

@@ -46,8 +46,8 @@ def describe_sample_metadata(
         "angular_rad_s": [float(one) for one in twist.angular_rad_s],
         "brightness": description.brightness,
         "noise_seed": [*state.noise_seed.camera_key, state.noise_seed.tick],
-        "plan": view.plan,
-        "error_bound_px": {k: _finite(v) for k, v in (view.error_bounds or {}).items()},
+        "plan": view.frame_plan.plan_text,
+        "error_bound_px": {k: _finite(v) for k, v in (view.frame_plan.bounds or {}).items()},
         "landmarks": _describe_landmarks(description, world),
         "effects": [_describe_decision(one) for one in view.effect_decisions],
     }

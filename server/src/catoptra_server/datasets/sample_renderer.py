@@ -79,16 +79,15 @@ class SampleRenderer:
         # Nothing is computed for a recipe of pictures alone.
         if not channels:
             return _NOTHING, None
-        labels = self._find_labels(description.place.world)
-        assert view.drawn is not None, "recipes have omnidirectional cameras alone"
+        labels, exposure = self._find_labels(description.place.world), view.frame_plan.exposure
         after = description.next_state
-        if after is not None and after.ego_body is not None and view.drawn.camera_state.objects:
+        if after is not None and after.ego_body is not None and exposure.camera_state.objects:
             # As `effects/scene/self_view.py` shows the robot itself: its pixels have a flow, too.
             after = replace(after, objects=(*after.objects, after.ego_body))
-        truth = labels.render(view.drawn, channels, after, view.labels)
+        truth = labels.render(exposure, channels, after, view.labels)
         if not wants_annotations(self._stage.recipe):
             return truth, None
-        return truth, self._annotator.annotate(description, view.drawn, truth, labels)
+        return truth, self._annotator.annotate(description, exposure, truth, labels)
 
     def _needed_channels(self) -> frozenset[str]:
         recipe = self._stage.recipe

@@ -2,5 +2,5 @@
 
 `frame_request` describes a frame that is due, `image_port_layout` composes one from the cameras of
 robots, `capture_scheduler` decides when; `render_thread` renders on views of `view_cache`, by plans
-of `camera_plans`; `mailbox` hands each `Frame` to the connections that wait.
+of `frame_plan`; `mailbox` hands each `Frame` to the connections that wait.
 """

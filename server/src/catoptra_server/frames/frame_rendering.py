@@ -9,9 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from catoptra_server.frames.camera_plans import ViewState
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_labels import FrameLabels
+from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.frame_request import (
     Channel,
     FrameComposition,
@@ -39,7 +39,7 @@ class ViewProvider(Protocol):
         """Label the pixels of a rendered view."""
 
     def request_labels(
-        self, channels: tuple[str, ...], drawn: DrawnExposure
+        self, channels: tuple[str, ...], exposure: DrawnExposure
     ) -> LabelRequest | None:
         """Labels of channels that can be found while a view is drawn."""
 
@@ -65,7 +65,7 @@ def render_frame(
     if composition.reference is not None and views is not None:
         reference = views.render(composition.reference)
         reference_rgb = _turn(composition, reference.image.rgb)
-        rgb, difference = append_difference(rgb, reference_rgb, reference.plan)
+        rgb, difference = append_difference(rgb, reference_rgb, reference.frame_plan.plan_text)
     labels = None
     if composition.channels and views is not None and rendered[0] is not None:
         labels = views.label(rendered[0], composition.channels, request.channel, request.time_s)
@@ -74,7 +74,7 @@ def render_frame(
     end_s = monotonic()
     present = [view for view in rendered if view is not None]
     single = present[0] if len(rendered) == len(present) == 1 else None
-    bounds = max_bounds(view.error_bounds for view in present)
+    bounds = max_bounds(view.frame_plan.bounds for view in present)
     return Frame(
         sequence=request.sequence,
         time_s=request.time_s,
@@ -86,12 +86,12 @@ def render_frame(
         stage_ms=_sum_stages(present),
         render_duration_s=end_s - begin_s,
         # A set: cameras of one class share a plan.
-        plan="; ".join(sorted({view.plan for view in present})) or None,
+        plan="; ".join(sorted({view.frame_plan.plan_text for view in present})) or None,
         error_bound_px=bounds["outline_px"] if bounds else None,
         error_bounds=bounds,
         # In a list of several cameras' decisions the camera of each would be lost.
         effect_decisions=single.effect_decisions if single else (),
-        choice=single.choice if single else None,
+        choice=single.frame_plan.choice if single else None,
         difference=difference,
         labels=labels,
     )

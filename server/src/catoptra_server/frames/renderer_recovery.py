@@ -1,7 +1,8 @@
 """Work of renderers that goes on after a fault.
 
 A renderer that fails is made anew; if that fails, too, another one replaces it where that is
-allowed, else the view is refused.
+allowed, else the view is refused. A decision that fails is no renderer's fault: that frame fails
+with its reason, and the renderer stays.
 """
 
 from __future__ import annotations
@@ -12,15 +13,14 @@ from typing import TypeVar
 
 from catoptra_protocol.errors import CatoptraError, RendererUnavailableError
 from catoptra_server.fault_log import log_fault
-from catoptra_server.frames.camera_plans import CameraPlans
-from catoptra_server.frames.planned_camera import PlannedCamera
-from catoptra_server.planning.camera_spec import CameraSpec
-from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.frames.frame_plan import CameraPlan, FramePlan
+from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer_kind import RendererKind
 
 log = logging.getLogger(__name__)
 
 _ResultT = TypeVar("_ResultT")
+_PlannedT = TypeVar("_PlannedT", CameraPlan, FramePlan)
 
 
 class ViewFailedError(CatoptraError):
@@ -28,36 +28,38 @@ class ViewFailedError(CatoptraError):
 
 
 class RendererRecovery:
-    """Plans and renderers that are made anew after faults."""
+    """Renderers that are made anew after faults."""
 
     def __init__(
         self,
-        planner: RenderPlanner,
-        plans: CameraPlans,
+        renderers: RendererPool,
         *,
         close_views: Callable[[RendererKind], None],
+        forget_plans: Callable[[], None],
     ) -> None:
-        """Guard the work of a planner's renderers.
+        """Guard the work of some renderers.
 
         Args:
-            planner: Owner of the renderers.
-            plans: Plans of the cameras, made anew with other renderers.
+            renderers: The renderers.
             close_views: Closes the prepared views of a renderer.
+            forget_plans: Has all cameras planned anew, with other renderers.
         """
-        self._planner = planner
-        self._plans = plans
+        self._renderers = renderers
         self._close_views = close_views
+        self._forget_plans = forget_plans
 
-    def work(self, camera: CameraSpec, work: Callable[[PlannedCamera], _ResultT]) -> _ResultT:
-        """Result of some work for a camera, by a new or another renderer after a fault.
+    def work(
+        self, decide: Callable[[], _PlannedT], draw: Callable[[_PlannedT], _ResultT]
+    ) -> _ResultT:
+        """Result of drawing what is decided, by a new or another renderer after a fault.
 
         Raises:
-            ViewFailedError: No renderer can do it.
+            ViewFailedError: No renderer can do it, or nothing could be decided.
         """
-        planned = self._find_plan(camera)
+        planned = _decide(decide)
         kind = planned.plan.renderer
         try:
-            return work(planned)
+            return draw(planned)
         except Exception as error:
             # A request that no renderer could satisfy is no fault of this one.
             if isinstance(error, CatoptraError) and not isinstance(error, RendererUnavailableError):
@@ -65,29 +67,32 @@ class RendererRecovery:
             log_fault(log, "%s failed to render a view and is made anew", kind.value)
         self._renew_renderer(kind)
         try:
-            return work(self._find_plan(camera))
+            return draw(_decide(decide))
         except Exception:
             log_fault(log, "%s failed again after it was made anew", kind.value)
         # Whatever comes of this view, others find a renderer that works.
         self._renew_renderer(kind)
-        return self._work_with_replacement(camera, work, kind)
+        return self._work_with_replacement(decide, draw, kind)
 
     def _work_with_replacement(
-        self, camera: CameraSpec, work: Callable[[PlannedCamera], _ResultT], failed: RendererKind
+        self,
+        decide: Callable[[], _PlannedT],
+        draw: Callable[[_PlannedT], _ResultT],
+        failed: RendererKind,
     ) -> _ResultT:
         """Result of some work by another renderer, which stays in use if it succeeds."""
-        other = self._planner.renderers.find_replacement(failed)
+        other = self._renderers.find_replacement(failed)
         if other is None:
             raise ViewFailedError(f"{failed.value} failed to render the view: see the server's log")
-        self._planner.renderers.replace(failed, other)
-        self._discard_plans()
+        self._renderers.replace(failed, other)
+        self._forget_plans()
         try:
-            result = work(self._find_plan(camera))
+            result = draw(_decide(decide))
         except Exception as error:
             log_fault(log, "%s failed in place of %s", other.value, failed.value)
             self._renew_renderer(other)
-            self._planner.renderers.restore(failed)
-            self._discard_plans()
+            self._renderers.restore(failed)
+            self._forget_plans()
             raise ViewFailedError(
                 f"{failed.value} and {other.value} failed to render the view: see the server's log"
             ) from error
@@ -96,23 +101,21 @@ class RendererRecovery:
 
     def _renew_renderer(self, kind: RendererKind) -> None:
         self._close_views(kind)
-        self._planner.renderers.renew(kind)
+        self._renderers.renew(kind)
 
-    def _discard_plans(self) -> None:
-        """Plan all cameras anew, with other renderers."""
-        self._plans.forget_all()
-        self._planner.discard_tables()
 
-    def _find_plan(self, camera: CameraSpec) -> PlannedCamera:
-        """Camera with its plan.
+def _decide(decide: Callable[[], _PlannedT]) -> _PlannedT:
+    """Decision about a camera or a frame.
 
-        Raises:
-            ViewFailedError: No plan was found.
-        """
-        try:
-            return self._plans.find(camera)
-        except CatoptraError as error:
-            raise ViewFailedError(str(error)) from error
-        except Exception as error:
-            log_fault(log, "no plan was found for a camera")
-            raise ViewFailedError("no plan was found: see the server's log") from error
+    Raises:
+        ViewFailedError: There is none.
+    """
+    try:
+        return decide()
+    except CatoptraError as error:
+        raise ViewFailedError(str(error)) from error
+    except Exception as error:
+        log_fault(log, "a frame could not be decided")
+        raise ViewFailedError(
+            f"the frame could not be decided, {type(error).__name__}: see the server's log"
+        ) from error

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import logging
 
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.fault_log import log_fault
-from catoptra_server.frames.planned_camera import PlannedCamera, ViewKey
+from catoptra_server.frames.frame_plan import ViewKey
 from catoptra_server.freed_memory import release_freed_memory
-from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.perspective_plan import PerspectivePlan
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer import View
@@ -70,30 +71,29 @@ class ViewStore:
         """Memory of all views, each as of its last use; of a single view as of its preparation."""
         return sum(stored.memory_bytes for stored in self._views.values())
 
-    def get(self, planned: PlannedCamera) -> View:
+    def get(self, key: ViewKey) -> View:
         """View of a camera by its plan, prepared at the first use."""
-        key = planned.view_key
         # By identity first: hashing camera and plan takes longer than all else here.
         if self._newest is not None and self._newest[0] is key:
             return self._newest[1].view
         if len(self._views) == 1:
             self._measure_newest()  # `trim` has not, as long as there was no other
         # Removed and inserted again: dicts keep the order of insertion.
-        stored = self._views.pop(key, None) or self._prepare(planned)
+        stored = self._views.pop(key, None) or self._prepare(key)
         self._views[key] = stored
         self._newest = key, stored
         return stored.view
 
-    def _prepare(self, planned: PlannedCamera) -> _StoredView:
-        camera = planned.spec
-        renderer = self._renderers.get(planned.plan.renderer)
+    def _prepare(self, key: ViewKey) -> _StoredView:
+        camera, plan = key
+        renderer = self._renderers.get(plan.renderer)
         view: View
-        if isinstance(planned.plan, PerspectivePlan):
-            assert isinstance(camera, PerspectiveCameraSpec), "a lens has a perspective plan"
-            view = renderer.prepare_perspective(camera.camera, planned.plan.samples)
+        if isinstance(plan, PerspectivePlan):
+            assert isinstance(camera, PerspectiveCamera), "a lens has a perspective plan"
+            view = renderer.prepare_perspective(camera, plan.samples)
         else:
-            assert isinstance(camera, OmniCameraSpec), "a mirror has a render plan"
-            view = renderer.prepare(camera.camera, planned.plan)
+            assert isinstance(camera, OmniCamera), "a mirror has a render plan"
+            view = renderer.prepare(camera, plan)
         stored = _StoredView(view, view.memory_bytes)
         self._changed_bytes += stored.memory_bytes
         return stored

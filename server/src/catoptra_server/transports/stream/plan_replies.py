@@ -13,7 +13,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.stream.frame_header import PlanAlternative
 from catoptra_protocol.stream.replies import Error, PlanReply, Reply
 from catoptra_protocol.stream.requests import SetAccuracyRequest
-from catoptra_server.frames.camera_plans import ViewState
+from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.plan_choice import PlanOption

@@ -2,25 +2,48 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
+from typing import Any
 
+import numpy as np
 import pytest
 
+from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.frames.camera_plans import CameraPlans, ErrorBoundTable
-from catoptra_server.planning.budget_monitor import BudgetStatus
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.coordinate_rounding import CoordinateErrors
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.frames.frame_plan import CameraPlan, ErrorBoundTable, FramePlanner
+from catoptra_server.planning.budget_monitor import BudgetMonitor
 from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
+from catoptra_server.planning.error_bound import error_bound
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.perspective_plan import plan_perspective_view
+from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface
+from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from helpers.robots import CAMERA
+from helpers.worlds import make_omni_camera
+
+CAMERA_STATE = CameraState(Pose.identity())
+NO_PIXELS = np.zeros((1, 1, 3), dtype=np.uint8)
+
+
+class FarScene:
+    """A scene whose coordinates displace next to nothing; without effects nothing else is read."""
+
+    def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
+        return 1e-6
 
 
 class Renderer:
@@ -33,7 +56,7 @@ class Renderer:
         pass
 
 
-def make_plans(published: ErrorBoundTable | None = None) -> CameraPlans:
+def make_plans(published: ErrorBoundTable | None = None) -> FramePlanner:
     """Plans by a renderer that was measured at 1 ms a sample."""
 
     def measure(
@@ -44,7 +67,9 @@ def make_plans(published: ErrorBoundTable | None = None) -> CameraPlans:
 
     choice = RendererChoice(Renderer(), RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
     planner = RenderPlanner(RendererPool(choice), measure=measure)
-    return CameraPlans(planner, error_bounds=published)
+    scene: Any = FarScene()
+    # The clock stands still: a frame takes the time of its drawing.
+    return FramePlanner(planner, scene, error_bounds=published, clock=lambda: 0.0)
 
 
 def make_spec(budget_ms: float = 0.0, max_error_px: float = 0.0) -> OmniCameraSpec:
@@ -56,16 +81,15 @@ BUDGETED = make_spec(10.0)
 
 
 def draw_frames(
-    plans: CameraPlans, ms_per_sample: float, frames: int, spec: OmniCameraSpec = BUDGETED
+    plans: FramePlanner, ms_per_sample: float, frames: int, spec: OmniCameraSpec = BUDGETED
 ) -> list[int]:
     """Samples of the plans of some frames, one entry a change."""
     samples: list[int] = []
     for _ in range(frames):
-        planned = plans.find(spec)
-        plans.replan_if_due(planned)
-        samples.append(planned.plan.samples)
-        ms = ms_per_sample * planned.plan.samples**2
-        plans.record_frame(planned, ms, {"trace": ms})
+        frame_plan = plans.decide(spec, CAMERA_STATE)
+        samples.append(frame_plan.plan.samples)
+        ms = ms_per_sample * frame_plan.plan.samples**2
+        plans.record(frame_plan, RenderedImage(NO_PIXELS, {"trace": ms}), ms)
     return [number for number, _ in groupby(samples)]
 
 
@@ -95,11 +119,10 @@ def test_budget_when_frames_become_fast_again_is_used_fully() -> None:
 def test_plan_without_a_reason_to_change_is_kept(spec: OmniCameraSpec) -> None:
     plans = make_plans()
     draw_frames(plans, 1.0, 40, spec)
-    planned = plans.find(spec)
-    plan, text = planned.plan, planned.plan_text
-    assert planned.budget_status is BudgetStatus.WITHIN_BUDGET
-    plans.replan_if_due(planned)
-    assert (planned.plan, planned.plan_text) == (plan, text)
+    first, second = (plans.decide(spec, CAMERA_STATE) for _ in range(2))
+    assert second.plan is first.plan
+    assert second.plan_text is first.plan_text
+    assert second.view_key is first.view_key
 
 
 def test_state_when_requested_adds_no_camera() -> None:
@@ -129,11 +152,11 @@ def known_bounds(published: ErrorBoundTable, specs: Sequence[OmniCameraSpec]) ->
 def test_cameras_when_forgotten_are_planned_anew_and_have_no_published_bound() -> None:
     published = ErrorBoundTable()
     plans, specs = make_plans(published), (BUDGETED, make_spec(20.0))
-    planned = [plans.find(spec) for spec in specs]
+    planned = [plans.plan_camera(spec) for spec in specs]
     assert known_bounds(published, specs) == [True, True]
     plans.forget_all()
     assert known_bounds(published, specs) == [False, False]
-    assert plans.find(specs[0]) is not planned[0]
+    assert plans.plan_camera(specs[0]) is not planned[0]
 
 
 def test_cameras_are_limited_and_so_are_published_bounds() -> None:
@@ -141,11 +164,72 @@ def test_cameras_are_limited_and_so_are_published_bounds() -> None:
     plans = make_plans(published)
     specs = [make_spec(max_error_px=1.0 + 0.001 * n) for n in range(300)]
     for spec in specs:
-        plans.find(spec)
+        plans.plan_camera(spec)
     assert known_bounds(published, specs) == 44 * [False] + 256 * [True]
 
 
 def test_perspective_camera_has_the_plan_of_the_preferred_renderer() -> None:
-    planned = make_plans().find(PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)))
+    planned = make_plans().plan_camera(PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)))
     assert planned.plan.renderer is RendererKind.TRACE
     assert (planned.choice, planned.bounds) == (None, None)
+
+
+SMALL = make_omni_camera(width_px=40)
+SETTINGS = RenderSettings()
+
+
+def choose(samples: int) -> PlanChoice:
+    settings = replace(SETTINGS, samples=samples)
+    plan = plan_from_settings(settings, SMALL, kind=RendererKind.TRACE, reason="test")
+    return PlanChoice(plan, error_bound(SMALL, plan))
+
+
+def test_text_and_bounds_follow_the_choice() -> None:
+    first, second = choose(1), choose(3)
+    spec = OmniCameraSpec(SMALL, SETTINGS)
+    planned = CameraPlan(spec, first.plan, BudgetMonitor(0.0), first)
+    assert planned.plan_text == str(first.plan)
+    assert planned.view_key == (SMALL, replace(first.plan, reason=""))
+    planned.set_choice(second)
+    assert planned.plan is second.plan
+    assert planned.view_key == (SMALL, replace(second.plan, reason=""))
+    assert planned.plan_text == str(second.plan)
+    assert second.bound is not None
+    assert planned.bounds == second.bound.as_dict()
+
+
+def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
+    choice = choose(2)
+    assert choice.bound is not None
+    planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, BudgetMonitor(0.0), choice)
+    for angle_rad in (1e-3, 4e-3):
+        assert planned.bound_frame(angle_rad)
+        assert not planned.bound_frame(angle_rad), "the same scene changes nothing"
+        assert planned.bounds is not None
+        scene_px = planned.bounds["scene_px"]
+        assert scene_px == pytest.approx(angle_rad * compute_image_scale(SMALL).max_px_per_rad)
+        for name in ("max_px", "outline_px", "marker_px"):
+            plan_px = choice.bound.as_dict()[name]
+            assert planned.bounds[name] == pytest.approx(plan_px + scene_px)
+        assert planned.bounds["max_deg"] >= math.degrees(angle_rad)
+
+
+def test_target_that_the_scene_exceeds_is_not_met() -> None:
+    choice = choose(3)
+    assert choice.bound is not None
+    target = AccuracyTarget(max_error_px=choice.bound.outline_error_px + 0.1)
+    spec = OmniCameraSpec(SMALL, replace(SETTINGS, accuracy_target=target))
+    planned = CameraPlan(spec, choice.plan, BudgetMonitor(0.0), choice)
+    px_per_rad = compute_image_scale(SMALL).max_px_per_rad
+    for scene_px, is_met in ((0.05, True), (0.2, False), (0.01, True)):
+        planned.bound_frame(scene_px / px_per_rad)
+        assert planned.choice is not None
+        assert planned.choice.target_met is is_met
+
+
+def test_lens_has_no_bounds() -> None:
+    plan = plan_perspective_view(2, kind=RendererKind.TRACE, reason="test")
+    planned = CameraPlan(
+        PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)), plan, BudgetMonitor(0.0)
+    )
+    assert (planned.plan_text, planned.bounds) == (str(plan), None)

@@ -1,0 +1,420 @@
+"""Decision about a frame: everything that its drawing follows, frozen before a ray is traced.
+
+`decide` answers once, with one value, and what draws decides nothing: the camera (with one
+viewpoint where the scene is far enough), the plan, the camera's state under its scene effects, the
+image effects and the error bound. `record` takes what the drawn frame showed: the effects that it
+measured as invisible, and its time, by which a camera with a budget is planned anew before its next
+frame. Nothing here belongs to a renderer: a criterion that raises fails that frame alone.
+
+Belongs to the thread of the renderers; published error bounds may be read by any thread.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field, replace
+from typing import cast
+
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.effects.effect import needs_radiance_only
+from catoptra_server.effects.effect_plan import (
+    NO_EFFECTS,
+    EffectDecision,
+    EffectPlan,
+    apply_scene_effects,
+    describe_changes,
+    format_decisions,
+    plan_effects,
+)
+from catoptra_server.ground_truth.label_rays import DrawnExposure
+from catoptra_server.lru_dict import LruDict
+from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
+from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
+from catoptra_server.planning.error_bound import ErrorBound, add_scene
+from catoptra_server.planning.exposure_budget import explain_limit, limit_time_samples
+from catoptra_server.planning.perspective_plan import PerspectivePlan, plan_perspective_view
+from catoptra_server.planning.plan_choice import PlanChoice
+from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.planning.rounding_error import coordinate_errors
+from catoptra_server.planning.viewpoint_choice import (
+    choose_viewpoint,
+    leaves_choice,
+    shows_ego_body,
+)
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import RenderedImage
+
+log = logging.getLogger(__name__)
+
+# Cameras of all robots, by zoom and accuracy target; a plan is some 20 kB.
+_MAX_CAMERAS = 256
+# Costs are measured here where no start poses are given.
+DEFAULT_CALIBRATION_STATES = (CameraState(Pose.identity()),)
+
+Plan = RenderPlan | PerspectivePlan
+ViewKey = tuple[OmniCamera | PerspectiveCamera, Plan]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePlan:
+    """Everything that is decided about a frame before it is drawn."""
+
+    camera: CameraSpec
+    """Camera to draw: the requested one, or that with one viewpoint for all its rays."""
+    requested: CameraSpec
+    """Camera as the client requested it, whose rays label the picture."""
+    plan: Plan
+    view_key: ViewKey
+    """Everything that a prepared view depends on; cameras with equal keys share a view."""
+    plan_text: str
+    """Plan in words."""
+    camera_state: CameraState
+    """State with all scene effects, its time samples limited by the budget of rays."""
+    unlimited_state: CameraState
+    """The same before that limit."""
+    effects: EffectPlan
+    choice: PlanChoice | None
+    """Choice of the plan with the frame's bound; None for a perspective camera."""
+    bounds: Mapping[str, float] | None
+    """Bounds of the image error by name; None for perspective cameras, whose error has no bound."""
+    camera_plan: CameraPlan
+    """Plan of the camera, which the times of its frames change."""
+    decision_ms: float
+    """Milliseconds that the decision took, but for the choice of the plan."""
+
+    @property
+    def exposure(self) -> DrawnExposure:
+        """The exposure as the image shows it, for labels.
+
+        Labels are of the mirror's own rays, however far a frame's scene is.
+        """
+        return DrawnExposure(
+            self.requested.camera,
+            self.camera_state,
+            self.effects.image_effects,
+            self.plan.samples,
+        )
+
+    def conclude(self, changes: Mapping[str, float]) -> tuple[EffectDecision, ...]:
+        """Decisions about the effects of the drawn frame, in optical order.
+
+        Args:
+            changes: Largest change by effect, grey levels: `renderer.RenderedImage.changes`.
+        """
+        decisions = self.effects.decide_by_frame(changes)
+        return explain_limit(decisions, self.unlimited_state, self.camera_state)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewState:
+    """Plan of a camera and the measured cost."""
+
+    choice: PlanChoice
+    median_ms: float | None
+    """Median time of the last frames; None before 30 frames."""
+
+
+@dataclass(slots=True)
+class ErrorBoundTable:
+    """Error bounds of the planned cameras; any thread may read them."""
+
+    # Without a lock: one writer, and single operations of a dict are atomic.
+    _bounds: dict[CameraSpec, ErrorBound | None] = field(default_factory=dict)
+
+    def get(self, camera: CameraSpec) -> ErrorBound | None:
+        """Error bound of a camera's frames; None before the first one, or without a bound."""
+        return self._bounds.get(camera)
+
+    def put(self, camera: CameraSpec, bound: ErrorBound | None) -> None:
+        """Publish the bound of a camera."""
+        self._bounds[camera] = bound
+
+    def remove(self, camera: CameraSpec) -> None:
+        """Remove the bound of a camera."""
+        self._bounds.pop(camera, None)
+
+
+@dataclass(slots=True, eq=False)
+class CameraPlan:
+    """Plan that the frames of a camera follow until their times demand another."""
+
+    camera: CameraSpec
+    plan: Plan
+    monitor: BudgetMonitor
+    choice: PlanChoice | None = None
+    """Choice with the bound of the last frame; None for a perspective camera."""
+    view_key: ViewKey = field(init=False)
+    plan_text: str = field(init=False)
+    bounds: dict[str, float] | None = field(init=False, default=None)
+    decisions: tuple[EffectDecision, ...] = field(init=False, default=())
+    """Decisions about the effects of the last frame."""
+    status: BudgetStatus = field(init=False, default=BudgetStatus.WITHIN_BUDGET)
+    is_unreachable: bool = field(init=False, default=False)
+    """Whether planning found nothing faster although the budget is exceeded; logged once."""
+    _plan_choice: PlanChoice | None = field(init=False, default=None)
+    """Choice with the bound of the plan alone."""
+    _scene_angle_rad: float | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        self._derive()
+
+    def _derive(self) -> None:
+        # Once a plan: every frame looks up the same view, and carries the same text and numbers.
+        # The reason quotes targets and predicted times.
+        self.view_key = self.camera.camera, replace(self.plan, reason="")
+        self.plan_text = str(self.plan)
+        self._plan_choice, self._scene_angle_rad = self.choice, None
+        if self.choice is not None and self.choice.bound is not None:
+            self.bounds = self.choice.bound.as_dict()
+
+    def set_choice(self, choice: PlanChoice) -> None:
+        """Replace the plan by a new choice."""
+        self.plan, self.choice = choice.plan, choice
+        self._derive()
+
+    def bound_frame(self, scene_angle_rad: float) -> bool:
+        """Add to the plan's bound what a frame's scene contributes; whether that changed it.
+
+        Args:
+            scene_angle_rad: Largest displacement by the scene's coordinates.
+        """
+        choice = self._plan_choice
+        if choice is None or choice.bound is None or scene_angle_rad == self._scene_angle_rad:
+            return False
+        self._scene_angle_rad = scene_angle_rad
+        camera = cast(OmniCameraSpec, self.camera)
+        bound = add_scene(choice.bound, camera.camera, scene_angle_rad)
+        tolerance_px = camera.render_settings.accuracy_target.max_error_px
+        is_exceeded = 0.0 < tolerance_px < bound.outline_error_px
+        self.choice = replace(choice, bound=bound, target_met=choice.target_met and not is_exceeded)
+        self.bounds = bound.as_dict()
+        return True
+
+
+class FramePlanner:
+    """Decides about the frames of one scene, and records what the drawn ones show."""
+
+    def __init__(
+        self,
+        planner: RenderPlanner,
+        summarizer: SceneSummarizer,
+        *,
+        calibration_states: Sequence[CameraState] = DEFAULT_CALIBRATION_STATES,
+        error_bounds: ErrorBoundTable | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """Create a planner without any camera.
+
+        Args:
+            planner: Chooses the plans of cameras.
+            summarizer: Summarizes the scene for the decisions about effects.
+            calibration_states: Camera states to measure costs from, where an accuracy target
+                needs measured costs.
+            error_bounds: Table to publish error bounds in.
+            clock: Clock in seconds that decisions are timed by.
+        """
+        self._clock = clock
+        self._planner = planner
+        self._summarizer = summarizer
+        self._calibration_states = calibration_states
+        self._error_bounds = error_bounds or ErrorBoundTable()
+        # The ones used longest ago are forgotten.
+        self._cameras: LruDict[CameraSpec, CameraPlan] = LruDict(
+            _MAX_CAMERAS, on_remove=self._error_bounds.remove
+        )
+        self._last_drawn: LruDict[OmniCameraSpec, OmniCameraSpec] = LruDict(_MAX_CAMERAS)
+        """Of mirrors without a viewpoint, the camera that the last frame drew."""
+
+    def decide(self, camera: CameraSpec, camera_state: CameraState) -> FramePlan:
+        """Decide everything that a frame of a camera follows.
+
+        Raises:
+            CatoptraError: No plan suits the camera.
+        """
+        drawn = self._choose_viewpoint(camera, camera_state)
+        camera_plan = self.plan_camera(drawn)
+        # Before a frame, not after: the frame's plan is the one that rendered it.
+        self._replan_if_due(camera_plan)
+        begin_s = self._clock()
+        effects = self._decide_effects(drawn, camera_state)
+        unlimited = apply_scene_effects(camera_state, effects)
+        limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
+        self._bound_frame(camera_plan, limited)
+        if drawn is not camera:
+            self._publish_bound(camera, camera_plan.choice)
+        return FramePlan(
+            drawn,
+            camera,
+            camera_plan.plan,
+            camera_plan.view_key,
+            camera_plan.plan_text,
+            limited,
+            unlimited,
+            effects,
+            camera_plan.choice,
+            camera_plan.bounds,
+            camera_plan,
+            1e3 * (self._clock() - begin_s),
+        )
+
+    def plan_camera(self, camera: CameraSpec) -> CameraPlan:
+        """Plan of a camera, chosen at the first call.
+
+        Raises:
+            CatoptraError: No plan suits the camera.
+        """
+        return self._cameras.get_or_make(camera, lambda: self._plan_camera(camera))
+
+    def record(
+        self, frame_plan: FramePlan, image: RenderedImage, drawing_ms: float
+    ) -> tuple[EffectDecision, ...]:
+        """Record a drawn frame; the decisions about its effects, with what the frame shows.
+
+        Args:
+            frame_plan: Decision that the frame followed.
+            image: The frame's image, with its stages.
+            drawing_ms: Wall time of the drawing.
+        """
+        camera_plan = frame_plan.camera_plan
+        if frame_plan.choice is not None:
+            frame_ms = frame_plan.decision_ms + drawing_ms
+            self._record_time(camera_plan, frame_ms, image.stage_ms)
+        if not frame_plan.effects.decisions:
+            return ()
+        decisions = frame_plan.conclude(image.changes)
+        # Once whole: bounds move with every pose, and viewers and `explain` show the present ones.
+        if not camera_plan.decisions:
+            log.info("effects:\n%s", format_decisions(decisions, {}))
+        elif changes := describe_changes(camera_plan.decisions, decisions):
+            log.info("effects: %s", changes)
+        camera_plan.decisions = decisions
+        return decisions
+
+    def find_state(self, camera: OmniCameraSpec) -> ViewState:
+        """Plan that the next frame of a camera will have; prepares no view."""
+        camera = self._last_drawn.get(camera) or camera
+        camera_plan = self._cameras.get(camera)
+        if camera_plan is None or camera_plan.choice is None:
+            # Not kept: clients that try budgets would push out the cameras that are rendered.
+            return ViewState(self._planner.choose_plan(camera, self._calibration_states), None)
+        choice = self._planner.update_times(camera, camera_plan.choice)
+        return ViewState(choice, camera_plan.monitor.median_ms)
+
+    def forget_all(self) -> None:
+        """Have all cameras planned anew, with other renderers."""
+        self._cameras.clear()
+        self._planner.discard_tables()
+
+    def close(self) -> None:
+        """Free all plans, and the renderers."""
+        self._cameras.clear()
+        self._planner.close()
+
+    def _choose_viewpoint(self, camera: CameraSpec, camera_state: CameraState) -> CameraSpec:
+        """Camera of a frame: with one viewpoint where the scene is far enough."""
+        if not isinstance(camera, OmniCameraSpec) or not leaves_choice(camera):
+            return camera
+        nearest_m = self._summarizer.min_distance_m(
+            camera_state, has_ego_body=shows_ego_body(camera)
+        )
+        chosen = choose_viewpoint(camera, nearest_m)
+        self._last_drawn.put(camera, chosen)
+        return chosen
+
+    def _decide_effects(self, camera: CameraSpec, camera_state: CameraState) -> EffectPlan:
+        """Decide which effects a camera state calls for."""
+        settings = camera.effect_settings
+        if not settings.settings:
+            return NO_EFFECTS
+        # Radiance bounds never change; a whole summary measures distances from the new pose.
+        if needs_radiance_only(settings):
+            summary = self._summarizer.summarize_radiance(camera_state)
+        else:
+            summary = self._summarizer.summarize(camera_state, camera.camera)
+        return plan_effects(settings, summary, camera.camera)
+
+    def _bound_frame(self, camera_plan: CameraPlan, camera_state: CameraState) -> None:
+        """Add to the bound what the scene's coordinates contribute in a camera state."""
+        if camera_plan.bounds is None or camera_plan.choice is None:
+            return
+        errors = coordinate_errors(
+            cast(OmniCameraSpec, camera_plan.camera).camera, cast(RenderPlan, camera_plan.plan)
+        )
+        angle_rad = self._summarizer.max_rounding_angle_rad(camera_state, errors)
+        if camera_plan.bound_frame(angle_rad):
+            self._error_bounds.put(camera_plan.camera, camera_plan.choice.bound)
+
+    def _publish_bound(self, camera: CameraSpec, choice: PlanChoice | None) -> None:
+        """Publish the bound of a camera whose frame another one's plan draws."""
+        # Planned, so that its bound is removed with its plan.
+        if choice is not None and self.plan_camera(camera).choice is not None:
+            self._error_bounds.put(camera, choice.bound)
+
+    def _record_time(
+        self, camera_plan: CameraPlan, frame_ms: float, stage_ms: Mapping[str, float]
+    ) -> None:
+        """Compare the time of a frame with the budget and with the predicted cost."""
+        camera = cast(OmniCameraSpec, camera_plan.camera)
+        choice, monitor = camera_plan.choice, camera_plan.monitor
+        assert choice is not None, "the plan of an omnidirectional camera is a choice"
+        better = choice.more_accurate
+        better_ms = self._planner.predict_frame_ms(camera, better.plan) if better else None
+        # Without an accuracy target, as most cameras are, nothing is predicted.
+        is_predicted = choice.predicted_ms is not None
+        added_ms = self._planner.added_ms(camera, choice.plan, stage_ms) if is_predicted else 0.0
+        status = monitor.record_frame(frame_ms, better_plan_ms=better_ms, added_ms=added_ms)
+        # Nothing faster was found before: planning again would not find it either.
+        is_settled = status is BudgetStatus.OVER_BUDGET and camera_plan.is_unreachable
+        camera_plan.status = BudgetStatus.WITHIN_BUDGET if is_settled else status
+        median_ms = monitor.median_ms if is_predicted else None
+        if median_ms is not None:
+            added_ms = monitor.median_added_ms
+            self._planner.update_correction(camera, choice.plan, median_ms, added_ms)
+
+    def _replan_if_due(self, camera_plan: CameraPlan) -> None:
+        """Choose the plan of an omnidirectional camera anew where the budget demands another."""
+        if camera_plan.status is BudgetStatus.WITHIN_BUDGET:
+            return
+        camera = cast(OmniCameraSpec, camera_plan.camera)
+        status, camera_plan.status = camera_plan.status, BudgetStatus.WITHIN_BUDGET
+        is_over = status is BudgetStatus.OVER_BUDGET
+        log.info(
+            "%.1f ms a frame (median), budget %g ms: %s",
+            camera_plan.monitor.median_ms,
+            camera.render_settings.accuracy_target.budget_ms,
+            "too slow" if is_over else "headroom",
+        )
+        choice = self._choose_plan(camera)
+        camera_plan.monitor.reset(status)
+        # The reason quotes predicted milliseconds, which differ each time.
+        is_same = camera_plan.plan == replace(choice.plan, reason=camera_plan.plan.reason)
+        camera_plan.is_unreachable = is_same and is_over
+        if is_same:
+            log.info("no better plan: %s", choice)
+        camera_plan.set_choice(choice)
+
+    def _plan_camera(self, camera: CameraSpec) -> CameraPlan:
+        if isinstance(camera, OmniCameraSpec):
+            choice = self._choose_plan(camera)
+            monitor = BudgetMonitor(camera.render_settings.accuracy_target.budget_ms)
+            return CameraPlan(camera, choice.plan, monitor, choice)
+        pool = self._planner.renderers
+        reason = f"{pool.reason}; {pool.describe(pool.default_kind)}"
+        plan = plan_perspective_view(0, kind=pool.default_kind, reason=reason)
+        return CameraPlan(camera, plan, BudgetMonitor(0.0))
+
+    def _choose_plan(self, spec: OmniCameraSpec) -> PlanChoice:
+        """Choose the plan of a camera, log it and publish the bound."""
+        choice = self._planner.choose_plan(spec, self._calibration_states)
+        camera = spec.camera
+        log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
+        log.info("error bound: %s", choice.bound or "none")
+        self._error_bounds.put(spec, choice.bound)
+        return choice
