@@ -1,7 +1,7 @@
 """Rules of the tree that import-linter (`make lint`) cannot check.
 
-A test file for every module with behaviour, sockets in few modules, no clocks in the protocol, no
-sleeps in tests, no paths of one machine.
+Tests for every folder with behaviour, sockets in few modules, no clocks in the protocol, no sleeps
+in tests, no paths of one machine.
 """
 
 from __future__ import annotations
@@ -18,45 +18,6 @@ import pytest
 from helpers.configs import REPOSITORY
 
 PACKAGES = ("protocol", "server", "client", "studies")
-
-_FIGURE = "a figure: tests/studies/camera_figures/test_figures_command.py draws all of them"
-_COST = "the study: tests/studies/accuracy_cost/test_cost_command.py runs it whole, small"
-_DEGRADATION = "the study: tests/studies/degradation/test_degradation_study.py runs it whole, small"
-_DEMO = "the experiment: tests/studies/experiment/test_experiment_runner.py runs it whole, small"
-
-# Modules without a test file of their own, and why.
-WITHOUT_TEST = {
-    "protocol/errors.py": "the tree of errors: each is tested where the code raises it",
-    "server/robot/robot_description.py": "data; tests/server/config/test_robot_file.py reads all",
-    "client/__main__.py": "a command line: tests/client/landmarks/test_training.py tests its work",
-    "client/training_frames.py": "the training drive: " + _DEMO,
-    "studies/accuracy_cost/cost_plots.py": _COST,
-    "studies/accuracy_cost/cost_study.py": _COST,
-    "studies/accuracy_cost/plots/detail_plot.py": _COST,
-    "studies/accuracy_cost/plots/localization_plot.py": _COST,
-    "studies/accuracy_cost/plots/pareto_plot.py": _COST,
-    "studies/accuracy_cost/plots/plot_legend.py": _COST,
-    "studies/accuracy_cost/plots/polygon_plot.py": _COST,
-    "studies/camera_figures/cube_figure.py": _FIGURE,
-    "studies/camera_figures/face_figure.py": _FIGURE,
-    "studies/camera_figures/frame_rate_figure.py": _FIGURE,
-    "studies/camera_figures/mesh_figure.py": _FIGURE,
-    "studies/camera_figures/omni_frame_figure.py": _FIGURE,
-    "studies/camera_figures/polygon_error_figure.py": _FIGURE,
-    "studies/camera_figures/polygon_frames_figure.py": _FIGURE,
-    "studies/camera_figures/polygon_map_figure.py": _FIGURE,
-    "studies/camera_figures/ring_figure.py": _FIGURE,
-    "studies/degradation/degradation_plot.py": _DEGRADATION,
-    "studies/experiment/demo_command.py": _DEMO,
-    "studies/experiment/classifier_training.py": _DEMO,
-    "studies/experiment/drive_log.py": _DEMO,
-    "studies/experiment/experiment_results.py": _DEMO,
-    "studies/experiment/frame_comparison.py": _DEMO,
-    "studies/experiment/plots/classifier_plot.py": _DEMO,
-    "studies/experiment/plots/error_plot.py": _DEMO,
-    "studies/experiment/plots/overview_plot.py": _DEMO,
-    "studies/experiment/plots/trajectory_plot.py": _DEMO,
-}
 
 # Modules that open sockets; a folder stands for all modules in it. Third-party packages have
 # contracts in pyproject.toml.
@@ -80,14 +41,12 @@ def sources(package: str) -> Iterator[tuple[str, Path]]:
 
 
 ALL_SOURCES = [source for package in PACKAGES for source in sources(package)]
-MODULES = [name for name, _ in ALL_SOURCES if not name.endswith("/__init__.py")]
 
 
-def mirror_of(module: str) -> Path:
-    """Path of the test file of a module."""
-    path = PurePosixPath(module)
-    stem = "main" if path.stem == "__main__" else path.stem
-    return REPOSITORY / "tests" / path.parent / f"test_{stem}.py"
+def find_tests(folder: str) -> list[Path]:
+    """Test files of a folder of the product: those in its mirror, or the one with its name."""
+    mirror = REPOSITORY / "tests" / folder
+    return [*mirror.glob("test_*.py"), *mirror.parent.glob(f"test_{mirror.name}.py")]
 
 
 @cache
@@ -113,19 +72,21 @@ def _is_text(statement: ast.stmt) -> bool:
     return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
 
 
-BEHAVING = [name for name, path in ALL_SOURCES if name in MODULES and has_behaviour(path)]
+FOLDERS = sorted({str(PurePosixPath(n).parent) for n, path in ALL_SOURCES if has_behaviour(path)})
 
 
-@pytest.mark.parametrize("module", BEHAVING)
-def test_module_when_it_has_behaviour_has_a_test_file(module: str) -> None:
-    assert mirror_of(module).is_file() or module in WITHOUT_TEST, (
-        f"{module} has no {mirror_of(module).relative_to(REPOSITORY)}: write it, or list the "
-        "module with a reason in tests/test_tree.py"
+# Not each module: which file a function stands in is no idea, and each idea has a test file.
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_folder_when_it_has_behaviour_has_tests(folder: str) -> None:
+    assert find_tests(folder), (
+        f"{folder} has neither tests/{folder}/test_*.py nor a test of its name"
     )
 
 
-def test_modules_without_a_test_all_exist() -> None:
-    assert set(WITHOUT_TEST) <= set(BEHAVING)
+def test_folders_and_their_tests_are_found() -> None:
+    assert {"server/frames", "protocol/optics/lenses", "client", "studies/experiment"} <= {*FOLDERS}
+    assert find_tests("server/frames")
+    assert not find_tests("server/no_such_folder")
 
 
 def test_sockets_are_opened_in_few_modules() -> None:
