@@ -116,8 +116,8 @@ _PIXEL_RATES: Mapping[RenderEngine, Mapping[str, float]] = {
         "Bayer": 45.0,
         "WhiteBalance": 40.0,
     },
-    # Ranges are rastered anew, where trace has them of its own rays. Without the kernel shaders are
-    # slower, but then trace has its reference alone, which is far slower still.
+    # Ranges are rastered anew, where trace has them of its own rays. Without the kernel NumPy takes
+    # longer, but then trace has its reference alone, which is far slower still.
     RenderEngine.SOFTWARE_OPENGL: {**_NATIVE_PIXEL_RATES, "DefocusByDepth": 64.0},
 }
 

@@ -7,7 +7,7 @@ the kernel's variance along each axis is that of the intended disc, d^2 / 16, ex
 its pixel would have no effect; by the variance the four neighbours still receive light. Weights are
 0 or more and sum to 1: no light is lost, nothing overshoots. The linear mixture of two rows of the
 table keeps sum and variance exact. Source: derived here; the area is the integral of the circle's
-ordinate, cut at the square's sides. Twin: glsl/include/disc_kernel.glsl.
+ordinate, cut at the square's sides.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Random numbers for pixels, the same bits in NumPy and GLSL. Twin: glsl/include/noise.glsl.
+"""Random numbers for pixels, the same bits in NumPy and in the kernel's stages.
 
 Counter-based: a 32-bit integer hash of pixel and key, so that neither threads nor tiles nor their
 order matter. Source of the hash: pcg3d, Jarzynski and Olano 2020, "Hash Functions for GPU
