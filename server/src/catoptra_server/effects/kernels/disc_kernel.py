@@ -75,9 +75,9 @@ class DiscKernelTable:
         between = np.interp(rows, np.arange(len(self.weights)), _summed_exchanges(self))
         return min(1.0, abs(float(between[1] - between[0])))
 
-    def to_texture(self) -> npt.NDArray[np.float32]:
-        """Weights as the shaders read them, (rows, pairs, 1), the same array in each call."""
-        return _weights_texture(self)
+    def float32_weights(self) -> npt.NDArray[np.float32]:
+        """Weights for the kernel's stage, (rows, pairs), the same array in each call."""
+        return _float32_weights(self)
 
 
 def table_row(diameter_px: Floats) -> Floats:
@@ -127,10 +127,8 @@ def _summed_exchanges(table: DiscKernelTable) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def _weights_texture(table: DiscKernelTable) -> npt.NDArray[np.float32]:
-    # Cached by the table's identity, since a renderer uploads a texture again whenever the array
-    # is another one.
-    return table.weights.astype(np.float32)[..., None]
+def _float32_weights(table: DiscKernelTable) -> npt.NDArray[np.float32]:
+    return table.weights.astype(np.float32)
 
 
 def disc_area_fractions(diameter_px: Floats, half_width_px: int) -> Floats:
