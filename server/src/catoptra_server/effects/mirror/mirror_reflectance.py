@@ -55,7 +55,7 @@ class MirrorReflectance:
         """Largest change of the brightest light at any angle of incidence."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         # All radii, not the ends: metals have a minimum of R between normal and grazing incidence.
-        gains = self.relative_reflectances(camera)
+        gains = self._relative_reflectance(np.linspace(0.0, 1.0, _NUM_RADII), camera)
         value = max(max_change_by_gain(float(gain), summary.max_radiance) for gain in gains)
         angle = math.degrees(float(mirror_incidence_rad(np.array(1.0), camera)))
         return EffectBound(value, f"light meets the mirror at up to {angle:.0f} degrees")
@@ -67,10 +67,6 @@ class MirrorReflectance:
             reflectance(np.array(0.0), self.refractive_index, self.extinction_coefficient)
         )
         return replace(summary, max_radiance=(1.0 / normal) * summary.max_radiance)
-
-    def relative_reflectances(self, camera: OmniCamera) -> Floats:
-        """R(i) / R(0) at equal steps of the image radius from centre to rim."""
-        return self._relative_reflectance(np.linspace(0.0, 1.0, _NUM_RADII), camera)
 
     def _relative_reflectance(self, radius_fraction: Floats, camera: OmniCamera) -> Floats:
         incidence_rad = mirror_incidence_rad(radius_fraction, camera)
