@@ -32,6 +32,7 @@ from catoptra_server.effects.effect import EffectType
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.planning.renderer_choice import RENDERER_FACTORIES
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace.kernel.image_stages import STAGE_MAKERS
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.sensors import SENSOR_KINDS, SensorKind
 from catoptra_server.simulation import Fleet
@@ -274,19 +275,19 @@ def effects_without_case(names: Iterable[str]) -> list[str]:
     return [name for name in names if name not in shown]
 
 
-def effects_without_shader(names: Iterable[str]) -> list[str]:
-    """Effects of the image that the raster renderer has no shader for."""
+def effects_without_stage(names: Iterable[str]) -> list[str]:
+    """Effects of the image that the kernel has no stage for."""
     scene = {path.stem for path in (SERVER / "effects/scene").glob("*.py")}
-    stems = (re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower() for name in names)
-    return [s for s in stems if s not in scene and not (SERVER / f"glsl/effect_{s}.frag").is_file()]
+    stems = {name: re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower() for name in names}
+    return [name for name in names if stems[name] not in scene and name not in STAGE_MAKERS]
 
 
-def test_effects_are_documented_shown_and_have_shaders() -> None:
+def test_effects_are_documented_shown_and_have_stages() -> None:
     names = [effect.name for effect in EFFECT_TYPES]
     assert missing_in(EFFECTS_PAGE, names) == []
     assert missing_in(CONFIGURATIONS_PAGE, names, "{}") == []
     assert effects_without_case(names) == []
-    assert effects_without_shader(names) == []
+    assert effects_without_stage(names) == []
 
 
 def test_effect_when_added_is_noticed() -> None:
@@ -294,7 +295,7 @@ def test_effect_when_added_is_noticed() -> None:
     assert missing_in(EFFECTS_PAGE, names) == ["DummyEffect"]
     assert missing_in(CONFIGURATIONS_PAGE, names, "{}") == ["DummyEffect"]
     assert effects_without_case(names) == ["DummyEffect"]
-    assert effects_without_shader(names) == ["dummy_effect"]
+    assert effects_without_stage(names) == ["DummyEffect"]
 
 
 def mirrors_without_parameters(names: Iterable[str]) -> list[str]:

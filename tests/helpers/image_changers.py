@@ -6,14 +6,16 @@ from contextlib import ExitStack
 
 import pytest
 
-from catoptra_server.planning.image_effect_drawing import choose_image_effects
-from catoptra_server.render.image_effect_choice import ImageEffectChoice
+from catoptra_server.render.image_changer import ImageChanger
+from catoptra_server.render.trace.kernel.kernel_image_changer import open_image_changer
+from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 
 
-def open_changer_or_skip(stack: ExitStack) -> ImageEffectChoice:
+def open_changer_or_skip(stack: ExitStack) -> ImageChanger:
     """Image effects by two threads of the kernel, which end with the stack."""
-    choice = choose_image_effects(is_software=True, threads=2)
-    if choice.changer is None:
-        pytest.skip(choice.reason)
-    stack.callback(choice.close)
-    return choice
+    try:
+        changer = open_image_changer(2)
+    except KernelUnavailableError as error:
+        pytest.skip(error.reason)
+    stack.callback(changer.close)
+    return changer

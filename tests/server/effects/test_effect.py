@@ -14,7 +14,6 @@ from catoptra_server.effects.effect import (
     EffectMode,
     EffectSetting,
     EffectSettings,
-    float32_array,
     is_image_effect,
     is_scene_effect,
 )
@@ -72,10 +71,6 @@ def test_float32_when_compared_with_the_reference_agrees(name: str) -> None:
 def test_effects_are_hashable_so_that_decisions_can_be_kept() -> None:
     assert len({make_effect(name) for name in NAMES}) == len(NAMES)
     assert replace(NOISE_SEED, tick=4) == NoiseSeed(NOISE_SEED.camera_key, 4)
-
-
-def test_uniform_when_made_is_float32() -> None:
-    assert float32_array(0.5, 2.0).dtype == np.float32
 
 
 def test_settings_when_equal_are_looked_up_by_each_other() -> None:

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +13,16 @@ import pytest
 import catoptra_server
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_server.planning import renderer_choice
-from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
+from catoptra_server.planning.renderer_choice import (
+    RendererChoice,
+    choose_renderer,
+    open_image_changer,
+)
 from catoptra_server.render import raster
 from catoptra_server.render.raster import OpenGLMissingError
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.scene.scene_mesh import build_scene
+from helpers.image_changers import open_changer_or_skip
 from helpers.opengl import device_or_skip
 from helpers.worlds import make_test_world
 
@@ -135,6 +142,27 @@ def test_trace_does_not_load_opengl() -> None:
         "sys.exit('moderngl' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_kernel_applies_image_effects() -> None:
+    with ExitStack() as stack:
+        open_changer_or_skip(stack)
+        changer = open_image_changer(threads=2)
+        stack.callback(changer.close)
+        assert changer.description == "the native kernel"
+
+
+def test_numpy_applies_image_effects_where_kernel_or_embree_is_missing(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda package: None)
+    open_image_changer().close()
+    monkeypatch.setenv("CATOPTRA_KERNEL", "off")
+    changer = open_image_changer()
+    assert changer.description == "NumPy"
+    assert "CATOPTRA_KERNEL=off" in caplog.text
+    assert caplog.text.count("image effects in NumPy") == 2
+    changer.close()
 
 
 def test_error_of_a_missing_opengl_is_a_renderer_unavailable_error() -> None:

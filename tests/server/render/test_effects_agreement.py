@@ -21,7 +21,6 @@ from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.scene.fog import Fog
-from catoptra_server.render.image_effect_choice import SHADER_PASSES
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import View
@@ -67,8 +66,8 @@ def test_renderers_with_a_simulated_sensor_agree(device: GlDevice, is_native: bo
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
     stack = ExitStack()
-    image_effects = open_changer_or_skip(stack) if is_native else SHADER_PASSES
-    raster = RasterRenderer(scene, world, device=device, image_effects=image_effects)
+    changer = open_changer_or_skip(stack) if is_native else None
+    raster = RasterRenderer(scene, world, device=device, image_changer=changer)
     calm = trace.prepare(CAMERA, plan).render(CAMERA_STATE).rgb
     view = raster.prepare(CAMERA, plan)
     trace_image = trace.prepare(CAMERA, plan).render(CAMERA_STATE, SENSOR).rgb

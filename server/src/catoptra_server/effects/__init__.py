@@ -11,10 +11,10 @@ To add an image effect:
 1. `<folder>/<name>.py` with a frozen dataclass as in `effect.ImageEffect`: formula, source, domain
    and criterion in the module's docstring; the folder is `medium` (air and lens), `mirror` or
    `sensor`. Mathematics that several effects need goes to `kernels`.
-2. `glsl/effect_<name>.frag`, the same formula for raster.
+2. A stage of the kernel: `render/trace/kernel/image_stages`.
 3. A line in EFFECT_TYPES, at the effect's position in optical order.
 
-To add a scene effect: `scene/<name>.py` as in `effect.SceneEffect`, without a shader, and the line.
+To add a scene effect: `scene/<name>.py` as in `effect.SceneEffect`, and the line.
 Keys of the capture camera's section, both renderers, `explain` and the frame header follow from the
 table. Effects that no robot file names cost nothing: no pass, no program, no buffer.
 """

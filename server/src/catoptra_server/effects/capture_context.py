@@ -18,7 +18,7 @@ class CaptureContext:
     """Range at each pixel centre from the effective viewpoint, (h, w).
 
     inf where a pixel shows the background, and outside the mirror. None where no enabled effect
-    needs ranges, and where they are on a device as the texture `range_m`.
+    needs ranges.
     """
 
 

@@ -7,7 +7,7 @@ a pixel's well, and is a white facet at full scale in `scene/shading`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import field
 from enum import Enum, StrEnum
 from functools import lru_cache
@@ -24,9 +24,6 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 # float64 for references, float32 where a renderer applies an effect to its images.
 Real = TypeVar("Real", np.float32, np.float64)
-# Arrays of three dimensions, (rows, columns, 1 to 4) float32, are textures, read without filtering.
-# A texture is uploaded again only if another array object is returned: effects cache their maps.
-Uniforms = Mapping[str, npt.NDArray[np.float32] | npt.NDArray[np.uint32]]
 
 # Message of effects that a camera without a mirror cannot have: `EffectType.needs_mirror`.
 NEEDS_MIRROR = "this effect needs a mirror"
@@ -111,8 +108,8 @@ class SceneEffect(Effect, Protocol):
 class ImageEffect(Effect, Protocol):
     """Effect that changes the linear image. Folders: `effects/medium`, `mirror`, `sensor`.
 
-    The shader is `glsl/effect_<name>.frag`, with the texture `image`, the texture `range_m` if
-    `needs_range`, and the uniforms of `uniforms`.
+    `apply` is the definition; the kernel's stage (`render/trace/kernel/image_stages`) computes the
+    same in float32, for both renderers.
     """
 
     @property
@@ -122,22 +119,7 @@ class ImageEffect(Effect, Protocol):
     def apply(
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the changed image, a new array of the same type: the reference of the shader."""
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Uniforms of the shader for one frame.
-
-        Args:
-            camera: Camera of the image.
-            context: Noise seed; ranges are on the device.
-            measure_mean_luminance: Reads back the mean of the image that reaches this effect, which
-                stalls the pipeline: to be called only where needed.
-        """
+        """Return the changed image, a new array of the same type."""
 
 
 def is_scene_effect(effect: Effect) -> TypeGuard[SceneEffect]:
@@ -242,8 +224,3 @@ def needs_radiance_only(settings: EffectSettings) -> bool:
     Then a frame needs no distance, motion and shadow bounds.
     """
     return all(setting.effect.reads <= _RADIANCE_FIELDS for setting in settings.settings)
-
-
-def float32_array(*values: float) -> npt.NDArray[np.float32]:
-    """Numbers of a uniform."""
-    return np.array(values, dtype=np.float32)

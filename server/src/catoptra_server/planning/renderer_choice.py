@@ -22,13 +22,14 @@ from typing import TYPE_CHECKING
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.light_culling import cull_lights
-from catoptra_server.planning.image_effect_drawing import choose_image_effects
+from catoptra_server.processor_count import count_processors
 from catoptra_server.render.embreex_package import (
     PACKAGE,
     REMEDY,
     has_embreex,
     require_embreex,
 )
+from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES, RendererKind
 from catoptra_server.scene.scene_mesh import SceneMesh
@@ -166,18 +167,33 @@ def _create_trace(inputs: _Scene) -> TraceRenderer:
 def _create_raster(inputs: _Scene, device: GlDevice | None = None) -> Renderer:
     from catoptra_server.render.raster import RasterRenderer, open_device
 
-    device = device or open_device()
     return RasterRenderer(
         inputs.mesh,
         inputs.world,
-        device=device,
+        device=device or open_device(),
         scene_lights=inputs.lights,
-        image_effects=choose_image_effects(
-            is_software=device.is_software,
-            threads=inputs.threads,
-            instruction_set=inputs.instruction_set,
-        ),
+        image_changer=open_image_changer(inputs.threads, inputs.instruction_set),
     )
+
+
+def open_image_changer(threads: int = 0, instruction_set: str = AUTO) -> ImageChanger:
+    """Image changer for raster: the kernel's, else NumPy's with a warning.
+
+    Args:
+        threads: Threads of the kernel; 0: one for each processor.
+        instruction_set: Instruction set of the kernel.
+    """
+    # Loaded where it is needed: raster serves without the kernel, and without Embree.
+    from catoptra_server.render.trace.kernel import kernel_image_changer
+    from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+
+    try:
+        return kernel_image_changer.open_image_changer(
+            threads or count_processors(), instruction_set
+        )
+    except KernelUnavailableError as error:
+        log.warning("%s; image effects in NumPy, many times slower", error)
+        return NumpyImageChanger()
 
 
 RENDERER_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {

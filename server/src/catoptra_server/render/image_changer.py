@@ -47,6 +47,10 @@ class ChangedImage(Generic[ImageT]):
 class ImageChanger(Protocol):
     """Applies image effects in their order; thresholds are those of `renderer.View`."""
 
+    @property
+    def description(self) -> str:
+        """What computes, for logs."""
+
     def change(
         self,
         exposed: ExposedImage,
@@ -63,9 +67,14 @@ class ImageChanger(Protocol):
     ) -> ChangedImage[Image]:
         """Change an image and encode it."""
 
+    def close(self) -> None:
+        """Free what belongs to this changer alone."""
+
 
 class NumpyImageChanger:
     """Applies the effects' own formulas to whole images."""
+
+    description = "NumPy"
 
     def change(
         self,
@@ -99,6 +108,9 @@ class NumpyImageChanger:
         rgb.setflags(write=False)
         stage_ms = changed.stage_ms | {"encode": 1e3 * (time.perf_counter() - begin_s)}
         return ChangedImage(rgb, stage_ms, changed.changes)
+
+    def close(self) -> None:
+        """Free nothing."""
 
 
 def measure_change(before: LinearImage, after: LinearImage) -> float:

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.kernels.resampling import sample_bilinear_at_offset
 from catoptra_server.effects.kernels.warp import warp, warp_map_from_offsets
+from helpers.bilinear import sample_bilinear_at_offset
 
 RNG = np.random.default_rng(3)
 LIGHT = RNG.uniform(0.0, 2.0, (9, 12, 3))

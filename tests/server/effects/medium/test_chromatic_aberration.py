@@ -5,9 +5,9 @@ import pytest
 
 from catoptra_protocol.optics.image_scale import visible_radii_px
 from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
-from catoptra_server.effects.kernels.resampling import sample_bilinear
 from catoptra_server.effects.medium.chromatic_aberration import ChromaticAberration
 from catoptra_server.effects.scene_summary import SceneSummary
+from helpers.bilinear import sample_bilinear
 from helpers.displacement_measurement import (
     add_margin,
     assert_displacement_negligible,

@@ -120,14 +120,6 @@ def test_reason_names_lens_and_disc() -> None:
     assert "0.8 px" in reason
 
 
-def test_maps_when_computed_twice_are_the_same_arrays() -> None:
-    one, other = (
-        make_defocus(4.0).uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2)
-    )
-    assert one["kernel_row"] is other["kernel_row"]
-    assert one["weights"] is other["weights"]
-
-
 def test_bound_in_grey_levels_holds_for_edges_and_is_tight() -> None:
     row, column = 120, 170
     for f_number in (2.0, 5.6, 16.0, 64.0):

@@ -138,12 +138,6 @@ def test_fixed_part_when_it_is_disabled_leaves_no_depth_to_be_enabled() -> None:
             assert by_depth <= fixed
 
 
-def test_map_when_computed_twice_is_the_same_array() -> None:
-    effect = make_both(4.0)[0]
-    one, other = (effect.uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2))
-    assert one["disc_parameters"] is other["disc_parameters"]
-
-
 @pytest.mark.parametrize(("f_number", "focus_m", "nearest_m"), GRID)
 def test_bound_in_grey_levels_is_that_of_the_difference_to_infinity(
     f_number: float, focus_m: float, nearest_m: float

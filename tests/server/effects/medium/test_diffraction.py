@@ -124,13 +124,6 @@ def test_summary_behind_the_lens_holds() -> None:
     assert_summary_bounds_effect(make_diffraction(11.0), 2.0)
 
 
-def test_kernel_when_computed_twice_is_the_same_array() -> None:
-    one, other = (
-        make_diffraction(8.0).uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2)
-    )
-    assert one["weights"] is other["weights"]
-
-
 @pytest.mark.parametrize("f_number", [1.0, 4.0, 16.0])
 def test_bound_in_grey_levels_holds_for_edges(f_number: float) -> None:
     effect = make_diffraction(f_number)

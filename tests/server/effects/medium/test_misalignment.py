@@ -92,12 +92,6 @@ def test_camera_when_it_no_longer_sees_the_mirror_is_enabled_by_the_whole_image(
     assert not far_off.apply(np.ones((48, 48, 3)), camera, CAPTURE_CONTEXT).any()
 
 
-def test_map_when_computed_again_is_the_same_array_so_that_it_is_sent_once() -> None:
-    uploaded = MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["displacement_px"]
-    assert uploaded is MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["displacement_px"]
-    assert uploaded.shape == (96, 96, 3)
-
-
 def test_summary_behind_it_holds() -> None:
     assert_summary_bounds_effect(MISALIGNMENT, 2.0)
 

@@ -164,18 +164,6 @@ def test_orthographic_camera_s_mirror_when_dusty_is_enabled() -> None:
     assert_effect_not_negligible(DUST, camera=camera)
 
 
-def test_dust_when_black_measures_no_light() -> None:
-    def fail() -> float:
-        raise AssertionError
-
-    uniforms = replace(DUST, albedo=0.0).uniforms(CAMERA, CAPTURE_CONTEXT, fail)
-    assert uniforms["scattered_radiance"] == 0.0
-    assert (
-        uniforms["coverage"]
-        is replace(DUST, albedo=0.0).uniforms(CAMERA, CAPTURE_CONTEXT, fail)["coverage"]
-    )
-
-
 def test_summary_behind_it_holds() -> None:
     assert_summary_bounds_effect(DUST, 2.0)
 

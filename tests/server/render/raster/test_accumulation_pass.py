@@ -66,8 +66,8 @@ def test_view_of_a_long_exposure_has_one_stage_for_it_and_none_otherwise(
     effects = (make_effect("Vignetting"),)
     assert tuple(view.render(LASTING, effects).stage_ms) == (
         "accumulate",
+        "readback",
         "Vignetting",
         "encode",
-        "readback",
     )
     view.close()

@@ -23,12 +23,8 @@ SHUTTER = Shutter(exposure_s=0.02, readout_s=0.0, num_steps=2.0)
     ("effects", "shutter", "names"),
     [
         ((), None, ("faces", "average")),
-        (("Vignetting",), None, ("faces", "average", "Vignetting", "encode")),
-        (
-            ("DefocusByDepth",),
-            None,
-            ("faces", "average", "ranges", "DefocusByDepth", "encode"),
-        ),
+        (("Vignetting",), None, ("faces", "average")),
+        (("DefocusByDepth",), None, ("faces", "average", "ranges")),
         ((), SHUTTER, ("accumulate", "encode")),
     ],
 )

@@ -1,4 +1,4 @@
-"""The passes of a frame follow from effects and shutter; passes without a use do not exist."""
+"""The passes of a frame follow from ranges and shutter; passes without a use do not exist."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SHUTTER = Shutter(exposure_s=0.02, readout_s=0.0, num_steps=2.0)
     ("effects", "fog", "shutter", "names"),
     [
         ((), None, None, ("faces", "mirror")),
-        (("Vignetting",), None, None, ("faces", "mirror", "Vignetting", "encode")),
+        (("Vignetting",), None, None, ("faces", "mirror")),
         ((), FOG, None, ("faces", "mirror")),
         ((), None, SHUTTER, ("accumulate", "encode")),
         ((), FOG, SHUTTER, ("accumulate", "encode")),

@@ -7,24 +7,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.shutter import Shutter
-from catoptra_server.render.image_changer import measure_change
-from catoptra_server.render.image_effect_choice import SHADER_PASSES, ImageEffectChoice
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
+from catoptra_server.effects.scene.motion_blur import MotionBlur
+from catoptra_server.effects.scene.rolling_shutter import RollingShutter
+from catoptra_server.render.image_changer import ImageChanger, measure_change
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.twist import Twist
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_effect
 from helpers.image_changers import open_changer_or_skip
 from helpers.image_comparison import level_differences
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 
-def make_renderer(
-    device: GlDevice, image_effects: ImageEffectChoice = SHADER_PASSES
-) -> RasterRenderer:
+def make_renderer(device: GlDevice, changer: ImageChanger | None = None) -> RasterRenderer:
     world = make_test_world()
-    return RasterRenderer(build_scene(world), world, device=device, image_effects=image_effects)
+    return RasterRenderer(build_scene(world), world, device=device, image_changer=changer)
 
 
 def test_linear_image_when_read_is_the_encoded_one(device: GlDevice) -> None:
@@ -32,7 +37,7 @@ def test_linear_image_when_read_is_the_encoded_one(device: GlDevice) -> None:
     view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
     light, rgb = view.render_linear(CAMERA_STATE, effects), view.render(CAMERA_STATE, effects).rgb
     assert (light.dtype, light.shape) == (np.float32, rgb.shape)
-    # Half a level is rounding, the rest the shader's square roots.
+    # Half a level is rounding, the rest the table's steps.
     assert np.abs(255.0 * srgb_from_linear(light.astype(np.float64)) - rgb).max() < 0.5 + 0.03
     assert np.ptp(rgb) > 100
     view.close()
@@ -66,18 +71,60 @@ EFFECTS = tuple(
 )
 
 
-def test_effects_by_the_kernel_are_those_of_the_shaders(device: GlDevice) -> None:
+@pytest.mark.parametrize("surface", [PerPixel(), Tessellation(16, 16)])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_image_when_no_effect_changes_it_is_the_usual_one(
+    device: GlDevice, surface: MirrorSurface, samples: int
+) -> None:
+    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA, surface, samples=samples))
+    usual = view.render(CAMERA_STATE).rgb
+    encoded = srgb_from_linear(view.render_linear(CAMERA_STATE).astype(np.float64))
+    assert level_differences(usual, np.rint(255.0 * encoded).astype(np.uint8)).max() <= 1
+    view.close()
+
+
+def test_view_without_effects_writes_no_linear_light(device: GlDevice) -> None:
+    renderer = make_renderer(device)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    view.render(CAMERA_STATE)
+    assert view.pass_names == ("faces", "mirror")
+    assert not [name for name in renderer.program_names if "LINEAR" in name]
+    view.close()
+
+
+def test_view_when_a_robot_stops_and_goes_builds_nothing_anew(device: GlDevice) -> None:
+    world = make_test_world()
+    moving = (RollingShutter(0.05), MotionBlur(1.0 / 60.0))
+    named = EffectSettings(
+        tuple(EffectSetting(effect, EffectMode.AUTO) for effect in (*moving, *EFFECTS[1:]))
+    )
+    summaries = SceneSummarizer(build_scene(world), world)
+    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    built: dict[bool, object] = {}
+    faster = (0.0, *np.geomspace(0.03, 3.0, 9))
+    for speed_m_s in (*faster, *reversed(faster)) * 3:
+        camera_state = replace(CAMERA_STATE, twist=Twist((speed_m_s, 0.0, 0.0)))
+        plan = plan_effects(named, summaries.summarize(camera_state, CAMERA), CAMERA)
+        lasting = apply_scene_effects(camera_state, plan)
+        view.render(lasting, plan.image_effects)
+        last_pass = view.active_passes[-1]
+        assert built.setdefault(lasting.shutter is None, last_pass) is last_pass
+    assert len(built) == 2
+    view.close()
+
+
+def test_effects_by_the_kernel_are_those_of_numpy(device: GlDevice) -> None:
     plan = make_plan(CAMERA, samples=2)
     with ExitStack() as stack:
         changer = open_changer_or_skip(stack)
-        shaders = make_renderer(device).prepare(CAMERA, plan)
+        numpy = make_renderer(device).prepare(CAMERA, plan)
         native = make_renderer(device, changer).prepare(CAMERA, plan)
-        for view in (shaders, native):
+        for view in (numpy, native):
             stack.callback(view.close)
         for state in (CAMERA_STATE, DRIVING_STATE):
-            images = [view.render_linear(state, EFFECTS) for view in (shaders, native)]
+            images = [view.render_linear(state, EFFECTS) for view in (numpy, native)]
             np.testing.assert_allclose(*images, atol=1e-4)
-            frames = [view.render(state, EFFECTS).rgb for view in (shaders, native)]
+            frames = [view.render(state, EFFECTS).rgb for view in (numpy, native)]
             assert level_differences(*frames).max() <= 1
 
 

@@ -11,7 +11,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 
 # Guards the division for objects that reach into the mirror; no visible point comes so near. The
-# shader has the same constant.
+# kernel's stage has the same constant.
 _MIN_DENOMINATOR = 1e-6
 
 

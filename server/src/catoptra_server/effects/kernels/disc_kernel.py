@@ -7,7 +7,7 @@ the kernel's variance along each axis is that of the intended disc, d^2 / 16, ex
 its pixel would have no effect; by the variance the four neighbours still receive light. Weights are
 0 or more and sum to 1: no light is lost, nothing overshoots. The linear mixture of two rows of the
 table keeps sum and variance exact. Source: derived here; the area is the integral of the circle's
-ordinate, cut at the square's sides. Twin: glsl/include/disc_kernel.glsl.
+ordinate, cut at the square's sides.
 """
 
 from __future__ import annotations
@@ -75,9 +75,9 @@ class DiscKernelTable:
         between = np.interp(rows, np.arange(len(self.weights)), _summed_exchanges(self))
         return min(1.0, abs(float(between[1] - between[0])))
 
-    def to_texture(self) -> npt.NDArray[np.float32]:
-        """Weights as the shaders read them, (rows, pairs, 1), the same array in each call."""
-        return _weights_texture(self)
+    def float32_weights(self) -> npt.NDArray[np.float32]:
+        """Weights for the kernel's stage, (rows, pairs), the same array in each call."""
+        return _float32_weights(self)
 
 
 def table_row(diameter_px: Floats) -> Floats:
@@ -127,10 +127,8 @@ def _summed_exchanges(table: DiscKernelTable) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def _weights_texture(table: DiscKernelTable) -> npt.NDArray[np.float32]:
-    # Cached by the table's identity, since a renderer uploads a texture again whenever the array
-    # is another one.
-    return table.weights.astype(np.float32)[..., None]
+def _float32_weights(table: DiscKernelTable) -> npt.NDArray[np.float32]:
+    return table.weights.astype(np.float32)
 
 
 def disc_area_fractions(diameter_px: Floats, half_width_px: int) -> Floats:

@@ -186,12 +186,12 @@ def interior_mask(camera: RadialCamera) -> Bools:
     """Pixels, (h, w), whose whole square shows something: sees the mirror, where there is one."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    interior: Bools = u[None, :] ** 2 + v[:, None] ** 2 < interior_radius_px(camera) ** 2
+    interior: Bools = u[None, :] ** 2 + v[:, None] ** 2 < _interior_radius_px(camera) ** 2
     interior.setflags(write=False)
     return interior
 
 
-def interior_radius_px(camera: RadialCamera) -> float:
+def _interior_radius_px(camera: RadialCamera) -> float:
     """Largest image radius of the centre of a pixel whose whole square shows something."""
     u, v = camera.centre_px
     corner_px = math.hypot(max(u, camera.width_px - u), max(v, camera.height_px - v))

@@ -1,7 +1,4 @@
-"""Mean luminance of all pixels that show anything, for auto-exposure and light scattered by dust.
-
-Twin: glsl/mean_luminance.frag, which sums the image on the device in blocks.
-"""
+"""Mean luminance of all pixels that show anything, for auto-exposure and scattering dust."""
 
 from __future__ import annotations
 

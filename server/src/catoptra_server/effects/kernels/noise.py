@@ -1,4 +1,4 @@
-"""Random numbers for pixels, the same bits in NumPy and GLSL. Twin: glsl/include/noise.glsl.
+"""Random numbers for pixels, the same bits in NumPy and in the kernel's stages.
 
 Counter-based: a 32-bit integer hash of pixel and key, so that neither threads nor tiles nor their
 order matter. Source of the hash: pcg3d, Jarzynski and Olano 2020, "Hash Functions for GPU
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from catoptra_server.capture.noise_seed import NoiseSeed
 
 UInt32Array = npt.NDArray[np.uint32]  # (3,)
-QUANTILE_TABLE_SIDE = 256
+_NUM_QUANTILES = 2**16
 _SQRT_HALF = np.float32(np.sqrt(0.5))
 # Of the linear congruential generator that opens pcg3d (Numerical Recipes' constants).
 _MULTIPLIER, _INCREMENT = np.uint32(1664525), np.uint32(1013904223)
@@ -65,8 +65,8 @@ def normal_variates(key: UInt32Array, height: int, width: int) -> npt.NDArray[np
     y = np.arange(height, dtype=np.uint32)[:, None] + key[1]
     table = normal_quantile_table()
     variates = np.zeros((height, width, 3), dtype=np.float32)
-    # One float32 addition and one product per variate: operations that IEEE 754 rounds alike on
-    # CPU and GPU, which Box-Muller's logarithm and cosine are not.
+    # One float32 addition and one product per variate: operations that IEEE 754 rounds alike here
+    # and in C, which Box-Muller's logarithm and cosine are not.
     for channel, word in enumerate(pcg3d(x, y, key[2:])):
         low = table.take(word & np.uint32(0xFFFF))
         variates[..., channel] = (low + table.take(word >> np.uint32(16))) * _SQRT_HALF
@@ -76,7 +76,7 @@ def normal_variates(key: UInt32Array, height: int, width: int) -> npt.NDArray[np
 @cache
 def normal_quantile_table() -> npt.NDArray[np.float32]:
     """Quantiles (i + 1/2) / 2^16 of the normal distribution, (2^16,), scaled to unit variance."""
-    count = QUANTILE_TABLE_SIDE * QUANTILE_TABLE_SIDE
+    count = _NUM_QUANTILES
     quantile = NormalDist().inv_cdf
     # Half is computed and mirrored, so that the table's mean is exactly 0.
     upper = np.array([quantile((index + 0.5) / count) for index in range(count // 2, count)])

@@ -2,8 +2,7 @@
 
 Such a kernel has one weight for each pair i >= j >= 0 of offsets in columns and rows: the pixels at
 (+-i, +-j) and (+-j, +-i) share a weight and are summed before the product. Weights may differ from
-pixel to pixel. Outside the image the border pixel is repeated. Twin:
-glsl/include/symmetric_kernels.glsl.
+pixel to pixel. Outside the image the border pixel is repeated.
 """
 
 from __future__ import annotations

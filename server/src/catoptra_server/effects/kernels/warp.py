@@ -1,7 +1,7 @@
 """Warp of an image by a displacement map that is the same in every frame.
 
-Bilinear as `resampling.sample_bilinear_at_offset`, with neighbours and weights computed once. A
-pixel whose displacement is a whole number of pixels is copied bit by bit.
+Bilinear in linear radiance, with neighbours and weights computed once; outside the image the border
+pixel is repeated. A pixel whose displacement is a whole number of pixels is copied bit by bit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def warp_map_from_offsets(offsets_px: Float32Array) -> WarpMap:
     height, width = offsets_px.shape[:2]
     whole = np.floor(offsets_px)
     row, column = np.indices((height, width), sparse=True)
-    # Clipping the indices repeats the border pixels, as the shader's clamp does.
+    # Clipping the indices repeats the border pixels.
     columns, rows = (
         [np.clip(pixel + whole[..., axis].astype(np.intp) + step, 0, last) for step in (0, 1)]
         for axis, pixel, last in ((0, column, width - 1), (1, row, height - 1))

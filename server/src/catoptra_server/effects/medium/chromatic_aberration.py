@@ -9,7 +9,6 @@ times the contrast of black and the brightest.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import ClassVar
 
@@ -25,7 +24,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -74,16 +72,6 @@ class ChromaticAberration:
             wide = _interpolate_along_axis(image[..., channel], columns_px[0, :, index], axis=1)
             result[..., channel] = _interpolate_along_axis(wide, rows_px[:, 0, index], axis=0)
         return result
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Offsets of columns and rows."""
-        columns_px, rows_px = channel_offsets_px(self, camera)
-        return {"column_offsets_px": columns_px, "row_offsets_px": rows_px}
 
 
 @lru_cache(maxsize=4)

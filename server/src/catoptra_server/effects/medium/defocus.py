@@ -15,7 +15,6 @@ takes from other pixels, times the contrast of black and the brightest.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import ClassVar
 
@@ -30,8 +29,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.kernels.disc_kernel import (
@@ -46,7 +43,6 @@ from catoptra_server.effects.kernels.lens_blur import (
     circle_of_confusion_map,
     describe_lens,
     interior_mask,
-    interior_radius_px,
     max_diameter_px,
     min_distance_at_radius,
     sample_radii_px,
@@ -93,28 +89,15 @@ class Defocus:
     ) -> npt.NDArray[Real]:
         """Blur the image."""
         weights = _kernel_weights(self, camera, image.dtype)
-        half_width_px = _kernel_table(self, camera).half_width_px
+        half_width_px = kernel_table(self, camera).half_width_px
         # Within the mirror alone: the black around it would otherwise darken the rim.
         return convolve_symmetric_within(
             image, interior_mask(camera), half_width_px, lambda rows: weights[:, rows]
         )
 
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Each pixel's row in the kernel table, and the table."""
-        return {
-            "kernel_row": _table_row_map(self, camera),
-            "weights": _kernel_table(self, camera).to_texture(),
-            "centre_px": float32_array(*camera.centre_px),
-            "full_view_radius_px": float32_array(interior_radius_px(camera)),
-        }
 
-
-def _kernel_table(effect: Defocus, camera: RadialCamera) -> DiscKernelTable:
+def kernel_table(effect: Defocus, camera: RadialCamera) -> DiscKernelTable:
+    """Kernels of infinity's discs at all image radii."""
     circle = circle_of_confusion_map(effect.aperture, camera)
     diameter_px = float(np.abs(circle.infinity_diameter_px).max())
     return disc_kernel_table(min(diameter_px, max_diameter_px(effect.aperture, camera)))
@@ -126,7 +109,7 @@ def _kernel_weights(
 ) -> npt.NDArray[Real]:
     """Weights of every pixel, (pairs, h, w)."""
     # Only two entries: at 640 px and a kernel of 15 pairs one takes 25 MB in float32.
-    table = _kernel_table(effect, camera)
+    table = kernel_table(effect, camera)
     row = table_row(circle_of_confusion_map(effect.aperture, camera).infinity_diameter_px)
     weights: npt.NDArray[Real] = table.interpolate(row, table.half_width_px).astype(dtype)
     weights.setflags(write=False)
@@ -134,11 +117,11 @@ def _kernel_weights(
 
 
 @lru_cache(maxsize=4)
-def _table_row_map(effect: Defocus, camera: RadialCamera) -> npt.NDArray[np.float32]:
-    """Fractional row of the kernel table for each pixel, (h, w, 1)."""
+def table_row_map(effect: Defocus, camera: RadialCamera) -> npt.NDArray[np.float32]:
+    """Fractional row of the kernel table for each pixel, (h, w)."""
     circle = circle_of_confusion_map(effect.aperture, camera)
     row: npt.NDArray[np.float32] = table_row(circle.infinity_diameter_px).astype(np.float32)
-    return row[..., None]
+    return row
 
 
 # Keys that Diffraction and MirrorDust share: one lens, whichever effects a robot file names.

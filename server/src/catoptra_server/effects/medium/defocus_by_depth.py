@@ -11,7 +11,6 @@ black and the brightest.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import ClassVar
@@ -27,8 +26,6 @@ from catoptra_server.effects.effect import (
     EffectBound,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.circle_of_confusion import Aperture, CircleOfConfusion
 from catoptra_server.effects.kernels.disc_kernel import (
@@ -43,7 +40,6 @@ from catoptra_server.effects.kernels.lens_blur import (
     circle_of_confusion_map,
     describe_lens,
     interior_mask,
-    interior_radius_px,
     max_diameter_px,
     min_distance_at_radius,
     sample_radii_px,
@@ -95,7 +91,7 @@ class DefocusByDepth:
         # Diameters in float64 from float32 ranges: near the focus two terms of opposite sign
         # cancel.
         row = table_row(circle.diameter_px(context.range_m.astype(np.float64))).astype(image.dtype)
-        table = _kernel_table(self, camera)
+        table = kernel_table(self, camera)
         # The table reaches to discs of points on the mirror; most frames need a fraction of it.
         half_width_px = table.half_width_up_to_row(float(row.max()))
         return convolve_symmetric_within(
@@ -104,20 +100,6 @@ class DefocusByDepth:
             half_width_px,
             lambda rows: table.interpolate(row[rows], half_width_px),
         )
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Circle of confusion of each pixel, and the kernel table."""
-        return {
-            "disc_parameters": _circle_of_confusion_texture(self, camera),
-            "weights": _kernel_table(self, camera).to_texture(),
-            "centre_px": float32_array(*camera.centre_px),
-            "full_view_radius_px": float32_array(interior_radius_px(camera)),
-        }
 
 
 def max_exchange(circle: CircleOfConfusion, min_distance_m: Floats) -> float:
@@ -157,21 +139,19 @@ def max_diameter_change_px(circle: CircleOfConfusion, min_distance_m: Floats) ->
     return change
 
 
-def _kernel_table(effect: DefocusByDepth, camera: RadialCamera) -> DiscKernelTable:
+def kernel_table(effect: DefocusByDepth, camera: RadialCamera) -> DiscKernelTable:
     """Kernels of all points outside the mirror, however near."""
-    # Not of the nearest object of one frame: the texture would be uploaded again in each.
+    # Not of the nearest object of one frame: each frame would have another table.
     return disc_kernel_table(max_diameter_px(effect.aperture, camera))
 
 
 @lru_cache(maxsize=4)
-def _circle_of_confusion_texture(
-    effect: DefocusByDepth, camera: RadialCamera
-) -> npt.NDArray[np.float32]:
-    """Texture, (h, w, 4): infinity_diameter_px, near_px, power_per_m, offset."""
+def disc_parameter_map(effect: DefocusByDepth, camera: RadialCamera) -> npt.NDArray[np.float32]:
+    """Map, (h, w, 4): infinity_diameter_px, near_px, power_per_m, offset."""
     circle = circle_of_confusion_map(effect.aperture, camera)
     channels = (circle.infinity_diameter_px, circle.near_px, circle.power_per_m, circle.offset)
-    texture: npt.NDArray[np.float32] = np.stack(channels, axis=-1).astype(np.float32)
-    return texture
+    parameters: npt.NDArray[np.float32] = np.stack(channels, axis=-1).astype(np.float32)
+    return parameters
 
 
 def _create_effect(

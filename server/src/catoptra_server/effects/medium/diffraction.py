@@ -16,7 +16,6 @@ contrast of black and the brightest. The displacement is the radius of the first
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from typing import ClassVar
 
@@ -32,7 +31,6 @@ from catoptra_server.effects.effect import (
     EffectType,
     ParameterFault,
     Real,
-    Uniforms,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.symmetric_kernels import (
@@ -98,15 +96,6 @@ class Diffraction:
         """Convolve the image with the pattern of each colour."""
         weights = kernel_weights(self).astype(image.dtype)[:, :, None, None]
         return convolve_symmetric(image, kernel_half_width_px(self), lambda rows: weights)
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Kernel weights."""
-        return {"weights": _weights_texture(self)}
 
 
 def kernel_half_width_px(effect: Diffraction) -> int:
@@ -198,13 +187,6 @@ def _twice_j1_over(v: Floats) -> Floats:
     for angle in angles:
         total += np.cos(v * math.cos(angle)) * (2.0 * math.sin(angle) ** 2 / count)
     return total
-
-
-@lru_cache(maxsize=4)
-def _weights_texture(effect: Diffraction) -> npt.NDArray[np.float32]:
-    """Weights as the shader reads them, (1, pairs, 3)."""
-    texture: npt.NDArray[np.float32] = kernel_weights(effect).astype(np.float32)[None]
-    return texture
 
 
 def _find_fault(effect: Diffraction) -> ParameterFault | None:

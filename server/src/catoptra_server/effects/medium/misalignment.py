@@ -15,7 +15,6 @@ aimed anew, so that the rim is at its old position, directions are still up to 0
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from typing import ClassVar
 
@@ -33,7 +32,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
 )
 from catoptra_server.effects.kernels.grey_levels import (
     max_change_by_exchange,
@@ -108,16 +106,6 @@ class Misalignment:
         warped[lookup_offset_map(self, camera)[..., 2] == 0.0] = 0.0
         return warped
 
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Displacement map."""
-        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
-        return {"displacement_px": lookup_offset_map(self, camera)}
-
 
 @lru_cache(maxsize=4)
 def lookup_offset_map(effect: Misalignment, camera: OmniCamera) -> npt.NDArray[np.float32]:
@@ -132,7 +120,7 @@ def lookup_offset_map(effect: Misalignment, camera: OmniCamera) -> npt.NDArray[n
 
 @lru_cache(maxsize=4)
 def _warp_map(effect: Misalignment, camera: OmniCamera) -> WarpMap:
-    # Made of the float32 map, so trace interpolates with the weights of raster's shader.
+    # Made of the float32 map, so that the kernel's stage has the same weights.
     return warp_map_from_offsets(lookup_offset_map(effect, camera)[..., :2])
 
 

@@ -9,7 +9,6 @@ largest loss of white, in encoded grey levels.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import ClassVar
 
@@ -24,14 +23,12 @@ from catoptra_server.effects.effect import (
     EffectBound,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
-NUM_STEPS = 200
-"""Steps of the shader's table: between them the gain of 60 degrees off the axis bends by 1e-5."""
+# Radii of the bound: between them the gain of 60 degrees off the axis bends by 1e-5.
+_NUM_RADII = 201
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +43,7 @@ class Vignetting:
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Loss of the brightest light at the rim, in grey levels."""
         # At a mirror's rim and not in the image's corners: pixels outside the mirror are black.
-        gains = gains_by_radius(camera)
+        gains = camera.relative_illumination(np.linspace(0.0, camera.rim_radius_px, _NUM_RADII))
         # A gain below 1 changes the brightest light most.
         value = max_change_by_gain(float(gains.min()), summary.max_radiance)
         loss = 100.0 * (1.0 - float(gains.min()))
@@ -61,27 +58,6 @@ class Vignetting:
     ) -> npt.NDArray[Real]:
         """Darken the image."""
         return image * vignetting_map(camera).astype(image.dtype)
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Image centre, rim radius, and gains by radius."""
-        return {
-            "centre_px": float32_array(*camera.centre_px),
-            "rim_px": float32_array(camera.rim_radius_px),
-            "gains": float32_array(*gains_by_radius(camera).tolist()),
-        }
-
-
-@lru_cache(maxsize=4)
-def gains_by_radius(camera: RadialCamera) -> Floats:
-    """Factors at NUM_STEPS + 1 equal steps of the image radius, from the centre to the rim."""
-    gains = camera.relative_illumination(np.linspace(0.0, camera.rim_radius_px, NUM_STEPS + 1))
-    gains.setflags(write=False)
-    return gains
 
 
 @lru_cache(maxsize=4)

@@ -15,7 +15,6 @@ that no pixel in 1e12 exceeds the maximum (one that did would be cut).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from typing import ClassVar
 
@@ -35,8 +34,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.kernels.contaminants import (
@@ -105,28 +102,9 @@ class MirrorDust:
         coverage = coverage_map(self, camera, context.noise_seed.camera_key).astype(
             image.dtype, copy=False
         )
-        scattered = image.dtype.type(
-            self._scattered_luminance(lambda: mean_luminance(image, camera))
-        )
+        # The same for all colours.
+        scattered = image.dtype.type(self.albedo * mean_luminance(image, camera))
         return image + coverage * (scattered - image)
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Coverage of each pixel, and the radiance of contaminants."""
-        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
-        return {
-            "coverage": coverage_map(self, camera, context.noise_seed.camera_key),
-            "scattered_radiance": float32_array(self._scattered_luminance(measure_mean_luminance)),
-        }
-
-    def _scattered_luminance(self, measure_mean_luminance: Callable[[], float]) -> float:
-        """Radiance of contaminants, the same for all colours."""
-        # Black dust spares the measurement, which reads back from the device.
-        return self.albedo * measure_mean_luminance() if self.albedo else 0.0
 
 
 @lru_cache(maxsize=8)

@@ -11,7 +11,6 @@ angle that changes white most (in linear levels 255 (R_max - R_min)).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import ClassVar
@@ -30,15 +29,12 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
-# The shader interpolates between gains at this many radii, within 6e-7 for steel in the paper's
-# mirror. A float of a uniform array may take a vec4, and OpenGL 3.3 guarantees 256 of those.
-_NUM_RADIAL_STEPS = 200
+# Radii of the bound: between them the reflectance of steel in the paper's mirror bends by 6e-7.
+_NUM_RADII = 201
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +55,7 @@ class MirrorReflectance:
         """Largest change of the brightest light at any angle of incidence."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         # All radii, not the ends: metals have a minimum of R between normal and grazing incidence.
-        gains = self.relative_reflectances(camera)
+        gains = self._relative_reflectance(np.linspace(0.0, 1.0, _NUM_RADII), camera)
         value = max(max_change_by_gain(float(gain), summary.max_radiance) for gain in gains)
         angle = math.degrees(float(mirror_incidence_rad(np.array(1.0), camera)))
         return EffectBound(value, f"light meets the mirror at up to {angle:.0f} degrees")
@@ -71,10 +67,6 @@ class MirrorReflectance:
             reflectance(np.array(0.0), self.refractive_index, self.extinction_coefficient)
         )
         return replace(summary, max_radiance=(1.0 / normal) * summary.max_radiance)
-
-    def relative_reflectances(self, camera: OmniCamera) -> Floats:
-        """R(i) / R(0) at equal steps of the image radius from centre to rim."""
-        return self._relative_reflectance(np.linspace(0.0, 1.0, _NUM_RADIAL_STEPS + 1), camera)
 
     def _relative_reflectance(self, radius_fraction: Floats, camera: OmniCamera) -> Floats:
         incidence_rad = mirror_incidence_rad(radius_fraction, camera)
@@ -89,20 +81,6 @@ class MirrorReflectance:
         """Multiply the image by the relative reflectance."""
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         return image * reflectance_map(self, camera).astype(image.dtype)
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Image centre, rim radius, and gains by radius."""
-        assert isinstance(camera, OmniCamera), NEEDS_MIRROR
-        return {
-            "centre_px": float32_array(*camera.centre_px),
-            "rim_px": float32_array(camera.rim_radius_px),
-            "gains": float32_array(*_uniform_gains(self, camera)),
-        }
 
 
 def reflectance(incidence_rad: Floats, n: float, k: float) -> Floats:
@@ -131,11 +109,6 @@ def mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
     psi = np.arctan(radius_px * camera.inverse_focal_length)
     angle: Floats = np.arctan(t) + 0.5 * psi
     return angle
-
-
-@lru_cache(maxsize=4)
-def _uniform_gains(effect: MirrorReflectance, camera: OmniCamera) -> tuple[float, ...]:
-    return tuple(effect.relative_reflectances(camera).tolist())
 
 
 @lru_cache(maxsize=4)

@@ -10,7 +10,6 @@ the change of the grey that changes most, over all gains that the scene's radian
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
@@ -24,8 +23,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.kernels.luminance import mean_luminance
@@ -70,15 +67,6 @@ class AutoExposure:
     ) -> npt.NDArray[Real]:
         """Multiply the image by the gain of its mean luminance."""
         return image * image.dtype.type(self.gain(mean_luminance(image, camera)))
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Gain."""
-        return {"gain": float32_array(self.gain(measure_mean_luminance()))}
 
 
 EFFECT_TYPE = EffectType(

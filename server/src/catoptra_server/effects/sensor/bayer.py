@@ -10,7 +10,6 @@ between the brightest light and black.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +18,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.effects.effect import EffectBound, EffectType, Real, Uniforms
+from catoptra_server.effects.effect import EffectBound, EffectType, Real
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -60,15 +59,6 @@ class Bayer:
         )
         cross = image.dtype.type(0.5) * (horizontal + vertical)
         return _assemble_channels(raw, horizontal, vertical, diagonal, cross)
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """No uniforms."""
-        return {}
 
 
 def mosaic(image: npt.NDArray[Real]) -> npt.NDArray[Real]:

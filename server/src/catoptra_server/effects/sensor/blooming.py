@@ -10,7 +10,6 @@ the gain of black beside that light.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
@@ -25,8 +24,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -82,18 +79,6 @@ class Blooming:
             overflow[:-k] += image.dtype.type(weight) * source[k:]
         result[:, columns] += overflow
         return result
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Fraction and length."""
-        return {
-            "overflow_fraction": float32_array(self.overflow_fraction),
-            "length_px": float32_array(int(self.length_px)),
-        }
 
 
 EFFECT_TYPE = EffectType(

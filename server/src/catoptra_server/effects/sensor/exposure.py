@@ -7,7 +7,6 @@ the change of the grey that changes most. Motion during the exposure is the effe
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
@@ -21,8 +20,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -61,17 +58,8 @@ class Exposure:
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Multiply the image by the gain."""
-        # The gain is rounded to the image's type first, as the shader's uniform is.
+        # The gain is rounded to the image's type first, as the kernel's number is.
         return image * image.dtype.type(self.gain)
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Gain."""
-        return {"gain": float32_array(self.gain)}
 
 
 EFFECT_TYPE = EffectType(

@@ -9,7 +9,6 @@ grey that changes most.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import ClassVar
@@ -26,8 +25,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_offset
 from catoptra_server.effects.kernels.noise import (
@@ -79,20 +76,6 @@ class FixedPattern:
         gain, offset = gain_and_offset_maps(self, seed, *image.shape[:2])
         return image * gain.astype(image.dtype) + offset.astype(image.dtype)
 
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Standard deviations, and the keys of both patterns."""
-        return {
-            "standard_deviations": float32_array(self.prnu, self.dsnu_e / self.full_well_e),
-            # Two streams: with one key sensitive pixels would also be the bright ones in the dark.
-            "gain_noise_key": camera_noise_key(context.noise_seed, "PRNU"),
-            "offset_noise_key": camera_noise_key(context.noise_seed, "DSNU"),
-        }
-
 
 @lru_cache(maxsize=4)
 def gain_and_offset_maps(
@@ -100,6 +83,7 @@ def gain_and_offset_maps(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Gains and offsets of a camera's pixels, (h, w, 3)."""
     # The seed has no tick here: with one the cache would miss in every frame.
+    # Two streams: with one key sensitive pixels would also be the bright ones in the dark.
     gain_variates = normal_variates(camera_noise_key(seed, "PRNU"), height, width)
     dark_variates = normal_variates(camera_noise_key(seed, "DSNU"), height, width)
     gain = 1.0 + np.float32(effect.prnu) * gain_variates

@@ -8,7 +8,6 @@ the dark, where the sRGB curve is steepest: 12 bits stay below half a grey level
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
@@ -23,8 +22,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_offset
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -65,19 +62,10 @@ class Quantisation:
     ) -> npt.NDArray[Real]:
         """Round the image to the converter's codes."""
         real = image.dtype.type
-        # floor(x + 1/2) instead of rint: GLSL leaves the rounding of halves to the implementation.
+        # floor(x + 1/2), not rint: halves round up, as in the kernel's stage.
         codes = np.floor(image * real(self.max_code) + real(0.5))
         quantised: npt.NDArray[Real] = np.minimum(codes / real(self.max_code), real(1.0))
         return quantised
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Code of white."""
-        return {"max_code": float32_array(self.max_code)}
 
 
 EFFECT_TYPE = EffectType(

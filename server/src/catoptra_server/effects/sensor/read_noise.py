@@ -8,7 +8,6 @@ radiance. Criterion: the largest normal variate in the dark, where the sRGB curv
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
@@ -23,8 +22,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_offset
 from catoptra_server.effects.kernels.noise import (
@@ -78,18 +75,6 @@ class ReadNoise:
         key = frame_noise_key(context.noise_seed, self.name)
         variates = normal_variates(key, *image.shape[:2]).astype(image.dtype)
         return image + image.dtype.type(self.standard_deviation) * variates
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Standard deviation, and the key of the frame's noise."""
-        return {
-            "standard_deviation": float32_array(self.standard_deviation),
-            "noise_key": frame_noise_key(context.noise_seed, self.name),
-        }
 
 
 EFFECT_TYPE = EffectType(

@@ -9,7 +9,6 @@ and this one is not. Criterion: the largest normal variate on the grey that chan
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
@@ -24,8 +23,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_offset
 from catoptra_server.effects.kernels.noise import (
@@ -74,18 +71,6 @@ class ShotNoise:
         # The dark offset of the fixed pattern may leave a pixel below 0: no photons, no noise.
         deviation = np.sqrt(np.maximum(image, image.dtype.type(0.0)) * scale)
         return np.minimum(image + deviation * variates, image.dtype.type(1.0))
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Radiance of one electron, and the key of the frame's noise."""
-        return {
-            "radiance_per_electron": float32_array(1.0 / self.full_well_e),
-            "noise_key": frame_noise_key(context.noise_seed, self.name),
-        }
 
 
 EFFECT_TYPE = EffectType(

@@ -7,7 +7,6 @@ colours. Domain: gains > 0. Criterion: the change of the grey that changes most.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
@@ -22,8 +21,6 @@ from catoptra_server.effects.effect import (
     EffectParameter,
     EffectType,
     Real,
-    Uniforms,
-    float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -60,15 +57,6 @@ class WhiteBalance:
         # Clipped before the gains: amplified afterwards a full well keeps the three colours' ratio.
         gains = np.array((self.red_gain, 1.0, self.blue_gain), dtype=image.dtype)
         return np.minimum(image, image.dtype.type(1.0)) * gains
-
-    def uniforms(
-        self,
-        camera: RadialCamera,
-        context: CaptureContext,
-        measure_mean_luminance: Callable[[], float],
-    ) -> Uniforms:
-        """Gains of red, green, blue."""
-        return {"gains": float32_array(self.red_gain, 1.0, self.blue_gain)}
 
 
 EFFECT_TYPE = EffectType(

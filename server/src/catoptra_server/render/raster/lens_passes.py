@@ -1,4 +1,4 @@
-"""The passes of a perspective view: one face, the mean of its samples, then effects.
+"""The passes of a perspective view: one face, and the mean of its samples.
 
 OpenGL projects the image by itself, so there is no lookup: the face has the samples of the image.
 """
@@ -11,10 +11,8 @@ import numpy as np
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.projection.lens_projection import LensProjection
 from catoptra_server.render.raster.accumulation_pass import AccumulationPass
-from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.linear_image_target import LinearImageTarget
 from catoptra_server.render.raster.pass_sequence import ExposureTarget, PassSequence
@@ -45,15 +43,10 @@ class LensPasses:
         """Face and mean, encoded at once."""
         return PassSequence((self.faces, self._make_average(self.output.target, ENCODED)))
 
-    def make_linear(self, effects: tuple[ImageEffect, ...], has_shutter: bool) -> PassSequence:
-        """Face and mean in linear light, at one time or accumulated, then effects, encoding."""
-        needs_ranges = any(effect.needs_range for effect in effects)
-        ranges = self._make_range_pass() if needs_ranges else None
-        chain = EffectChain(
-            self.context, self.programs, effects, self._camera, self.output.target, ranges=ranges
-        )
-        exposure = self._make_exposure_passes(chain.input_target, ranges, has_shutter)
-        return PassSequence((*exposure, *chain.passes), chain)
+    def make_long_exposure(self) -> PassSequence:
+        """Face and mean accumulated in linear light, then encoded."""
+        exposed = self.make_exposure(has_ranges=False, has_shutter=True)
+        return exposed.append_encoding(self.context, self.programs, self.output.target)
 
     def make_exposure(self, *, has_ranges: bool, has_shutter: bool) -> PassSequence:
         """Face and mean in linear light, to be read back, with ranges or without."""
@@ -66,7 +59,7 @@ class LensPasses:
         self, target: moderngl.Framebuffer, ranges: RangePass | None, has_shutter: bool
     ) -> tuple[Pass, ...]:
         """Passes of an exposure before its image effects."""
-        make_image_passes = self._make_long_exposure if has_shutter else self._make_sharp_passes
+        make_image_passes = self._make_accumulation if has_shutter else self._make_sharp_passes
         # Ranges belong to the pose in the middle of the exposure, as in trace: effects by depth use
         # one range a pixel, not one for each time sample.
         range_passes = () if ranges is None else (ranges,)
@@ -80,7 +73,7 @@ class LensPasses:
         """Face and mean of one instant, in linear light."""
         return self.faces, self._make_average(target, LINEAR)
 
-    def _make_long_exposure(self, target: moderngl.Framebuffer) -> tuple[Pass]:
+    def _make_accumulation(self, target: moderngl.Framebuffer) -> tuple[Pass]:
         """One pass that accumulates sharp images in a target of its own."""
         sharp = LinearImageTarget(self.context, self._camera.width_px, self._camera.height_px)
         passes = self._make_sharp_passes(sharp.target)

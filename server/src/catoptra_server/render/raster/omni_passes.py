@@ -1,7 +1,8 @@
 """The passes of an omnidirectional view: which are needed, and their targets.
 
 Faces and lookup map exist for every frame. The passes behind them depend on effects and shutter,
-which may differ from frame to frame: a frame has only the passes that its effects need.
+which may differ from frame to frame: a frame has only the passes that its effects need. Image
+effects themselves have no pass: they are applied to the exposure that is read back.
 """
 
 from __future__ import annotations
@@ -10,10 +11,8 @@ import moderngl
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.raster.accumulation_pass import AccumulationPass
-from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.linear_image_target import LinearImageTarget
 from catoptra_server.render.raster.mirror_mesh_lookup import render_lookup_texture
@@ -52,15 +51,10 @@ class OmniPasses:
         """Faces and mirror, encoded at once."""
         return PassSequence((self.faces, self._make_mirror_pass(self.output.target, ENCODED)))
 
-    def make_linear(self, effects: tuple[ImageEffect, ...], has_shutter: bool) -> PassSequence:
-        """Faces and mirror in linear light, at one time or accumulated, then effects, encoding."""
-        needs_ranges = any(effect.needs_range for effect in effects)
-        ranges = self._make_range_pass() if needs_ranges else None
-        chain = EffectChain(
-            self.context, self.programs, effects, self.camera, self.output.target, ranges=ranges
-        )
-        exposure = self._make_exposure_passes(chain.input_target, ranges, has_shutter)
-        return PassSequence((*exposure, *chain.passes), chain)
+    def make_long_exposure(self) -> PassSequence:
+        """Faces and mirror accumulated in linear light, then encoded."""
+        exposed = self.make_exposure(has_ranges=False, has_shutter=True)
+        return exposed.append_encoding(self.context, self.programs, self.output.target)
 
     def make_exposure(self, *, has_ranges: bool, has_shutter: bool) -> PassSequence:
         """Faces and mirror in linear light, to be read back, with ranges or without."""
@@ -73,7 +67,7 @@ class OmniPasses:
         self, target: moderngl.Framebuffer, ranges: RangePass | None, has_shutter: bool
     ) -> tuple[Pass, ...]:
         """Passes of an exposure before its image effects."""
-        make_image_passes = self._make_long_exposure if has_shutter else self._make_sharp_passes
+        make_image_passes = self._make_accumulation if has_shutter else self._make_sharp_passes
         # Ranges belong to the pose in the middle of the exposure, as in trace: effects by depth use
         # one range a pixel, not one for each time sample.
         range_passes = () if ranges is None else (ranges,)
@@ -83,9 +77,9 @@ class OmniPasses:
         """Faces and mirror of one instant, in linear light."""
         return self.faces, self._make_mirror_pass(target, LINEAR)
 
-    def _make_long_exposure(self, target: moderngl.Framebuffer) -> tuple[Pass]:
+    def _make_accumulation(self, target: moderngl.Framebuffer) -> tuple[Pass]:
         """One pass that accumulates sharp images in a target of its own."""
-        # Not the effects' own images: the accumulation reads one image while it adds to the other.
+        # The accumulation reads one image while it adds to the other.
         sharp = LinearImageTarget(self.context, self.camera.width_px, self.camera.height_px)
         sharp_passes = self._make_sharp_passes(sharp.target)
         accumulation = AccumulationPass(

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import moderngl
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.linear_image_target import LinearImageTarget
-from catoptra_server.render.raster.passes import Pass
+from catoptra_server.render.raster.passes import AveragePass, Pass
 from catoptra_server.render.raster.range_pass import RangePass
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.renderer import LinearImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExposureTarget:
-    """What an image changer needs of an exposure, on the device."""
+    """An exposure in linear light, on the device."""
 
     image: LinearImageTarget
     """Linear light before all image effects."""
@@ -37,26 +37,30 @@ class PassSequence:
 
     passes: tuple[Pass, ...]
     """Passes in order of rendering."""
-    effect_chain: EffectChain | None = None
-    """Effects and encoding, None where the pass before encodes by itself."""
     exposure: ExposureTarget | None = None
-    """Image that is read back, None where the passes finish it."""
+    """Linear light; None where the only pass behind the faces encodes by itself."""
+
+    def append_encoding(
+        self, context: moderngl.Context, programs: ShaderPrograms, target: moderngl.Framebuffer
+    ) -> PassSequence:
+        """Same sequence of an exposure, with a last pass that encodes the image into a target."""
+        assert self.exposure is not None, "the last pass encodes already"
+        image = self.exposure.image.texture
+        encode = AveragePass(context, programs, image, 1, target, name="encode")
+        return PassSequence((*self.passes, encode), self.exposure)
 
     @property
     def memory_bytes(self) -> int:
-        """Size of the images of passes and effects, without the faces."""
+        """Size of the images of all passes, without the faces."""
         passes = (one for one in self.passes if not isinstance(one, FacePass))
-        chain = self.effect_chain.memory_bytes if self.effect_chain else 0
         exposure = self.exposure.image.memory_bytes if self.exposure else 0
-        return sum(one.memory_bytes for one in passes) + chain + exposure
+        return sum(one.memory_bytes for one in passes) + exposure
 
     def close(self) -> None:
         """Free the passes, and the images between them."""
         for render_pass in reversed(self.passes):
             if not isinstance(render_pass, FacePass):
                 render_pass.close()
-        if self.effect_chain is not None:
-            self.effect_chain.close()
         if self.exposure is not None:
             self.exposure.image.close()
 
@@ -67,8 +71,8 @@ class SequenceFactory(Protocol):
     def make_plain(self) -> PassSequence:
         """Sequence to the finished image without linear light."""
 
-    def make_linear(self, effects: tuple[ImageEffect, ...], has_shutter: bool) -> PassSequence:
-        """Sequence of effects, or of a long exposure, to the finished image."""
+    def make_long_exposure(self) -> PassSequence:
+        """Sequence of a long exposure to the finished image."""
 
     def make_exposure(self, *, has_ranges: bool, has_shutter: bool) -> PassSequence:
         """Sequence to an exposure that is read back, with ranges or without."""

@@ -16,7 +16,7 @@ from catoptra_server.render.raster.shader_programs import Definitions, ProgramSp
 # the faces render no faster into one (tests/measurements/raster_faces.py).
 LINEAR_DTYPE = "f2"
 
-# Output of passes that have both: sRGB, or the linear light that effects change.
+# Output of passes that have both: sRGB, or the linear light that effects change and exposures add.
 ENCODED: Definitions = ()
 LINEAR: Definitions = (("LINEAR", 1),)
 
@@ -55,7 +55,6 @@ def image_bytes(*images: moderngl.Texture | moderngl.Renderbuffer) -> int:
 class AveragePass:
     """The mean of samples x samples texels of a linear image, for each pixel."""
 
-    name = "average"
     memory_bytes = 0
 
     def __init__(
@@ -67,8 +66,10 @@ class AveragePass:
         target: moderngl.Framebuffer,
         *,
         encoding: Definitions = ENCODED,
+        name: str = "average",
     ) -> None:
         """Prepare the program for a number of samples and an encoding: ENCODED or LINEAR."""
+        self.name = name
         self._context = context
         self._image = image
         self._target = target

@@ -65,8 +65,8 @@ class RangePass:
         # A depth buffer of its own: that of the faces may be multisampled, ranges are not.
         self._depth = context.depth_renderbuffer(size)
         self._target = context.framebuffer([self._texels], self._depth)
-        self.texture = _make_texture(context, (camera.width_px, camera.height_px))
-        self._range_target = context.framebuffer([self.texture])
+        self._ranges = _make_texture(context, (camera.width_px, camera.height_px))
+        self._range_target = context.framebuffer([self._ranges])
         self._surface_program = programs.get(ProgramSpec("range", "range"))
         self._vertices = scene.make_position_array(self._surface_program)
         self._objects = ObjectPositions(context, self._surface_program, scene.origin)
@@ -76,7 +76,7 @@ class RangePass:
     @property
     def memory_bytes(self) -> int:
         """Size of the atlas of ranges, of the lookup map and of the result."""
-        return image_bytes(self._texels, self._depth, self._lookup_map, self.texture)
+        return image_bytes(self._texels, self._depth, self._lookup_map, self._ranges)
 
     def draw(self, camera_state: CameraState) -> None:
         """Fill the texture for a camera state."""
@@ -122,7 +122,7 @@ class RangePass:
 
     def read(self) -> npt.NDArray[np.float32]:
         """Read the (h, w) ranges of the last frame back, metres."""
-        width, height = self.texture.size
+        width, height = self._ranges.size
         data = self._range_target.read(components=1, dtype="f4", alignment=1)
         return np.frombuffer(data, dtype=np.float32).reshape(height, width)
 
@@ -136,7 +136,7 @@ class RangePass:
             self._range_target,
             self._texels,
             self._depth,
-            self.texture,
+            self._ranges,
             self._lookup_map,
         ):
             resource.release()

@@ -14,7 +14,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.render.image_effect_choice import SHADER_PASSES, ImageEffectChoice
+from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.projection.lens_projection import make_lens_projection
 from catoptra_server.render.raster.face_pass import FacePass
@@ -42,7 +42,7 @@ class RasterRenderer:
         *,
         device: GlDevice | None = None,
         scene_lights: tuple[Light, ...] | None = None,
-        image_effects: ImageEffectChoice = SHADER_PASSES,
+        image_changer: ImageChanger | None = None,
     ) -> None:
         """Upload a scene.
 
@@ -51,7 +51,8 @@ class RasterRenderer:
             world: Lights and background.
             device: Device that is already open; None opens a new one.
             scene_lights: Lights that change the static scene visibly; None for all of the world.
-            image_effects: Drawing of image effects, closed with the renderer.
+            image_changer: Applies image effects to images that are read back, closed with the
+                renderer; None: NumPy.
 
         Raises:
             OpenGLMissingError: There is no OpenGL 3.3.
@@ -59,7 +60,7 @@ class RasterRenderer:
         self._device = device or open_device()
         self._thread = threading.get_ident()
         self._triangles = len(scene)
-        self._image_effects = image_effects
+        self._image_changer = image_changer or NumpyImageChanger()
         with self._device.context as context:
             self._programs = ShaderPrograms(context)
             self._scene = SceneBuffers(
@@ -77,8 +78,9 @@ class RasterRenderer:
         return self._scene.dynamic_objects.buffer_bytes
 
     def describe(self) -> str:
-        """One-line description for logs: device, scene size and drawing of image effects."""
-        return f"raster: {self._device}, {self._triangles} triangles, {self._image_effects}"
+        """One-line description for logs: device, scene size and what applies image effects."""
+        effects = f"image effects by {self._image_changer.description}"
+        return f"raster: {self._device}, {self._triangles} triangles, {effects}"
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
         """Prepare a view of an omnidirectional camera.
@@ -110,7 +112,7 @@ class RasterRenderer:
             output,
             camera=camera,
             sequences=passes,
-            image_changer=self._image_effects.changer,
+            image_changer=self._image_changer,
             thread=self._thread,
         )
 
@@ -156,7 +158,7 @@ class RasterRenderer:
             output,
             camera=camera,
             sequences=passes,
-            image_changer=self._image_effects.changer,
+            image_changer=self._image_changer,
             thread=self._thread,
         )
         view.prepare_plain()
@@ -185,5 +187,5 @@ class RasterRenderer:
         self._check_thread()
         with self._device.context:
             self._scene.close()
-        self._image_effects.close()
+        self._image_changer.close()
         self._device.close()

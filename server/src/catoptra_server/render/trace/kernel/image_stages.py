@@ -19,9 +19,15 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.kernels.disc_kernel import DiscKernelTable
 from catoptra_server.effects.kernels.lens_blur import interior_mask
 from catoptra_server.effects.kernels.noise import frame_noise_key
+from catoptra_server.effects.medium import defocus, defocus_by_depth
+from catoptra_server.effects.medium.chromatic_aberration import channel_offsets_px
+from catoptra_server.effects.medium.diffraction import kernel_half_width_px, kernel_weights
+from catoptra_server.effects.medium.misalignment import lookup_offset_map
 from catoptra_server.effects.medium.vignetting import vignetting_map
+from catoptra_server.effects.mirror.mirror_dust import coverage_map
 from catoptra_server.effects.mirror.mirror_reflectance import reflectance_map
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern, gain_and_offset_maps
 from catoptra_server.render.trace.kernel.kernel_structs import ImageStage
@@ -94,11 +100,6 @@ def _make(
     return MadeStage(struct, tuple(array for array in maps if array is not None))
 
 
-def _uniforms(effect: ImageEffect, camera: RadialCamera, context: CaptureContext) -> Any:
-    """Uniforms of the effect's shader; the stage measures luminances itself."""
-    return effect.uniforms(camera, context, lambda: 1.0)
-
-
 @lru_cache(maxsize=16)
 def _interior(camera: RadialCamera) -> npt.NDArray[np.uint8]:
     """Mask of blurs, (h, w)."""
@@ -106,63 +107,45 @@ def _interior(camera: RadialCamera) -> npt.NDArray[np.uint8]:
 
 
 def _make_defocus(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    uniforms = _uniforms(effect, camera, context)
-    weights = uniforms["weights"]
-    return _make(
-        _BLUR,
-        weights,
-        uniforms["kernel_row"],
-        _interior(camera),
-        size=_half_width(weights),
-        num_rows=len(weights),
-    )
+    rows = defocus.table_row_map(effect, camera)
+    return _make_disc_blur(defocus.kernel_table(effect, camera), rows, _interior(camera))
 
 
 def _make_defocus_by_depth(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
     assert context.range_m is not None, "defocus by depth needs ranges"
-    uniforms = _uniforms(effect, camera, context)
-    weights = uniforms["weights"]
-    return _make(
-        _BLUR,
-        weights,
-        uniforms["disc_parameters"],
+    return _make_disc_blur(
+        defocus_by_depth.kernel_table(effect, camera),
+        defocus_by_depth.disc_parameter_map(effect, camera),
         _interior(camera),
         np.ascontiguousarray(context.range_m, dtype=np.float32),
-        size=_half_width(weights),
-        num_rows=len(weights),
     )
 
 
+def _make_disc_blur(table: DiscKernelTable, *maps: Array) -> MadeStage:
+    weights = table.float32_weights()
+    return _make(_BLUR, weights, *maps, size=table.half_width_px, num_rows=len(weights))
+
+
 def _make_diffraction(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    # By colour: (1, pairs, 3) in the shader's texture.
-    weights = _transpose_weights(effect)
-    return _make(_BLUR, weights, size=_half_width(weights[..., None]))
+    return _make(_BLUR, _colour_weights(effect), size=kernel_half_width_px(effect))
 
 
 @lru_cache(maxsize=8)
-def _transpose_weights(effect: Any) -> npt.NDArray[np.float32]:
+def _colour_weights(effect: Any) -> npt.NDArray[np.float32]:
     """Weights, (3, pairs), of a kernel for each colour."""
-    texture = effect.uniforms(None, None, None)["weights"]
-    return np.ascontiguousarray(texture[0].T)
-
-
-def _half_width(weights: Array) -> int:
-    """Half width of kernels of (..., pairs, k) weights."""
-    # pairs = (n + 1) (n + 2) / 2.
-    return int((np.sqrt(8 * weights.shape[-2] + 1) - 3) / 2)
+    return np.ascontiguousarray(kernel_weights(effect).astype(np.float32).T)
 
 
 def _make_misalignment(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_WARP, _uniforms(effect, camera, context)["displacement_px"])
+    return _make(_WARP, lookup_offset_map(effect, cast(Any, camera)))
 
 
 def _make_magnification(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    uniforms = _uniforms(effect, camera, context)
-    return _make(_MAGNIFY, uniforms["column_offsets_px"], uniforms["row_offsets_px"])
+    return _make(_MAGNIFY, *channel_offsets_px(effect, camera))
 
 
 def _make_dust(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    coverage = _uniforms(effect, camera, context)["coverage"]
+    coverage = coverage_map(effect, cast(Any, camera), context.noise_seed.camera_key)
     return _make(_COVER, coverage, numbers=(effect.albedo,))
 
 

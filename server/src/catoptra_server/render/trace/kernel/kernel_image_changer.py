@@ -58,6 +58,8 @@ def open_image_changer(threads: int, instruction_set: str = AUTO) -> KernelImage
 class KernelImageChanger:
     """Image effects on a kernel device; belongs to the thread of the renderer."""
 
+    description = "the native kernel"
+
     def __init__(self, device: KernelDevice) -> None:
         """Begin without memory to work in."""
         self._device = device

@@ -1,7 +1,6 @@
 """Bilinear interpolation between the pixels of an image, in linear radiance.
 
-Pixel centres are at +0.5. Outside the image the nearest border pixel is repeated. Twin:
-glsl/include/bilinear.glsl.
+Pixel centres are at +0.5. Outside the image the nearest border pixel is repeated.
 """
 
 from __future__ import annotations
@@ -40,8 +39,7 @@ def sample_bilinear_at_offset(
     offset_v_px: npt.NDArray[Real],
 ) -> npt.NDArray[Real]:
     """Radiance, (..., 3), of an image at offsets from the centres of pixels (column, row)."""
-    # Pixel and offset stay apart: their sum would lose the offset's last bits in float32 wherever
-    # the image is wide, and the shader would then differ from this reference.
+    # Pixel and offset stay apart: their sum would lose the offset's last bits in float32.
     left, above = np.floor(offset_u_px), np.floor(offset_v_px)
     fraction_u, fraction_v = (offset_u_px - left)[..., None], (offset_v_px - above)[..., None]
     height, width = image.shape[:2]
