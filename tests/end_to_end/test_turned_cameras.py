@@ -19,7 +19,7 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR, Pose
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.capture.camera_state import CameraState

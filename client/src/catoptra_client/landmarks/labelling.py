@@ -18,9 +18,9 @@ from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_client.landmarks.landmark_raycast import Rays, nearest_surface_codes
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose
 
 IGNORE_LABEL = 255

@@ -14,7 +14,7 @@ from catoptra_protocol.camera_conf import pairs_from_omni_camera
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.optics.mirrors import MIRRORS
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.stream.frame_header import FrameHeader
+from catoptra_protocol.stream.replies import FrameHeader
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
 from helpers.stream_messages import HEADER, HEADER_WITH_DIFFERENCE

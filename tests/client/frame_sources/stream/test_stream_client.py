@@ -23,9 +23,12 @@ from catoptra_protocol.stream.messages import bytes_from_message
 from catoptra_protocol.stream.replies import (
     CameraReply,
     Error,
+    LandmarksReply,
     Ok,
     Reply,
     SensorReports,
+    StartPosesReply,
+    StateReply,
     StatusReply,
 )
 from catoptra_protocol.stream.requests import (
@@ -41,7 +44,6 @@ from catoptra_protocol.stream.requests import (
     ResetRequest,
     ShareControlRequest,
 )
-from catoptra_protocol.stream.world_replies import LandmarksReply, StartPosesReply, StateReply
 from catoptra_protocol.usarsim.reports import OdometryReading, line_from_report
 from helpers.scripted_stream import HEARTBEAT, Script, serve_stream_script
 from helpers.stream_messages import HEADER, LANDMARK, UPRIGHT_TRANSFORM

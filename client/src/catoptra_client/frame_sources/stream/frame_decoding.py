@@ -13,7 +13,7 @@ from catoptra_protocol.camera_conf import any_camera_from_pairs
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.stream.frame_header import FrameHeader
+from catoptra_protocol.stream.replies import FrameHeader
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
 

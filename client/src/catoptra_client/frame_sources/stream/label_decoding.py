@@ -10,17 +10,16 @@ import numpy.typing as npt
 
 from catoptra_client.frame import LabelledPixels
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
-from catoptra_protocol.labels.ground_truth import GroundTruth, LabelledObject
+from catoptra_protocol.labels.channels import LABEL_CHANNELS, GroundTruth, LabelledObject
 from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.label_records import (
+from catoptra_protocol.stream.requests import (
     ChannelEncoding,
     ChannelRecord,
     LabelsRecord,
     ObjectRecord,
+    Transform,
 )
-from catoptra_protocol.stream.transform import Transform
 
 
 def labels_from_parts(

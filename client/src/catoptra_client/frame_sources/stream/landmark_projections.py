@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.stream.world_replies import LandmarkRecord, LandmarksReply
+from catoptra_protocol.stream.replies import LandmarkRecord, LandmarksReply
 
 
 @dataclass(frozen=True, slots=True)

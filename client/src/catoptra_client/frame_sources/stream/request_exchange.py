@@ -8,9 +8,8 @@ from typing import TypeVar
 
 from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from catoptra_protocol.errors import CatoptraError, DeadlineExceededError, RemoteProtocolError
-from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
-from catoptra_protocol.stream.replies import Error, Reply
+from catoptra_protocol.stream.replies import Error, FrameHeader, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest, Request
 
 _LOG = logging.getLogger(__name__)

@@ -36,15 +36,20 @@ from catoptra_protocol.notes import text_from_note
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.label_records import ChannelEncoding
 from catoptra_protocol.stream.replies import (
     CameraReply,
+    LandmarksReply,
     Ok,
+    PixelReply,
     PlanReply,
     SensorReports,
+    StartPoseRecord,
+    StartPosesReply,
+    StateReply,
     StatusReply,
 )
 from catoptra_protocol.stream.requests import (
+    ChannelEncoding,
     DriveRequest,
     FrameVariant,
     GetCameraRequest,
@@ -62,13 +67,6 @@ from catoptra_protocol.stream.requests import (
     ShareControlRequest,
     SpawnRequest,
     StepRequest,
-)
-from catoptra_protocol.stream.world_replies import (
-    LandmarksReply,
-    PixelReply,
-    StartPoseRecord,
-    StartPosesReply,
-    StateReply,
 )
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.reports import Report, report_from_message
