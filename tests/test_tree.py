@@ -61,7 +61,7 @@ WITHOUT_TEST = {
 # Modules that open sockets; a folder stands for all modules in it. Third-party packages have
 # contracts in pyproject.toml.
 SOCKET_MODULES = (
-    "client/tcp.py",
+    "client/control_connection.py",
     "client/control_connection.py",
     "client/robot_client.py",
     "client/frame_sources",

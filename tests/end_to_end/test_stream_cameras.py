@@ -15,8 +15,7 @@ import pytest
 
 from catoptra_client.frame import Frame, FrameSource
 from catoptra_client.frame_sources.frame_source import open_frame_source
-from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
-from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools

@@ -12,9 +12,9 @@ import pytest
 from catoptra_client.frame import Frame, Pixels
 from catoptra_client.frame_pictures import make_panorama
 from catoptra_client.landmarks import Viewpoint, detect, label_frame, make_detector, train
+from catoptra_client.landmarks.blobs import world_from_mirror
 from catoptra_client.landmarks.classifier import COLOUR_CODES
-from catoptra_client.landmarks.labelling import LabelMargins
-from catoptra_client.landmarks.viewpoint import world_from_mirror
+from catoptra_client.landmarks.training import LabelMargins
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.mirrors import SphericalMirror

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics import numerics
-from catoptra_protocol.optics import omni_camera
+from catoptra_protocol.optics import numerics, omni_camera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from stability.catalogue import Case, Invalid, check, load

@@ -1,6 +1,6 @@
 """Synthetic frames with known ground truth, ray cast in numpy, for the detector's tests.
 
-Independent of `catoptra_client.landmarks.landmark_raycast`: rays are intersected with cylinders,
+Independent of `catoptra_client.landmarks.training`: rays are intersected with cylinders,
 discs, boards and the floor, shaded, 2 x 2 per pixel, averaged in linear light, encoded as sRGB,
 with the noise of a camera. World frame: z down, floor at z = 0.
 """

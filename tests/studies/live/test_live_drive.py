@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from catoptra_client.server_address import ServerAddress
+from catoptra_client.control_connection import ServerAddress
 from catoptra_protocol.stream.replies import RobotState, StateReply
 from catoptra_studies.experiment.filter_note import NOTE_NAME
 from catoptra_studies.experiment.route import Waypoint

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_client.frame import Frame
-from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
+from catoptra_client.frame_sources.stream.stream_client import CameraModelCache, frame_from_parts
 from catoptra_protocol.camera_conf import pairs_from_omni_camera
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.optics.mirrors import MIRRORS

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_client.frame_sources.stream.label_decoding import labels_from_parts
+from catoptra_client.frame_sources.stream.stream_client import labels_from_parts
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.stream.requests import (
     ChannelEncoding,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from catoptra_client.frame_sources.stream.landmark_projections import (
+from catoptra_client.frame_sources.stream.stream_client import (
     LandmarkProjection,
     landmarks_from_reply,
     projections_from_reply,

@@ -8,8 +8,7 @@ import itertools
 import numpy as np
 import pytest
 
-from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
-from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
 from catoptra_protocol.camera_conf import pairs_from_perspective_camera
 from catoptra_protocol.errors import (
     CatoptraError,
