@@ -10,9 +10,17 @@ from typing import TypeVar
 
 import zmq
 
-from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
-from catoptra_protocol.stream.replies import Error, Heartbeat, Ok, Reply, SensorReports
+from catoptra_protocol.stream.replies import (
+    Error,
+    FrameHeader,
+    Heartbeat,
+    Ok,
+    Reply,
+    RobotState,
+    SensorReports,
+    StateReply,
+)
 from catoptra_protocol.stream.requests import (
     DriveRequest,
     GetFrameRequest,
@@ -25,7 +33,6 @@ from catoptra_protocol.stream.requests import (
     SpawnRequest,
     StepRequest,
 )
-from catoptra_protocol.stream.world_replies import RobotState, StateReply
 
 _LIMIT_S = 20.0
 _ReplyT = TypeVar("_ReplyT", bound=Reply)

@@ -8,8 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError
-from catoptra_client.tcp import open_connection
+from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError, open_connection
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.usarsim.commands import GetStartPoses
 from catoptra_protocol.usarsim.reports import OdometryReading, StartPoses, VehicleStatus

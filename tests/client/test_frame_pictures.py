@@ -12,6 +12,7 @@ import catoptra_client
 from catoptra_client.frame import Frame, Pixels, rgb_from_image_bytes
 from catoptra_client.frame_pictures import choose_cylinder, make_panorama, write_image
 from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors.hyperbolic import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
@@ -19,7 +20,6 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
 )
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.usarsim.image_port import ImageType
 
 PERSPECTIVE = PerspectiveCamera(40, 30, 1.0)

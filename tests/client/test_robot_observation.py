@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_client.frame import Frame
-from catoptra_client.robot_observation import find_planar_pose, observe
+from catoptra_client.robot_episodes import find_planar_pose, observe
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.image_port import ImageType

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_client.server_process import connect_stream, run_server, start_server
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError
 from helpers.server_process import DEADLINE_S

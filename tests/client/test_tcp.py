@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from catoptra_client.tcp import open_connection, peer_address
+from catoptra_client.control_connection import open_connection, peer_address
 from catoptra_protocol.errors import ConnectionLostError
 
 

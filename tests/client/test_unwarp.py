@@ -16,13 +16,13 @@ from catoptra_client.unwarp import (
     unwarp_channels,
 )
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import (
     camera_with_inscribed_rim,
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from helpers.labelled_rooms import CAMERAS
 
 CAMERA = camera_with_inscribed_rim(

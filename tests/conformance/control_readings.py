@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.usarsim.grammar import Message
-from catoptra_protocol.usarsim.report_items import items_from_message
+from catoptra_protocol.usarsim.grammar import Message, items_from_message
 from conformance.check import CheckFailed, CheckSkipped
 from conformance.control_session import ControlSession
 

@@ -18,9 +18,8 @@ import zmq
 import zmq.asyncio
 
 from catoptra_client.frame import rgb_from_image_bytes
-from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
-from catoptra_protocol.stream.replies import Heartbeat
+from catoptra_protocol.stream.replies import FrameHeader, Heartbeat
 from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_protocol.usarsim.control_connection import ControlClient

@@ -13,21 +13,19 @@ import msgpack
 import numpy as np
 
 from catoptra_client.frame import rgb_from_image_bytes
-from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
+from catoptra_client.frame_sources.stream.stream_client import CameraModelCache, frame_from_parts
 from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.stream.frame_header import FrameHeader
-from catoptra_protocol.stream.json_codec import (
-    json_from_message,
-    reply_from_json,
-    request_from_json,
-)
+from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, unpack
 from catoptra_protocol.stream.messages import (
     bytes_from_message,
+    json_from_message,
     reply_from_bytes,
+    reply_from_json,
     request_from_bytes,
+    request_from_json,
 )
-from catoptra_protocol.stream.msgpack_codec import MAX_REPLY_BYTES, unpack
+from catoptra_protocol.stream.replies import FrameHeader
 from catoptra_protocol.usarsim.grammar import parse_message
 from conformance.fuzz_target import DATA, FeedInput, FuzzTarget, check, mutate
 

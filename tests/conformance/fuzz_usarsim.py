@@ -6,14 +6,13 @@ from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_LINE_BYTES
 from catoptra_protocol.usarsim.commands import command_from_message, line_from_command
 from catoptra_protocol.usarsim.control_connection import ControlClient, ControlServer
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import LineReader, parse_message
+from catoptra_protocol.usarsim.grammar import Dialect, LineReader, parse_message
 from catoptra_protocol.usarsim.image_port import (
     ImageFrameReader,
     ImageRequestReader,
+    parse_jpeg_size,
     parse_raw_size,
 )
-from catoptra_protocol.usarsim.jpeg_header import parse_jpeg_size
 from catoptra_protocol.usarsim.reports import Greeting, line_from_report, report_from_message
 from conformance.fuzz_target import FeedInput, FuzzTarget, check, load_seed_corpus
 

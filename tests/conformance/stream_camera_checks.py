@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_client.frame import Frame
-from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
-from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera

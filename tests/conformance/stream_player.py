@@ -23,10 +23,10 @@ from typing import Any
 import msgpack
 import zmq
 
-from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
+from catoptra_client.frame_sources.stream.stream_client import CameraModelCache, frame_from_parts
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.messages import reply_from_bytes
+from catoptra_protocol.stream.replies import FrameHeader
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.value_format import vector_from_text
 from conformance.conversation_file import (

@@ -25,9 +25,9 @@ from catoptra_protocol.usarsim.image_port import (
     EncodedFrame,
     ImageFrameReader,
     ImageType,
+    parse_jpeg_size,
     parse_raw_size,
 )
-from catoptra_protocol.usarsim.jpeg_header import parse_jpeg_size
 from conformance.conversation_file import (
     TIMEOUT_S,
     Address,

@@ -13,8 +13,7 @@ import pytest
 from catoptra_protocol.usarsim import reports
 from catoptra_protocol.usarsim.commands import Command, command_from_message
 from catoptra_protocol.usarsim.control_connection import ControlClient
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import LineReader, parse_message
+from catoptra_protocol.usarsim.grammar import Dialect, LineReader, parse_message
 from catoptra_protocol.usarsim.image_port import (
     ImageFrameReader,
     ImageRequestReader,

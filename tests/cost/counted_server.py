@@ -17,8 +17,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from catoptra_server.__main__ import main
 from catoptra_server.frames.planned_camera import PlannedCamera
+
+from catoptra_server.__main__ import main
 from catoptra_server.frames.view_store import ViewStore
 from catoptra_server.render.renderer import RenderedImage
 

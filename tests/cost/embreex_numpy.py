@@ -19,8 +19,8 @@ import numpy.typing as npt
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import World

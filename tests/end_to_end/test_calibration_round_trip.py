@@ -21,10 +21,10 @@ from catoptra_protocol.calibration.formats import (
     opencv_omnidir,
     woodscape_json,
 )
-from catoptra_protocol.calibration.residual import compute_residual
+from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.robot_file import read_robot

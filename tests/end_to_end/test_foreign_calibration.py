@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
-from catoptra_protocol.calibration.residual import compute_residual
+from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import Floats
@@ -19,7 +19,7 @@ from catoptra_protocol.optics.omni_camera import (
     camera_with_inscribed_rim,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import Image
 from helpers.rendered_boards import (

@@ -13,7 +13,7 @@ from catoptra_client.frame import Pixels
 from catoptra_client.unwarp import PerspectiveGeometry, make_unwarp_map, unwarp
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.camera_file import carry_camera, read_camera_files
 from helpers.real_photographs import board_points, find_board, load_photographs
 

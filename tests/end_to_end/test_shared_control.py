@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.stream.world_replies import RobotState, StateReply
+from catoptra_protocol.stream.replies import RobotState, StateReply
 from helpers.deadline import Deadline
 from helpers.server_process import DEADLINE_S, RunningServer, start_server
 

@@ -15,13 +15,12 @@ import pytest
 
 from catoptra_client.frame import Frame, FrameSource
 from catoptra_client.frame_sources.frame_source import open_frame_source
-from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
-from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_server.scene.oriented_box import OrientedBox, box_distances

@@ -13,8 +13,7 @@ from catoptra_protocol.labels.channels import LABEL_CHANNELS
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.stream.label_records import ChannelEncoding
-from catoptra_protocol.stream.requests import FrameVariant, ImageEncoding
+from catoptra_protocol.stream.requests import ChannelEncoding, FrameVariant, ImageEncoding
 from helpers.configs import FIELD, OMNI_ROBOT, Edit, write_edited_copy
 from helpers.opengl import device_or_skip
 from helpers.server_process import start_server, write_small_robot

@@ -11,7 +11,7 @@ from catoptra_client.frame_pictures import make_panorama
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import FrameVariant, ImageEncoding
 from helpers.configs import FIELD, OMNI_ROBOT
 from helpers.server_process import RunningServer, start_server

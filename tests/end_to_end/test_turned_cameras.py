@@ -12,14 +12,14 @@ import pytest
 from catoptra_client.frame import Frame, Pixels
 from catoptra_client.frame_pictures import make_panorama
 from catoptra_client.landmarks import Viewpoint, detect, label_frame, make_detector, train
+from catoptra_client.landmarks.blobs import world_from_mirror
 from catoptra_client.landmarks.classifier import COLOUR_CODES
-from catoptra_client.landmarks.labelling import LabelMargins
-from catoptra_client.landmarks.viewpoint import world_from_mirror
+from catoptra_client.landmarks.training import LabelMargins
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR, Pose
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.capture.camera_state import CameraState

@@ -9,7 +9,7 @@ import numpy as np
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.calibration_format import CalibrationFormat
-from catoptra_protocol.calibration.residual import compute_residual
+from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
@@ -21,7 +21,7 @@ from catoptra_protocol.optics.lenses import (
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 
 PAPER = camera_with_inscribed_rim(
     PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120.0)

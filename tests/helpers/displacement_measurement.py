@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.scene_summary import SceneSummary
 from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT

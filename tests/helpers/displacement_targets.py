@@ -17,13 +17,13 @@ from catoptra_protocol.optics.cube_map import (
     face_coordinates,
     face_from_direction,
 )
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
 from catoptra_server.render.renderer import Image
 from catoptra_server.scene.colour import linear_from_srgb

@@ -10,7 +10,7 @@ import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.world_replies import StartPoseRecord
+from catoptra_protocol.stream.replies import StartPoseRecord
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_events import FrameRendered, FrameRequested

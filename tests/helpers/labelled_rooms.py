@@ -16,7 +16,7 @@ from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.ground_truth.label_renderer import LabelRenderer
 from catoptra_server.render.trace import TraceRenderer

@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_camera import RadialProjection
 
 
 def limit_rad(lens: RadialProjection) -> float:

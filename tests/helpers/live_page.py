@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 
 import aiohttp
 
-from catoptra_protocol.stream.frame_header import FrameHeader
-from catoptra_protocol.stream.json_codec import json_from_message, reply_from_json
-from catoptra_protocol.stream.replies import Reply
+from catoptra_protocol.stream.messages import json_from_message, reply_from_json
+from catoptra_protocol.stream.replies import FrameHeader, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding, Request
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.transports.listener import create_listener

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection
 from catoptra_client.landmarks import Detection
 from catoptra_client.localization import OdometryPose
 from catoptra_protocol.landmarks import Landmark

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.scene_summary import NUM_RINGS
 from catoptra_server.scene.world_description import World

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 
-from catoptra_protocol.stream.frame_header import (
-    DifferenceRecord,
-    EffectRecord,
-    FrameHeader,
-    PlanAlternative,
-)
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
 from catoptra_protocol.stream.replies import (
     CameraReply,
+    DifferenceRecord,
+    EffectRecord,
     Error,
+    FrameHeader,
     Heartbeat,
+    LandmarkRecord,
+    LandmarksReply,
+    NoteRecord,
     Ok,
+    PixelReply,
+    PlanAlternative,
     PlanReply,
     Reply,
+    RobotState,
     SensorReports,
+    StartPoseRecord,
+    StartPosesReply,
+    StateReply,
     StatusReply,
 )
 from catoptra_protocol.stream.requests import (
@@ -40,17 +46,7 @@ from catoptra_protocol.stream.requests import (
     ShareControlRequest,
     SpawnRequest,
     StepRequest,
-)
-from catoptra_protocol.stream.transform import Transform
-from catoptra_protocol.stream.world_replies import (
-    LandmarkRecord,
-    LandmarksReply,
-    NoteRecord,
-    PixelReply,
-    RobotState,
-    StartPoseRecord,
-    StartPosesReply,
-    StateReply,
+    Transform,
 )
 
 UPRIGHT_TRANSFORM = Transform((0.1, 0.0, -0.5), (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))

@@ -9,9 +9,8 @@ from contextlib import contextmanager
 import zmq
 import zmq.asyncio
 
-from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
-from catoptra_protocol.stream.replies import Error, Heartbeat, Reply
+from catoptra_protocol.stream.replies import Error, FrameHeader, Heartbeat, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding, Request
 
 

@@ -16,9 +16,8 @@ import zmq
 import zmq.asyncio
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.stream.frame_header import FrameHeader
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
-from catoptra_protocol.stream.replies import Error
+from catoptra_protocol.stream.replies import Error, FrameHeader
 from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding
 from catoptra_protocol.usarsim.commands import Drive, Init, Step
 from catoptra_protocol.usarsim.control_connection import ControlClient

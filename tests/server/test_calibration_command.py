@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
-from catoptra_protocol.calibration.residual import compute_residual
+from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_server.calibration_command import main
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.robot_file import read_robot

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import aiohttp
 
-from catoptra_protocol.stream.replies import SensorReports
+from catoptra_protocol.stream.replies import SensorReports, StateReply
 from catoptra_protocol.stream.requests import DriveRequest, GetStateRequest, SpawnRequest
-from catoptra_protocol.stream.world_replies import StateReply
 from helpers.live_page import PageClient, read_page_link
 from helpers.loopback import run_scenario
 from helpers.server_process import start_server

@@ -22,7 +22,7 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.measurement_model import predict_measurement
+from catoptra_client.localization.ekf import predict_measurement
 from catoptra_client.localization.motion_model import control_covariance, propagate_pose
 from catoptra_protocol.optics.numerics import Floats
 

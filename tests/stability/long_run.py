@@ -23,8 +23,7 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.belief import sigmas_and_correlations
-from catoptra_client.localization.measurement_model import predict_measurement
+from catoptra_client.localization.ekf import predict_measurement, sigmas_and_correlations
 
 MARKS = [
     LandmarkPosition(f"l{i}", x, y)

@@ -11,11 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from catoptra_client.landmarks.histogram import Histogram
+from catoptra_client.landmarks.classifier import Histogram
 from catoptra_client.localization import Belief, Control
-from catoptra_client.localization.belief import covariance_square_root
-from catoptra_client.localization.measurement_model import BearingOnly, PredictedMeasurement
-from catoptra_client.localization.odometry import OdometryPose
+from catoptra_client.localization.ekf import (
+    BearingOnly,
+    PredictedMeasurement,
+    covariance_square_root,
+)
+from catoptra_client.localization.motion_model import OdometryPose
 from catoptra_protocol.optics.numerics import TWO_PI
 from stability.mutations import Mutation
 
@@ -235,51 +238,50 @@ MUTATIONS: list[Mutation] = [
     Mutation(
         "control by distance",
         "motion",
-        _FILTER + "odometry.control_from_odometry",
+        _FILTER + "motion_model.control_from_odometry",
         control_by_distance,
     ),
     Mutation(
         "range by squares",
         "measurement",
-        _FILTER + "measurement_model.predict_measurement",
+        _FILTER + "ekf.predict_measurement",
         predict_by_squares,
     ),
     Mutation(
         "bearing by acos",
         "measurement",
-        _FILTER + "measurement_model.predict_measurement",
+        _FILTER + "ekf.predict_measurement",
         predict_by_acos,
     ),
     Mutation(
         "residual not wrapped",
         "measurement",
-        _FILTER + "measurement_model.compute_innovation",
+        _FILTER + "ekf.compute_innovation",
         innovation_without_wrap,
     ),
     Mutation(
         "residual not wrapped", "ekf", _FILTER + "ekf.compute_innovation", innovation_without_wrap
     ),
     Mutation(
-        "theta by acos", "ranging", _LANDMARKS + "ranging.half_angle_from_range", half_angle_by_acos
+        "theta by acos",
+        "ranging",
+        _LANDMARKS + "candidates.half_angle_from_range",
+        half_angle_by_acos,
     ),
     Mutation(
-        "H tan(theta)", "ranging", _LANDMARKS + "ranging.range_from_half_angle", range_by_tangent
+        "H tan(theta)", "ranging", _LANDMARKS + "candidates.range_from_half_angle", range_by_tangent
     ),
     Mutation(
         "a range above the horizon",
         "ranging",
-        _LANDMARKS + "ranging.range_from_half_angle",
+        _LANDMARKS + "candidates.range_from_half_angle",
         range_without_validity,
     ),
     Mutation("P - K S K^T", "ekf", _FILTER + "ekf._correct", correct_by_subtraction),
     Mutation("(I - K H) P", "ekf", _FILTER + "ekf._correct", correct_by_short_form),
     Mutation("information form by inv", "ekf", _FILTER + "ekf._correct", correct_by_information),
-    Mutation(
-        "root by Cholesky", "ekf", _FILTER + "belief.covariance_square_root", root_by_cholesky
-    ),
-    Mutation(
-        "definite up to 1e-9", "ekf", _FILTER + "belief.covariance_square_root", root_up_to_1e_9
-    ),
+    Mutation("root by Cholesky", "ekf", _FILTER + "ekf.covariance_square_root", root_by_cholesky),
+    Mutation("definite up to 1e-9", "ekf", _FILTER + "ekf.covariance_square_root", root_up_to_1e_9),
     Mutation("noise not checked", "ekf", _FILTER + "ekf.covariance_square_root", root_of_anything),
     Mutation("overflow not looked for", "ekf", _FILTER + "ekf._all_finite", always_finite),
     Mutation("NaN not looked for", "ekf", _FILTER + "ekf.is_finite", always_finite),
@@ -287,14 +289,14 @@ MUTATIONS: list[Mutation] = [
     Mutation(
         "quantile of 1 - p / 2",
         "trust",
-        _FILTER + "validation_gate.ValidationGate.threshold",
+        _FILTER + "ekf.ValidationGate.threshold",
         threshold_of_upper_tail,
     ),
-    Mutation("NEES by inv", "trust", _FILTER + "consistency.nees", nees_by_inverse),
+    Mutation("NEES by inv", "trust", _FILTER + "filter_health.nees", nees_by_inverse),
     Mutation(
         "cube root alone",
         "trust",
-        _FILTER + "consistency._chi_square_quantile",
+        _FILTER + "filter_health._chi_square_quantile",
         quantile_by_cube_root,
     ),
     Mutation(
@@ -315,17 +317,17 @@ MUTATIONS: list[Mutation] = [
         _LANDMARKS + "classifier.likelihood_ratio_test",
         compare_in_64_bits,
     ),
-    Mutation("totals not checked", "histogram", _LANDMARKS + "histogram._check_total", no_check),
+    Mutation("totals not checked", "histogram", _LANDMARKS + "classifier._check_total", no_check),
     Mutation(
         "no horizon gate",
         "detector",
-        _LANDMARKS + "beacons._axis_range_sigma",
+        _LANDMARKS + "detector._axis_range_sigma",
         lambda *_: (0.0, True),
     ),
     Mutation(
         "range by a quotient",
         "detector",
-        _LANDMARKS + "beacons.range_from_slope",
+        _LANDMARKS + "detector.range_from_slope",
         range_by_quotient,
     ),
 ]

@@ -237,7 +237,7 @@ def point_light_without_guard(
 RATIO, SHAPE = f"{HYPERBOLIC}.radius_ratio_from_t", f"{HYPERBOLIC}.surface_point"
 INVERSE, SLOPE = f"{HYPERBOLIC}.t_from_radius_ratio", f"{HYPERBOLIC}.radius_ratio_slope"
 PIXEL, RAY = f"{CAMERA}.pixel_from_direction", f"{CAMERA}.direction_from_pixel"
-HALF_ANGLE = "catoptra_protocol.optics.half_angle.half_angle_tangent"
+HALF_ANGLE = "catoptra_protocol.optics.numerics.half_angle_tangent"
 FACE = f"{CUBE}.face_from_direction"
 POINT_LIGHT = "catoptra_server.scene.shading.point_irradiance"
 ENCODE = "catoptra_server.scene.colour.srgb_from_linear"

@@ -7,10 +7,9 @@ from functools import cache
 
 import pytest
 
-from catoptra_client.landmarks import beacons
-from catoptra_client.landmarks.blobs import Blob
+from catoptra_client.landmarks import detector
+from catoptra_client.landmarks.blobs import Blob, Viewpoint
 from catoptra_client.landmarks.candidates import Candidate, CylinderView
-from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_client.unwarp import CylinderGeometry
 from catoptra_protocol.landmarks import Landmark
 from client.landmarks.ideal_blobs import make_blob
@@ -36,7 +35,7 @@ def _bands(range_m: float, drop_m: float) -> tuple[Blob, Blob]:
 
 def _find_candidate(range_m: float, drop_m: float) -> Candidate:
     view = CylinderView(CAMERA, _cylinder(), Viewpoint(BAND_M + drop_m))
-    found = beacons.find_beacon_candidates(view, BEACON, _bands(range_m, drop_m))
+    found = detector.find_beacon_candidates(view, BEACON, _bands(range_m, drop_m))
     if not found:
         raise Invalid("no beacon")
     (candidate,) = found

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_client.landmarks import histogram
-from catoptra_client.landmarks.histogram import Histogram
+from catoptra_client.landmarks import classifier
+from catoptra_client.landmarks.classifier import Histogram
 from stability.catalogue import Case, Subject, check, load
 
 
@@ -19,10 +19,10 @@ def _of(counts: list[Any]) -> Histogram:
 
 SUBJECTS: dict[str, Subject] = {
     "total": lambda counts: _of(counts).total,
-    "merged": lambda first, second: histogram.merge_histograms(
+    "merged": lambda first, second: classifier.merge_histograms(
         _of(first), _of(second)
     ).counts.ravel()[:3],
-    "spread_total": lambda counts: histogram.smooth_histogram(_of(counts)).total,
+    "spread_total": lambda counts: classifier.smooth_histogram(_of(counts)).total,
 }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_client.landmarks import classifier
-from catoptra_client.landmarks.histogram import Histogram
+from catoptra_client.landmarks.classifier import Histogram
 from stability.catalogue import Case, Subject, check, load
 
 

@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_client.localization import LandmarkPosition, RangeBearing, measurement_model
+from catoptra_client.localization import LandmarkPosition, RangeBearing, ekf
 from stability.catalogue import Case, Invalid, Subject, check, load
 
 
-def _predict(pose: list[float], landmark: list[float]) -> measurement_model.PredictedMeasurement:
-    expected, valid = measurement_model.predict_measurement(
-        np.array(pose), LandmarkPosition("l", *landmark)
-    )
+def _predict(pose: list[float], landmark: list[float]) -> ekf.PredictedMeasurement:
+    expected, valid = ekf.predict_measurement(np.array(pose), LandmarkPosition("l", *landmark))
     if not valid:
         raise Invalid("no expectation")
     return expected
@@ -22,7 +20,7 @@ def _predict(pose: list[float], landmark: list[float]) -> measurement_model.Pred
 
 def _innovation(pose: list[float], landmark: list[float], measured: list[float]) -> Any:
     seen = RangeBearing(*measured, np.eye(2))
-    return measurement_model.compute_innovation(seen, _predict(pose, landmark))[0]
+    return ekf.compute_innovation(seen, _predict(pose, landmark))[0]
 
 
 SUBJECTS: dict[str, Subject] = {

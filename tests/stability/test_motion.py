@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_client.localization import motion_model, odometry
+from catoptra_client.localization import motion_model
 from catoptra_client.localization.motion_model import Control, MotionNoise
 from stability.catalogue import Case, Subject, check, load
 
@@ -17,8 +17,8 @@ def _noise(v: float, turn: float, alphas: list[float]) -> Any:
 
 
 def _control(start: list[float], end: list[float]) -> list[float]:
-    poses = odometry.OdometryPose(*start), odometry.OdometryPose(*end)
-    control = odometry.control_from_odometry(*poses)
+    poses = motion_model.OdometryPose(*start), motion_model.OdometryPose(*end)
+    control = motion_model.control_from_odometry(*poses)
     return [control.distance_m, control.turn_rad]
 
 

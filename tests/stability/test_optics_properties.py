@@ -18,9 +18,8 @@ from catoptra_protocol.optics.cube_map import (
     face_coordinates,
     face_from_direction,
 )
-from catoptra_protocol.optics.half_angle import half_angle_tangent
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, Mirror, ParabolicMirror
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Floats, half_angle_tangent
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,

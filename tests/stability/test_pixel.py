@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics import half_angle, omni_camera
+from catoptra_protocol.optics import numerics, omni_camera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from stability.catalogue import Case, Invalid, check, load
@@ -35,7 +35,7 @@ def _camera(inputs: dict[str, Any]) -> omni_camera.OmniCamera:
 
 
 def _half_angle(direction: list[float]) -> Floats:
-    return valid_value(half_angle.half_angle_tangent(np.array(direction)))
+    return valid_value(numerics.half_angle_tangent(np.array(direction)))
 
 
 def _pixel(direction: list[float], **of: Any) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from catoptra_client.landmarks.ranging import (
+from catoptra_client.landmarks.candidates import (
     half_angle_from_range,
     range_from_half_angle,
     range_from_slope,
@@ -25,7 +25,7 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.measurement_model import predict_measurement
+from catoptra_client.localization.ekf import predict_measurement
 from catoptra_client.localization.motion_model import propagate_pose
 from catoptra_protocol.optics.numerics import (
     TWO_PI,

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from catoptra_client.landmarks import ranging
+from catoptra_client.landmarks import candidates
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from stability.catalogue import Case, Invalid, Subject, check, load
@@ -27,13 +27,17 @@ def _valid(answer: tuple[float, bool]) -> float:
 
 
 def _sigma(name: str, range_: float, drop: float, sigma: float) -> Any:
-    function = getattr(ranging, name)
+    function = getattr(candidates, name)
     return _valid(function(CAMERA, range_m=range_, drop_m=drop, sigma_px=sigma))
 
 
 SUBJECTS: dict[str, Subject] = {
-    "range_from_half_angle": lambda t, drop: _valid(ranging.range_from_half_angle(t, drop_m=drop)),
-    "half_angle": lambda range_, drop: _valid(ranging.half_angle_from_range(range_, drop_m=drop)),
+    "range_from_half_angle": lambda t, drop: _valid(
+        candidates.range_from_half_angle(t, drop_m=drop)
+    ),
+    "half_angle": lambda range_, drop: _valid(
+        candidates.half_angle_from_range(range_, drop_m=drop)
+    ),
     **{n: partial(_sigma, n) for n in ("incidence_angle_sigma", "range_sigma", "azimuth_sigma")},
 }
 

@@ -7,23 +7,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_client.localization import Belief, consistency, validation_gate
+from catoptra_client.localization import Belief, ekf, filter_health
 from stability.catalogue import Case, Invalid, Subject, check, load
 
 
 def _nees(mean: Any, covariance: Any, truth: Any) -> float:
     belief = Belief(np.array(mean), np.array(covariance))
-    value, defined = consistency.nees(belief, np.array(truth))
+    value, defined = filter_health.nees(belief, np.array(truth))
     if not defined:
         raise Invalid
     return value
 
 
 SUBJECTS: dict[str, Subject] = {
-    "threshold": lambda dof, false_rejection_rate: validation_gate.ValidationGate(
+    "threshold": lambda dof, false_rejection_rate: ekf.ValidationGate(
         false_rejection_rate
     ).threshold(dof),
-    "interval": lambda dof, num_runs, confidence: consistency.chi_square_mean_interval(
+    "interval": lambda dof, num_runs, confidence: filter_health.chi_square_mean_interval(
         dof, num_runs, confidence=confidence
     ),
     "nees": _nees,

@@ -11,6 +11,7 @@ from itertools import count, islice
 from pathlib import Path
 
 from catoptra_client.bundled_landmarks import find_landmark_file
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_pictures import make_panorama, write_image
 from catoptra_client.frame_sources.frame_source import FrameSource, open_frame_source
 from catoptra_client.frame_sources.image_client import ImageClient
@@ -26,14 +27,13 @@ from catoptra_client.landmarks import (
     train,
 )
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
 from catoptra_protocol.calibration.calibration_folder import write_calibration
 from catoptra_protocol.calibration.exports import DEFAULT_MAX_RESIDUAL_PX
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 from catoptra_protocol.landmarks import read_landmarks
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import ImageEncoding
 
 

@@ -2,6 +2,10 @@
 
 Nothing is read between calls. Reports that arrive while another is awaited are kept as the latest
 of their type. The protocol itself is the sans-I/O `ControlClient`.
+
+Host and ports of a server, as one value to pass around.
+
+TCP helpers shared by the control and the image connection.
 """
 
 from __future__ import annotations
@@ -10,13 +14,49 @@ import logging
 import socket
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeVar
 
-from catoptra_client.tcp import peer_address
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.usarsim.commands import Command
 from catoptra_protocol.usarsim.control_connection import ControlClient
 from catoptra_protocol.usarsim.reports import Report
+
+
+@dataclass(frozen=True, slots=True)
+class ServerAddress:
+    """Host and ports at which a server listens."""
+
+    host: str
+    control_port: int
+    image_port: int
+    stream_port: int | None = None
+    """Port of the ZeroMQ stream; None where the caller uses TCP alone."""
+
+
+def open_connection(host: str, port: int, timeout_s: float, *, server_kind: str) -> socket.socket:
+    """Connect to the `control` or `image` port of a server.
+
+    Raises:
+        ConnectionLostError: nothing listens there; the message names the options to check.
+    """
+    try:
+        connection = socket.create_connection((host, port), timeout=timeout_s)
+    except OSError as error:
+        raise ConnectionLostError(
+            f"no {server_kind} server at {host}:{port} ({error}): start catoptra-server, and check "
+            f"--host and --{server_kind}-port"
+        ) from error
+    # Commands are short: Nagle's algorithm would hold them until the last acknowledgement arrives.
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return connection
+
+
+def peer_address(connection: socket.socket) -> str:
+    """Address of the peer as host:port, for messages."""
+    host, port = connection.getpeername()[:2]
+    return f"{host}:{port}"
+
 
 _LOG = logging.getLogger(__name__)
 _READ_BYTES = 64 * 1024

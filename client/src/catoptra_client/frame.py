@@ -14,14 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
-from catoptra_protocol.labels.ground_truth import GroundTruth
+from catoptra_protocol.labels.channels import GroundTruth
 from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.frame_header import DifferenceRecord, EffectRecord, PlanAlternative
-from catoptra_protocol.usarsim.image_port import ImageType
-from catoptra_protocol.usarsim.jpeg_header import parse_jpeg_size
+from catoptra_protocol.stream.replies import DifferenceRecord, EffectRecord, PlanAlternative
+from catoptra_protocol.usarsim.image_port import ImageType, parse_jpeg_size
 
 # EXIF orientation is ignored: rotating the image would invalidate the camera model.
 _IMREAD_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION

@@ -16,8 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_client.frame_sources import StreamClient
-from catoptra_client.robot_episodes import Info, RewardFunction, RobotEpisodes, StartFunction
-from catoptra_client.robot_observation import Observation
+from catoptra_client.robot_episodes import (
+    Info,
+    Observation,
+    RewardFunction,
+    RobotEpisodes,
+    StartFunction,
+)
 from catoptra_client.server_process import serve_stream
 from catoptra_protocol.errors import DomainError
 
@@ -35,7 +40,7 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
     """A robot that sees by its camera and is driven by its wheel speeds.
 
     Action: speeds (2,) of the left and right wheels, as fractions of the maximum in [-1, 1].
-    Observation: `image`, `odometry` and `scan` of `robot_observation.observe`. Info: true `pose`
+    Observation: `image`, `odometry` and `scan` of `robot_episodes.observe`. Info: true `pose`
     (3,), m, m, rad in the world frame, and `time_s` since the start. Raises as `StreamClient`.
     `client` is the robot's connection, for its other sensors.
     """

@@ -12,8 +12,7 @@ from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Self, TypeVar
 
-from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError
-from catoptra_client.tcp import open_connection
+from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError, open_connection
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.errors import CatoptraError, LocalProtocolError
 from catoptra_protocol.notes import find_note_count_error, text_from_note

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError
 
 _LISTENING_PATTERN = re.compile(r"listening control=(\S+):(\d+) image=(\S+):(\d+) stream=\S+:(\d+)")

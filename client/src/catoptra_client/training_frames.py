@@ -11,11 +11,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks import Viewpoint, label_frame, world_from_mirror
-from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 

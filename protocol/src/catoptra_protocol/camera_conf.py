@@ -21,8 +21,7 @@ from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.mirrors import MIRRORS
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.picture import Picture
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
 from catoptra_protocol.slotted_dataclass import dataclass
 
 Pairs = tuple[tuple[str, str], ...]

@@ -13,7 +13,7 @@ from pathlib import Path
 from catoptra_protocol.calibration.calibration_folder import REPORT_NAME, write_calibration
 from catoptra_protocol.calibration.exports import DEFAULT_MAX_RESIDUAL_PX
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.robot_file import read_robot

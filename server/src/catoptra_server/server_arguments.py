@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import cast
 
 from catoptra_protocol.errors import CatoptraError, DomainError
-from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import FileKind, bundled_files, find_configuration

@@ -1,6 +1,6 @@
 """Synthetic frames with known ground truth, ray cast in numpy, for the detector's tests.
 
-Independent of `catoptra_client.landmarks.landmark_raycast`: rays are intersected with cylinders,
+Independent of `catoptra_client.landmarks.training`: rays are intersected with cylinders,
 discs, boards and the floor, shaded, 2 x 2 per pixel, averaged in linear light, encoded as sRGB,
 with the noise of a camera. World frame: z down, floor at z = 0.
 """
@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.landmarks import Landmark, read_landmarks
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
     direction_from_pixel,
 )
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 
 FIELD_LANDMARKS = read_landmarks(
     Path(__file__).parents[3] / "configs/landmarks/four_legged_2006.csv"

@@ -7,10 +7,9 @@ import math
 
 import pytest
 
-from catoptra_client.landmarks.blobs import Blob
+from catoptra_client.landmarks.blobs import Blob, Viewpoint
 from catoptra_client.landmarks.candidates import CylinderView, require_distinct_colours
 from catoptra_client.landmarks.detector import DEFAULT_CYLINDER
-from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_protocol.errors import DomainError
 from client.landmarks import synthetic_frames
 

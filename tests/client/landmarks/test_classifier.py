@@ -9,11 +9,13 @@ import pytest
 
 from catoptra_client.landmarks.classifier import (
     COLOUR_CODES,
+    Histogram,
     classifier_from_histograms,
+    empty_histogram,
+    histogram_from_pixels,
     label_image,
     likelihood_ratio_test,
 )
-from catoptra_client.landmarks.histogram import Histogram, empty_histogram, histogram_from_pixels
 from catoptra_protocol.errors import DomainError
 
 CYAN, MAGENTA, YELLOW = COLOUR_CODES["cyan"], COLOUR_CODES["magenta"], COLOUR_CODES["yellow"]

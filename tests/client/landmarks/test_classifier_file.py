@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_client.landmarks import load_classifier, save_classifier
-from catoptra_client.landmarks.classifier import classifier_from_histograms
-from catoptra_client.landmarks.histogram import Histogram
+from catoptra_client.landmarks.classifier import Histogram, classifier_from_histograms
 from catoptra_protocol.errors import ConfigError
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_client.landmarks.detection import (
+from catoptra_client.landmarks.blobs import Viewpoint
+from catoptra_client.landmarks.candidates import (
     PolarMeasurement,
     bearing_detection_from_measurement,
     detection_from_measurement,
 )
-from catoptra_client.landmarks.viewpoint import Viewpoint
 
 MEASUREMENT = PolarMeasurement(2.0, 0.5, 0.1, 0.01)
 

@@ -25,7 +25,7 @@ from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.exports import EXPORTS, ExportedFile, export_camera
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from client.landmarks import synthetic_frames
 from client.landmarks.recorded_drive import LANDMARK_MAP
 from helpers.long_cases import quick_cases

@@ -6,10 +6,9 @@ import math
 
 import pytest
 
+from catoptra_client.landmarks.blobs import Viewpoint
 from catoptra_client.landmarks.candidates import CylinderView
-from catoptra_client.landmarks.detector import DEFAULT_CYLINDER
-from catoptra_client.landmarks.goals import find_goal_candidates
-from catoptra_client.landmarks.viewpoint import Viewpoint
+from catoptra_client.landmarks.detector import DEFAULT_CYLINDER, find_goal_candidates
 from catoptra_protocol.landmarks import Landmark
 from client.landmarks import synthetic_frames
 from client.landmarks.ideal_blobs import make_blob

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_client.landmarks.histogram import (
+from catoptra_client.landmarks.classifier import (
     Histogram,
     colour_index,
     empty_histogram,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_client.landmarks.classifier import COLOUR_CODES, NO_COLOUR
-from catoptra_client.landmarks.landmark_raycast import WHITE_CODE, Rays, nearest_surface_codes
+from catoptra_client.landmarks.training import WHITE_CODE, Rays, nearest_surface_codes
 from catoptra_protocol.landmarks import Landmark
 
 CYAN, MAGENTA, YELLOW = COLOUR_CODES["cyan"], COLOUR_CODES["magenta"], COLOUR_CODES["yellow"]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.landmarks.ranging import (
+from catoptra_client.landmarks.candidates import (
     azimuth_sigma,
     half_angle_from_range,
     incidence_angle_sigma,

@@ -12,7 +12,7 @@ from catoptra_client.landmarks import (
     empty_training_histograms,
     train,
 )
-from catoptra_client.landmarks.histogram import histogram_from_pixels
+from catoptra_client.landmarks.classifier import histogram_from_pixels
 from catoptra_protocol.errors import DomainError
 
 FRAME = np.random.default_rng(3).integers(0, 256, (6, 7, 3), dtype=np.uint8)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.landmarks.viewpoint import (
+from catoptra_client.landmarks.blobs import (
     Viewpoint,
     robot_from_viewpoint_polar,
     world_from_mirror,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.localization.belief import Belief, covariance_square_root
+from catoptra_client.localization.ekf import Belief, covariance_square_root
 from catoptra_protocol.errors import DomainError
 
 ZERO = np.zeros((3, 3))

@@ -20,7 +20,7 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.measurement_model import predict_measurement
+from catoptra_client.localization.ekf import predict_measurement
 
 LANDMARK = LandmarkPosition("l", 2.0, 1.0)
 R = np.diag([0.04, 0.002])

@@ -10,8 +10,7 @@ import pytest
 from mpmath import mp, mpf
 
 from catoptra_client.landmarks import Detection
-from catoptra_client.localization.landmark_map import LandmarkPosition
-from catoptra_client.localization.measurement_model import (
+from catoptra_client.localization.ekf import (
     BearingOnly,
     RangeBearing,
     compute_innovation,
@@ -19,6 +18,7 @@ from catoptra_client.localization.measurement_model import (
     measurement_from_detection,
     predict_measurement,
 )
+from catoptra_client.localization.landmark_map import LandmarkPosition
 from catoptra_protocol.errors import DomainError
 
 R = np.diag([0.01, 0.001])

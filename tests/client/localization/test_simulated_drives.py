@@ -26,7 +26,7 @@ from catoptra_client.localization import (
     update,
     update_health,
 )
-from catoptra_client.localization.measurement_model import predict_measurement
+from catoptra_client.localization.ekf import predict_measurement
 from catoptra_client.localization.motion_model import propagate_pose
 
 NUM_SEEDS = 20

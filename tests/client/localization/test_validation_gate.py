@@ -7,7 +7,7 @@ import math
 import mpmath
 import pytest
 
-from catoptra_client.localization.validation_gate import OPEN_GATE, PAPER_GATE, ValidationGate
+from catoptra_client.localization.ekf import OPEN_GATE, PAPER_GATE, ValidationGate
 from catoptra_protocol.errors import DomainError
 
 

@@ -12,11 +12,11 @@ from catoptra_protocol.calibration.calibrated_camera import (
     matrix_of,
     place_camera,
 )
-from catoptra_protocol.calibration.fields import Fields
+from catoptra_protocol.calibration.files import Fields
 from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.optics.image_plane import NO_CHANGE, ImagePlane
 from catoptra_protocol.optics.lenses import EquidistantLens, KannalaBrandtLens, UnifiedLens
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.calibrated_cameras import PAPER
 
 FIELDS = Fields("f", {})

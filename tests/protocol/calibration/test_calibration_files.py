@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
+from catoptra_protocol.calibration.files import MAX_BYTES
 from catoptra_protocol.calibration.formats import FORMATS, kalibr
-from catoptra_protocol.calibration.json_text import MAX_BYTES
 from catoptra_protocol.errors import ConfigError, DomainError
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.calibrated_cameras import LAFIDA, PAPER, TUM_VI_KB, WOODSCAPE
 
 

@@ -10,7 +10,7 @@ import pytest
 from catoptra_protocol.calibration.calibration_folder import REPORT_NAME, write_calibration
 from catoptra_protocol.calibration.exports import EXPORTS
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.calibrated_cameras import PAPER
 
 

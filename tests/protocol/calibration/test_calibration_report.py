@@ -12,7 +12,7 @@ from catoptra_protocol.calibration.calibration_report import write_report
 from catoptra_protocol.calibration.exports import EXPORTS, export_camera
 from catoptra_protocol.calibration.formats import FORMATS
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from helpers.calibrated_cameras import PAPER, THETA_BACK
 

@@ -17,11 +17,11 @@ from catoptra_protocol.calibration.exports import (
     RefusedFile,
     export_camera,
 )
-from catoptra_protocol.calibration.residual import compute_residual
+from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.calibrated_cameras import PAPER, THETA_BACK, TUM_VI
 
 EXACT = {

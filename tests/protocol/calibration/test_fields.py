@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from catoptra_protocol.calibration.fields import Fields
+from catoptra_protocol.calibration.files import Fields
 from catoptra_protocol.errors import ConfigError
 
 VALUES = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_protocol.calibration.json_text import parse_json
+from catoptra_protocol.calibration.files import parse_json
 from catoptra_protocol.errors import ConfigError
 
 

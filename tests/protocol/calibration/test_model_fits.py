@@ -8,6 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from catoptra_protocol.calibration.model_fits import (
+    compute_residual,
     fit_double_sphere,
     fit_eucm,
     fit_f_theta,
@@ -17,7 +18,6 @@ from catoptra_protocol.calibration.model_fits import (
     fit_ucm,
     fit_woodscape,
 )
-from catoptra_protocol.calibration.residual import compute_residual
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
@@ -26,7 +26,7 @@ from catoptra_protocol.optics.lenses import (
     UnifiedLens,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.calibrated_cameras import PAPER, THETA_BACK, TUM_VI, TUM_VI_KB
 
 

@@ -6,9 +6,9 @@ import json
 
 import pytest
 
-from catoptra_protocol.calibration.picture_mark import mark_picture, read_picture_mark
+from catoptra_protocol.calibration.calibrated_camera import mark_picture, read_picture_mark
 from catoptra_protocol.errors import ConfigError
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 
 TEXTS = ["%YAML:1.0\n---\nxi: 1.0\n", "cam0:\n  xi: 1.0\n", '{\n  "value0": {"a": 1}\n}\n']
 

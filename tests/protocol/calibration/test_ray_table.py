@@ -22,7 +22,7 @@ from catoptra_protocol.calibration.ray_table import (
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.calibrated_cameras import PAPER, TUM_VI
 
 FLIPPED = PAPER.with_picture(Picture.FLIPPED)

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from catoptra_protocol.calibration.residual import compute_residual
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.calibration.model_fits import compute_residual
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.calibrated_cameras import PAPER, TUM_VI, TUM_VI_KB
 
 

@@ -10,14 +10,13 @@ import pytest
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.calibration_folder import write_calibration
-from catoptra_protocol.calibration.ray_table import PixelRays, make_ray_table
-from catoptra_protocol.calibration.residual import compute_residual
-from catoptra_protocol.calibration.table_fit import fit_table
+from catoptra_protocol.calibration.model_fits import compute_residual
+from catoptra_protocol.calibration.ray_table import PixelRays, fit_table, make_ray_table
 from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.optics.lenses import RadialTableLens
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.calibrated_cameras import PAPER, THETA_BACK, TUM_VI, TUM_VI_KB
 
 FLIPPED = PAPER.with_picture(Picture.FLIPPED)

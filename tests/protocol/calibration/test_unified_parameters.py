@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.calibration.unified_parameters import unified_parameters
+from catoptra_protocol.calibration.model_fits import unified_parameters
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
@@ -18,7 +18,7 @@ from catoptra_protocol.optics.lenses import (
 )
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_camera import RadialProjection
 
 ALL: list[RadialProjection] = [
     PAPER_MIRROR,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from catoptra_protocol.calibration.yaml_text import format_number, format_numbers, parse_yaml
+from catoptra_protocol.calibration.files import format_number, format_numbers, parse_yaml
 from catoptra_protocol.errors import ConfigError
 
 OPENCV = """%YAML:1.0

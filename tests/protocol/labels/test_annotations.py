@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from catoptra_protocol.labels.annotations import annotate_objects
-from catoptra_protocol.labels.ground_truth import GroundTruth, LabelledObject
+from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.masks import mask_from_run_lengths, run_lengths_from_string
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.transforms import Pose

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.labels.bounding_cone import enclose_directions
+from catoptra_protocol.labels.spherical_box import enclose_directions
 
 
 def cap(half_angle_rad: float, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

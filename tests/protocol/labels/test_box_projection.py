@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_protocol.labels.box_projection import project_box
-from catoptra_protocol.labels.ground_truth import LabelledObject
+from catoptra_protocol.labels.annotations import project_box
+from catoptra_protocol.labels.channels import LabelledObject
 from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.labels.annotations import annotate_objects
-from catoptra_protocol.labels.coco import CocoImage, coco_from_images
-from catoptra_protocol.labels.ground_truth import GroundTruth, LabelledObject
+from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
+from catoptra_protocol.labels.masks import CocoImage, coco_from_images
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.transforms import Pose
 from helpers.labelled_rooms import CAMERAS

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from catoptra_protocol.labels.ground_truth import LabelledObject
+from catoptra_protocol.labels.channels import LabelledObject
 from catoptra_protocol.optics.transforms import Pose
 
 

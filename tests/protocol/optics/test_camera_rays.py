@@ -27,7 +27,7 @@ from catoptra_protocol.optics.omni_camera import (
     camera_with_inscribed_rim,
     direction_from_pixel_grid,
 )
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.mirror_checks import make_camera
 
 CENTRAL = camera_with_inscribed_rim(PAPER_MIRROR, width_px=64, height_px=48, rim_rad=2.0)

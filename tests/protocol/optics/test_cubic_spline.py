@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, fit_spline
+from catoptra_protocol.optics.curves import CubicSpline, Symmetry, fit_spline
 from catoptra_protocol.optics.numerics import Floats
 
 

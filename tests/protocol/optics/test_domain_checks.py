@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain_checks import require_domain
+from catoptra_protocol.optics.numerics import require_domain
 
 
 def test_require_when_all_is_inside_raises_nothing() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.first_fold import first_root
+from catoptra_protocol.optics.curves import first_root
 
 
 def test_first_root_is_the_smallest_inside() -> None:

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.half_angle import half_angle_tangent
+from catoptra_protocol.optics.numerics import half_angle_tangent
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.illumination import cosine_fourth, wide_angle_illumination
+from catoptra_protocol.optics.image_scale import cosine_fourth, wide_angle_illumination
 from catoptra_protocol.optics.lenses import (
     EquidistantLens,
     EquisolidLens,

@@ -17,7 +17,7 @@ from catoptra_protocol.optics.image_plane import (
 from catoptra_protocol.optics.lenses import EquidistantLens, UnifiedLens
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 
 STRETCHED = ImagePlane((1.0, 0.002, 1e-4, 1.01))
 DECENTRED = ImagePlane(p1=1e-3, p2=-5e-4)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.monotone_inverse import Function, solve_increasing, tabulate
+from catoptra_protocol.optics.curves import Function, solve_increasing, tabulate
 from catoptra_protocol.optics.numerics import Floats
 
 CASES: list[tuple[Function, Function, float, float]] = [

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.image_plane import opencv_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
     HyperbolicMirror,
@@ -25,7 +26,6 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel_grid,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.pixel_grid import opencv_from_pixel, pixel_sample_positions
 
 HYPERBOLIC = PAPER_MIRROR
 

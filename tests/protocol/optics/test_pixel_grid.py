@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from catoptra_protocol.optics.image_plane import opencv_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.pixel_grid import opencv_from_pixel, pixel_sample_positions
 
 IMAGE = PerspectiveCamera(4, 3, 1.0)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from catoptra_protocol.optics.lenses import KannalaBrandtLens, OrthographicLens
-from catoptra_protocol.optics.radial_projection import describe_limit
+from catoptra_protocol.optics.radial_camera import describe_limit
 
 
 def test_limit_of_a_formula_is_an_angle() -> None:

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.stream.field_maps import (
+from catoptra_protocol.stream.codec import (
     dataclass_from_fields,
     fields_from_message,
     plain_value,

@@ -13,20 +13,19 @@ from catoptra_protocol.errors import (
     LocalProtocolError,
     RemoteProtocolError,
 )
-from catoptra_protocol.stream.json_codec import (
+from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, MAX_REQUEST_BYTES
+from catoptra_protocol.stream.messages import (
     json_from_message,
     reply_from_json,
     request_from_json,
 )
-from catoptra_protocol.stream.msgpack_codec import MAX_REPLY_BYTES, MAX_REQUEST_BYTES
-from catoptra_protocol.stream.replies import Reply
+from catoptra_protocol.stream.replies import Reply, StateReply
 from catoptra_protocol.stream.requests import (
     GetFrameRequest,
     ImageEncoding,
     PublishRequest,
     Request,
 )
-from catoptra_protocol.stream.world_replies import StateReply
 from helpers.stream_messages import HEADER, ROBOT_STATE, SAMPLE_REPLIES, SAMPLE_REQUESTS
 
 

@@ -13,14 +13,13 @@ from catoptra_protocol.errors import (
     LocalProtocolError,
     RemoteProtocolError,
 )
-from catoptra_protocol.stream.field_maps import FieldMap
+from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, MAX_REQUEST_BYTES, FieldMap
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
     bytes_from_message,
     reply_from_bytes,
     request_from_bytes,
 )
-from catoptra_protocol.stream.msgpack_codec import MAX_REPLY_BYTES, MAX_REQUEST_BYTES
 from catoptra_protocol.stream.replies import REPLIES, Reply
 from catoptra_protocol.stream.requests import REQUESTS, Request
 from helpers.stream_messages import SAMPLE_REPLIES, SAMPLE_REQUESTS

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.stream.msgpack_codec import pack, unpack
+from catoptra_protocol.stream.codec import pack, unpack
 from helpers.stream_messages import HEADER
 
 LIMIT = 1000

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 
-from catoptra_protocol.stream.frame_header import DifferenceRecord, EffectRecord, PlanAlternative
-from catoptra_protocol.stream.replies import REPLIES
-from catoptra_protocol.stream.requests import REQUESTS, FrameVariant
-from catoptra_protocol.stream.transform import Transform
-from catoptra_protocol.stream.world_replies import (
+from catoptra_protocol.stream.replies import (
+    REPLIES,
+    DifferenceRecord,
+    EffectRecord,
     LandmarkRecord,
     NoteRecord,
+    PlanAlternative,
     RobotState,
     StartPoseRecord,
 )
+from catoptra_protocol.stream.requests import REQUESTS, FrameVariant, Transform
 from helpers.configs import REPOSITORY
 
 # Dataclasses inside messages; they have no kind of their own.

@@ -16,8 +16,7 @@ from catoptra_protocol.usarsim.command_results import (
     ViewportsResult,
     result_from_message,
 )
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_protocol.usarsim.grammar import Dialect, parse_message
 from catoptra_protocol.usarsim.reports import Report, line_from_report
 
 RESULTS: list[Report] = [

@@ -10,8 +10,13 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_LINE_BYTES, MAX_NOTE_BYTES
-from catoptra_protocol.usarsim.commands import Command, command_from_message, line_from_command
-from catoptra_protocol.usarsim.commands_publish import Note, ShareControl
+from catoptra_protocol.usarsim.commands import (
+    Command,
+    Note,
+    ShareControl,
+    command_from_message,
+    line_from_command,
+)
 from catoptra_protocol.usarsim.grammar import LineReader, parse_message
 
 # Braces, line ends and letters beyond Latin-1, none of which a block could hold.

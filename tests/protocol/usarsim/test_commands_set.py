@@ -6,8 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.usarsim.commands import command_from_message, line_from_command
-from catoptra_protocol.usarsim.commands_set import Set, SetViewports, Trace
+from catoptra_protocol.usarsim.commands import (
+    Set,
+    SetViewports,
+    Trace,
+    command_from_message,
+    line_from_command,
+)
 from catoptra_protocol.usarsim.grammar import parse_message
 
 SetCommand = Set | SetViewports | Trace

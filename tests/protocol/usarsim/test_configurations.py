@@ -16,8 +16,7 @@ from catoptra_protocol.usarsim.configurations import (
     TouchConfiguration,
     VehicleConfiguration,
 )
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_protocol.usarsim.grammar import Dialect, parse_message
 from catoptra_protocol.usarsim.reports import (
     AnyConfiguration,
     line_from_report,

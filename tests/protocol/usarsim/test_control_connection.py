@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.usarsim.commands import Drive, GetConf, GetGeo, GetStartPoses, Init, Step
 from catoptra_protocol.usarsim.control_connection import ControlClient, ControlServer
-from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import (
     CommandResult,
     Greeting,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.usarsim.dialect import UDK_BLOCKS_WITHOUT_SPACE, Dialect
-from catoptra_protocol.usarsim.grammar import format_line
+from catoptra_protocol.usarsim.grammar import UDK_BLOCKS_WITHOUT_SPACE, Dialect, format_line
 
 
 def test_dialect_is_found_by_its_option_text() -> None:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.geometry import (
     Geometry,
     GeometryItem,
     VehicleGeometry,
     geometry_from_message,
 )
-from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_protocol.usarsim.grammar import Dialect, parse_message
 from catoptra_protocol.usarsim.reports import line_from_report
 
 F2 = GeometryItem("F2", (0.185, -0.115, 0.0), (0.0, 0.0, -0.8727))

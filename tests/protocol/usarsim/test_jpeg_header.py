@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.usarsim.jpeg_header import parse_jpeg_size
+from catoptra_protocol.usarsim.image_port import parse_jpeg_size
 
 START = b"\xff\xd8"
 COMMENT = b"\xff\xfe\x00\x04hi"

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_protocol.usarsim.grammar import Dialect, parse_message
 from catoptra_protocol.usarsim.mission_package import (
     LinkConfiguration,
     LinkGeometry,

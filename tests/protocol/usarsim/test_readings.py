@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import LineReader, parse_message
+from catoptra_protocol.usarsim.grammar import Dialect, LineReader, parse_message
 from catoptra_protocol.usarsim.readings import (
     GroundTruthReading,
     InsReading,

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.usarsim.grammar import parse_message
-from catoptra_protocol.usarsim.readings import reading_from_message
-from catoptra_protocol.usarsim.readings_gps import GpsReading
+from catoptra_protocol.usarsim.readings import GpsReading, reading_from_message
 from catoptra_protocol.usarsim.reports import line_from_report
 
 PLACES = [

@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_SERVER_LINE_BYTES
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import parse_message
-from catoptra_protocol.usarsim.readings import reading_from_message
-from catoptra_protocol.usarsim.readings_range import RangeScanReading, SonarReadings
+from catoptra_protocol.usarsim.grammar import Dialect, parse_message
+from catoptra_protocol.usarsim.readings import RangeScanReading, SonarReadings, reading_from_message
 from catoptra_protocol.usarsim.reports import line_from_report
 
 RANGES = st.lists(st.floats(0.0, 80.0), min_size=1, max_size=181).map(tuple)

@@ -5,9 +5,13 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import Message, parse_message
-from catoptra_protocol.usarsim.report_items import items_from_message, messages_from_items
+from catoptra_protocol.usarsim.grammar import (
+    Dialect,
+    Message,
+    items_from_message,
+    messages_from_items,
+    parse_message,
+)
 
 HEAD = (("Type", "Sonar"),)
 F1 = (("Name", "F1"), ("Range", "4.5"))

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import parse_message
-from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_protocol.usarsim.vehicle_status import VehicleStatus
+from catoptra_protocol.usarsim.grammar import Dialect, parse_message
+from catoptra_protocol.usarsim.reports import VehicleStatus, line_from_report
 
 
 @pytest.mark.parametrize("dialect", Dialect)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError, ConfigError
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.bundled_files import bundled_files
 from catoptra_server.config.camera_file import (
     carry_camera,

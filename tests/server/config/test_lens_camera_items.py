@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.calibration.formats import kalibr
-from catoptra_protocol.calibration.residual import compute_residual
+from catoptra_protocol.calibration.model_fits import compute_residual
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.robot_file import read_robot, read_robots
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from helpers.calibrated_cameras import TUM_VI

@@ -7,9 +7,9 @@ import zlib
 
 import numpy as np
 
-from catoptra_protocol.labels.ground_truth import GroundTruth, LabelledObject
+from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.label_records import ChannelEncoding
+from catoptra_protocol.stream.requests import ChannelEncoding
 from catoptra_server.frames.frame_labels import FrameLabels
 
 IDS = np.array(((0, 2, 2), (0, 0, 5)), dtype=np.uint16)

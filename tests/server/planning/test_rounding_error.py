@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
     HyperbolicMirror,
@@ -15,7 +16,6 @@ from catoptra_protocol.optics.mirrors import (
     SphericalMirror,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.rounding_error import coordinate_errors, corner_error, rounding_error
 from catoptra_server.planning.texel_footprint import texel_footprint

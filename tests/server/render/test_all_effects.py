@@ -14,8 +14,8 @@ import numpy.typing as npt
 import pytest
 
 from catoptra_protocol.optics.cube_map import face_from_direction
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.capture.shutter import Shutter
 from catoptra_server.effects import EFFECT_TYPES

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
     HyperbolicMirror,
@@ -25,7 +26,6 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.error_bound import error_bound

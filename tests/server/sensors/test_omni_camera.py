@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
-from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_server.frames.multi_view import Tile
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.sensors.omni_camera import OmniCameraSensor

@@ -8,7 +8,7 @@ import math
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.mount import (

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.usarsim.commands import GetConf, GetGeo
-from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.robot.planar_pose import PlanarPose

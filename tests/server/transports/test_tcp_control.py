@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.usarsim.commands import Drive, GetConf, Init
-from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import (
     CommandResult,
     Configuration,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_client.server_address import ServerAddress
+from catoptra_client.control_connection import ServerAddress
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.degradation.recorded_drive import add_measurements, record_drive
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, SIM

@@ -12,8 +12,8 @@ from queue import SimpleQueue
 import numpy as np
 import pytest
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.localization import make_landmark_map
-from catoptra_client.server_address import ServerAddress
 from catoptra_client.server_process import connect_stream, run_server
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from catoptra_client.server_address import ServerAddress
+from catoptra_client.control_connection import ServerAddress
 from catoptra_protocol.errors import ConnectionLostError, DomainError
 from catoptra_studies.experiment.remote_server import parse_server_address, wait_for_server
 from client.scripted_server import ScriptedControlPeer, serve_script, wait_for_close

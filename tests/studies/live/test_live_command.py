@@ -15,8 +15,8 @@ from urllib.request import urlopen
 
 import pytest
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_client.server_process import connect_stream
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_studies.live.live_drive import ROBOT_NAME

@@ -9,8 +9,8 @@ import threading
 
 import pytest
 
-from catoptra_client.server_address import ServerAddress
-from catoptra_protocol.stream.world_replies import RobotState, StateReply
+from catoptra_client.control_connection import ServerAddress
+from catoptra_protocol.stream.replies import RobotState, StateReply
 from catoptra_studies.experiment.filter_note import NOTE_NAME
 from catoptra_studies.experiment.route import Waypoint
 from catoptra_studies.live.live_drive import ROBOT_NAME, open_live_drive

@@ -13,7 +13,7 @@ from catoptra_client.frame_sources.stream.stream_frame_source import (
     StreamFrameSource,
 )
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import ImageEncoding
 
 _QUERY_KEYS = ("robot", "camera", "encoding", "picture")

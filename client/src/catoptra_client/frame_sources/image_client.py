@@ -19,8 +19,8 @@ from typing import Self
 import cv2
 import numpy as np
 
+from catoptra_client.control_connection import open_connection, peer_address
 from catoptra_client.frame import Frame, Pixels, rgb_from_image_bytes
-from catoptra_client.tcp import open_connection, peer_address
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.usarsim.image_port import (
     EncodedFrame,

@@ -4,17 +4,22 @@ Train once with `label_frame`, `train` and `save_classifier`; then `make_detecto
 and `detect` for every frame. Source: Schmits & Visser 2009, section 3.2.
 """
 
-from catoptra_client.landmarks.blobs import Blob, blobs_from_labels
+from catoptra_client.landmarks.blobs import Blob, Viewpoint, blobs_from_labels, world_from_mirror
+from catoptra_client.landmarks.candidates import Detection
 from catoptra_client.landmarks.classifier import (
     COLOUR_CODES,
     DEFAULT_THETA,
     NO_COLOUR,
     ColourClassifier,
+    Histogram,
     classifier_from_histograms,
+    histogram_from_pixels,
     label_image,
+    load_classifier,
+    merge_histograms,
+    save_classifier,
+    smooth_histogram,
 )
-from catoptra_client.landmarks.classifier_file import load_classifier, save_classifier
-from catoptra_client.landmarks.detection import Detection
 from catoptra_client.landmarks.detector import (
     DEFAULT_CYLINDER,
     DetectionStages,
@@ -23,20 +28,15 @@ from catoptra_client.landmarks.detector import (
     detect_with_stages,
     make_detector,
 )
-from catoptra_client.landmarks.histogram import (
-    Histogram,
-    histogram_from_pixels,
-    merge_histograms,
-    smooth_histogram,
-)
-from catoptra_client.landmarks.labelling import IGNORE_LABEL, LabelMargins, label_frame
 from catoptra_client.landmarks.training import (
+    IGNORE_LABEL,
+    LabelMargins,
     TrainingHistograms,
     add_labelled_frame,
     empty_training_histograms,
+    label_frame,
     train,
 )
-from catoptra_client.landmarks.viewpoint import Viewpoint, world_from_mirror
 
 __all__ = [
     "COLOUR_CODES",

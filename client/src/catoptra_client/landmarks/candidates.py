@@ -1,4 +1,16 @@
-"""Candidates: sets of blobs that may show a landmark, and the view in which blobs are measured."""
+"""Candidates: sets of blobs that may show a landmark, and the view in which blobs are measured.
+
+Detections: from a measurement at the viewpoint to one at the robot's origin.
+
+Level range of a point of known height from its direction, and the sigma of the range.
+
+A point `drop_m` below the viewpoint (negative: above), at incidence angle theta, lies at r = drop
+tan(theta). In t = tan(theta / 2) nothing cancels and the horizon is t = 1 exactly. At the horizon r
+is undefined, and the mean of r does not exist near the horizon, so ranges less than three sigma
+from the horizon are rejected.
+
+Functions return (value, valid); an invalid value is 0.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +20,235 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catoptra_client.landmarks.blobs import Blob
-from catoptra_client.landmarks.detection import PolarMeasurement
-from catoptra_client.landmarks.ranging import (
-    azimuth_sigma,
-    incidence_angle_sigma,
-    turned_sigmas,
-)
-from catoptra_client.landmarks.viewpoint import Viewpoint
+from catoptra_client.landmarks.blobs import Blob, Viewpoint, robot_from_viewpoint_polar
 from catoptra_client.unwarp import CylinderGeometry
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.numerics import Floats, wrap_angle
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detection:
+    """Detected landmark, as measured from the robot's origin."""
+
+    name: str
+    """Name in the landmark file."""
+    kind: str
+    """Kind in the landmark file: beacon or goal."""
+    range_m: float
+    """Level range; 0 without `has_range`."""
+    bearing_rad: float
+    """Bearing from the robot's x axis, positive to the right."""
+    covariance: Floats
+    """Covariance (2, 2) of (range, bearing), m^2 and rad^2; 0 for a range without `has_range`."""
+    num_pixels: int
+    """Number of cylinder pixels in the landmark's blobs."""
+    has_range: bool
+    """Whether range and covariance of the range are defined."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolarMeasurement:
+    """Point in polar coordinates around the viewpoint, with standard deviations."""
+
+    range_m: float
+    """Level range from the viewpoint."""
+    azimuth_rad: float
+    """Azimuth in the mirror frame, from x towards y."""
+    range_sigma_m: float
+    azimuth_sigma_rad: float
+
+
+def detection_from_measurement(
+    name: str, kind: str, measurement: PolarMeasurement, *, viewpoint: Viewpoint, num_pixels: int
+) -> Detection:
+    """Move a measurement with a range from the viewpoint to the robot's origin.
+
+    The covariance is propagated by the Jacobian of the change of origin.
+    """
+    polar = np.array([measurement.range_m, measurement.azimuth_rad])
+    range_m, bearing, jacobian = robot_from_viewpoint_polar(viewpoint, polar)
+    variances = np.square([measurement.range_sigma_m, measurement.azimuth_sigma_rad])
+    covariance = (jacobian * variances) @ jacobian.T
+    return Detection(name, kind, range_m, bearing, _freeze(covariance), num_pixels, True)
+
+
+def bearing_detection_from_measurement(
+    name: str, kind: str, measurement: PolarMeasurement, *, viewpoint: Viewpoint, num_pixels: int
+) -> Detection:
+    """Detection without a range, from a measurement whose range is only approximate.
+
+    The approximate range and its sigma serve to move the bearing from the viewpoint to the robot's
+    origin.
+    """
+    approximate = detection_from_measurement(
+        name, kind, measurement, viewpoint=viewpoint, num_pixels=num_pixels
+    )
+    covariance = np.diag([0.0, float(approximate.covariance[1, 1])])
+    return Detection(
+        name, kind, 0.0, approximate.bearing_rad, _freeze(covariance), num_pixels, False
+    )
+
+
+def _freeze(array: Floats) -> Floats:
+    array.setflags(write=False)
+    return array
+
+
+# The mean of drop tan(theta + noise) does not exist; beyond three sigma its bias is bounded.
+HORIZON_SIGMAS = 3.0
+# Of central differences: errors of 1e-10 of the image's scale.
+_STEP_RAD = 1e-5
+
+
+def range_from_half_angle(t: float, *, drop_m: float) -> tuple[float, bool]:
+    """Level range of a point from t = tan(theta / 2), and whether the range exists.
+
+    Invalid at the horizon, on the side of the horizon opposite to the point, for t < 0, and where
+    the range exceeds float64.
+    """
+    if not (0.0 <= t < math.inf and math.isfinite(drop_m)):
+        return 0.0, False
+    if t == 1.0 or drop_m == 0.0 or (t > 1.0) != (drop_m < 0.0):
+        return 0.0, False
+    # Above the horizon in 1 / t, which changes only the sign of tan(theta) and cannot overflow.
+    u = t if t < 1.0 else 1.0 / t
+    range_m = abs(drop_m) * (2.0 * u / ((1.0 - u) * (1.0 + u)))
+    return (range_m, True) if range_m < math.inf else (0.0, False)
+
+
+def range_from_slope(slope: float, *, drop_m: float) -> tuple[float, bool]:
+    """Level range of a point from the slope cot(theta), and whether the range exists.
+
+    Invalid at the horizon (slope 0), on the side of the horizon opposite to the point, and where
+    the range exceeds float64.
+    """
+    if not (math.isfinite(slope) and math.isfinite(drop_m)):
+        return 0.0, False
+    # Signs are compared, not multiplied: a product of small numbers is 0.
+    if slope == 0.0 or drop_m == 0.0 or (slope < 0.0) != (drop_m < 0.0):
+        return 0.0, False
+    range_m = drop_m / slope
+    return (range_m, True) if range_m < math.inf else (0.0, False)
+
+
+def half_angle_from_range(range_m: float, *, drop_m: float) -> tuple[float, bool]:
+    """t = tan(theta / 2) of a point at a level range, and whether t is finite.
+
+    Invalid for the viewpoint itself, straight above the viewpoint, and where t exceeds float64.
+
+    Raises:
+        DomainError: the range is negative or the drop not finite.
+    """
+    if not (range_m >= 0.0 and math.isfinite(drop_m)):
+        raise DomainError(f"a range is not negative, a drop finite: {range_m!r}, {drop_m!r}")
+    # Scaled, so that neither the squares nor the sum of distance and drop overflow.
+    scale = max(range_m, abs(drop_m))
+    if scale == 0.0 or scale == math.inf or (range_m == 0.0 and drop_m < 0.0):
+        return 0.0, False
+    reach, drop = range_m / scale, drop_m / scale
+    distance = math.hypot(reach, drop)
+    # One form for each side of the horizon, so that the sum never cancels.
+    if drop >= 0.0:
+        return reach / (distance + drop), True
+    t = (distance - drop) / reach if reach else math.inf
+    return (t, True) if t < math.inf else (0.0, False)
+
+
+def incidence_angle_sigma(
+    camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
+) -> tuple[float, bool]:
+    """Sigma, in radians, of a point's incidence angle from the sigma of the image radius.
+
+    Invalid for a point that the mirror does not reflect.
+    """
+    t, visible = _visible_half_angle(camera, range_m, drop_m)
+    if not visible:
+        return 0.0, False
+    slope_px = camera.scale_px * float(camera.projection.radius_ratio_slope(np.array(t)))
+    return sigma_px / slope_px, True
+
+
+def range_sigma(
+    camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
+) -> tuple[float, bool]:
+    """Sigma, in metres, of a level range measured by the depression of a point.
+
+    sigma_r = (drop^2 + r^2) / |drop| sigma_theta. Invalid at the horizon, for a point that the
+    mirror does not reflect, and where sigma exceeds float64.
+    """
+    sigma_rad, visible = incidence_angle_sigma(
+        camera, drop_m=drop_m, range_m=range_m, sigma_px=sigma_px
+    )
+    if not visible:
+        return 0.0, False
+    return range_sigma_from_angle(drop_m=drop_m, range_m=range_m, sigma_rad=sigma_rad)
+
+
+def range_sigma_from_angle(
+    *, drop_m: float, range_m: float, sigma_rad: float
+) -> tuple[float, bool]:
+    """The same from the sigma of the point's angle from the vertical."""
+    if drop_m == 0.0:
+        return 0.0, False
+    # Divided between two products: (drop^2 + r^2) overflows where sigma itself does not.
+    distance_m = math.hypot(drop_m, range_m)
+    sigma_m = distance_m / abs(drop_m) * distance_m * sigma_rad
+    return (sigma_m, True) if sigma_m < math.inf else (0.0, False)
+
+
+def azimuth_sigma(
+    camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
+) -> tuple[float, bool]:
+    """Sigma, in radians, of a point's azimuth: the sigma in the image over the image radius.
+
+    Invalid straight below the viewpoint, where the azimuth is undefined, and for a point that the
+    mirror does not reflect.
+    """
+    t, visible = _visible_half_angle(camera, range_m, drop_m)
+    radius_px = camera.scale_px * float(camera.projection.radius_ratio_from_t(np.array(t)))
+    sigma_rad = sigma_px / radius_px if visible and radius_px > 0.0 else math.inf
+    return (sigma_rad, True) if sigma_rad < math.inf else (0.0, False)
+
+
+def turned_sigmas(
+    camera: OmniCamera, direction: Floats, *, robot_from_mirror: Floats, sigma_px: float
+) -> tuple[float, float, bool]:
+    """Sigmas, in radians, of a direction's angle from the robot's vertical and of its azimuth, in
+    an image whose axis is another one.
+
+    By the derivatives of the pixel by both angles. Invalid for a direction that the camera does not
+    show, and for the vertical itself.
+
+    Args:
+        camera: Model of the camera.
+        direction: (3,) unit, in the robot's axes.
+        robot_from_mirror: (3, 3) rotation of the mirror frame on the robot.
+        sigma_px: Sigma of the pixel in either direction.
+    """
+    level = math.hypot(direction[0], direction[1])
+    if level == 0.0:
+        return 0.0, 0.0, False
+    across = np.array((-direction[1], direction[0], 0.0)) / level
+    steps = np.stack((np.cross(across, direction), level * across))
+    moved = np.stack((direction + _STEP_RAD * steps, direction - _STEP_RAD * steps))
+    pixels, visible = pixel_from_direction(camera, moved @ robot_from_mirror)
+    lengths_px = np.linalg.norm(pixels[0] - pixels[1], axis=-1) / (2.0 * _STEP_RAD)
+    if not visible.all() or not (lengths_px > 0.0).all():
+        return 0.0, 0.0, False
+    down, azimuth = (sigma_px / lengths_px).tolist()
+    return down, azimuth, True
+
+
+def is_clear_of_horizon(*, drop_m: float, range_m: float, sigma_rad: float) -> bool:
+    """Whether a point's incidence angle is more than three sigma away from the horizon."""
+    return math.atan2(abs(drop_m), range_m) > HORIZON_SIGMAS * sigma_rad
+
+
+def _visible_half_angle(camera: OmniCamera, range_m: float, drop_m: float) -> tuple[float, bool]:
+    t, defined = half_angle_from_range(range_m, drop_m=drop_m)
+    return (t, True) if defined and t < camera.projection.t_limit else (0.0, False)
 
 
 @dataclass(frozen=True, slots=True)

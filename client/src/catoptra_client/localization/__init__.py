@@ -4,13 +4,26 @@ One step: `predict` with the control from odometry, `update` with each detected 
 `update_health` with the results. Source: Schmits & Visser 2009, Eqs. 4-6.
 """
 
-from catoptra_client.localization.belief import Belief
-from catoptra_client.localization.consistency import chi_square_mean_interval, nees
-from catoptra_client.localization.ekf import MeasurementUpdate, UpdateStatus, predict, update
+from catoptra_client.localization.ekf import (
+    OPEN_GATE,
+    PAPER_GATE,
+    BearingOnly,
+    Belief,
+    Measurement,
+    MeasurementUpdate,
+    RangeBearing,
+    UpdateStatus,
+    ValidationGate,
+    measurement_from_detection,
+    predict,
+    update,
+)
 from catoptra_client.localization.filter_health import (
     FilterHealth,
     Recovery,
     apply_recovery,
+    chi_square_mean_interval,
+    nees,
     update_health,
 )
 from catoptra_client.localization.landmark_map import (
@@ -19,15 +32,12 @@ from catoptra_client.localization.landmark_map import (
     find_landmark_position,
     make_landmark_map,
 )
-from catoptra_client.localization.measurement_model import (
-    BearingOnly,
-    Measurement,
-    RangeBearing,
-    measurement_from_detection,
+from catoptra_client.localization.motion_model import (
+    Control,
+    MotionNoise,
+    OdometryPose,
+    control_from_odometry,
 )
-from catoptra_client.localization.motion_model import Control, MotionNoise
-from catoptra_client.localization.odometry import OdometryPose, control_from_odometry
-from catoptra_client.localization.validation_gate import OPEN_GATE, PAPER_GATE, ValidationGate
 
 __all__ = [
     "OPEN_GATE",

@@ -4,24 +4,33 @@ Source: Schmits & Visser 2009, Eqs. 4-6; Thrun, Burgard & Fox 2005, table 7.2. D
 covariances are products B B^T of square roots (in the update the Joseph form), positive
 semidefinite by construction even with exact sensors; the gain comes from a Cholesky solve, never an
 inverse; an unusable measurement is rejected with a status and leaves the belief unchanged.
+
+Validation gate: the largest normalized innovation that the filter accepts.
+
+The squared Mahalanobis distance of a true measurement is chi-square distributed with one degree of
+freedom per component. Source: Kristensen & Jensfelt 2003, the gate to which the paper refers;
+Bar-Shalom, Li & Kirubarajan 2001.
+
+Belief of the filter: a Gaussian over the pose (x, y, phi). Immutable.
+
+Measurement model: range and bearing of a landmark (Schmits & Visser 2009, Eq. 6).
+
+The bearing gamma is relative to the robot's heading and positive to the right (x towards y), as
+yaw. A landmark near the horizon has no usable range and gives a bearing alone.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, field
 from enum import StrEnum
+from statistics import NormalDist
 
 import numpy as np
 
-from catoptra_client.localization.belief import Belief, covariance_square_root
+from catoptra_client.landmarks.candidates import Detection
 from catoptra_client.localization.landmark_map import LandmarkPosition
-from catoptra_client.localization.measurement_model import (
-    Measurement,
-    compute_innovation,
-    is_finite,
-    predict_measurement,
-)
 from catoptra_client.localization.motion_model import (
     Control,
     MotionNoise,
@@ -30,9 +39,241 @@ from catoptra_client.localization.motion_model import (
     jacobian_wrt_pose,
     propagate_pose,
 )
-from catoptra_client.localization.validation_gate import ValidationGate
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Floats, angle_difference, wrap_angle
+
+
+@dataclass(frozen=True, slots=True)
+class ValidationGate:
+    """Chi-square gate, described by the fraction of true measurements that are rejected.
+
+    A rate of 0.01 gives the thresholds -2 ln(0.01) = 9.21034 for range and bearing and 6.63490 for
+    a bearing alone.
+    """
+
+    false_rejection_rate: float = 0.01
+    """Fraction of true measurements rejected, in [0, 1); 0 accepts all."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.false_rejection_rate < 1.0:
+            raise DomainError(f"a rejection rate lies in [0, 1): {self.false_rejection_rate!r}")
+
+    def threshold(self, dof: int) -> float:
+        """Largest accepted squared distance of an innovation with 1 or 2 degrees of freedom."""
+        if dof not in (1, 2):
+            raise DomainError(f"the gate has thresholds for 1 or 2 degrees of freedom, not {dof}")
+        if self.false_rejection_rate == 0.0:
+            return math.inf
+        if dof == 2:
+            # Chi-square with 2 degrees of freedom is exponential: the quantile has a closed form.
+            return -2.0 * math.log(self.false_rejection_rate)
+        # Half of the rate in each tail of the normal distribution. The lower tail, because 1 - tail
+        # rounds to 1 for small rates. Half of the smallest float is 0, hence the maximum.
+        tail = max(0.5 * self.false_rejection_rate, math.ulp(0.0))
+        return NormalDist().inv_cdf(tail) ** 2
+
+
+PAPER_GATE = ValidationGate(0.01)
+"""Gate of the paper: 1 % of true measurements rejected."""
+OPEN_GATE = ValidationGate(0.0)
+"""Gate that accepts every measurement."""
+
+
+# Rounding of products leaves eigenvalues of a few eps times the largest. 1e-12 is 4500 eps: far
+# above rounding, and far below any variance that a robot's sensors can resolve.
+_ROUNDING_TOLERANCE = 1e-12
+# Square root of the smallest normal float: smaller sigmas have squares of reduced precision.
+_MIN_SIGMA = float(np.sqrt(np.finfo(np.float64).tiny))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """Gaussian over the pose in the world frame.
+
+    phi is wrapped, and the covariance symmetrized against rounding. A zero covariance is valid and
+    means an exactly known pose, as the paper's a-priori covariance.
+
+    Raises:
+        DomainError: a number is not finite, or the covariance not symmetric and positive
+            semidefinite.
+    """
+
+    mean: Floats
+    """Mean pose (3,): m, m, rad."""
+    covariance: Floats
+    """Covariance (3, 3) of the pose."""
+    square_root: Floats = field(init=False, repr=False)
+    """Square root B (3, 3) of the covariance: B B^T = covariance."""
+
+    def __post_init__(self) -> None:
+        mean = np.array(self.mean, dtype=np.float64)
+        covariance = np.array(self.covariance, dtype=np.float64)
+        if mean.shape != (3,) or covariance.shape != (3, 3):
+            raise DomainError(f"a belief is (3,) and (3, 3), not {mean.shape}, {covariance.shape}")
+        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+            raise DomainError(f"a belief must be finite: {mean}, {covariance.tolist()}")
+        # Wrapped here once, so that no consumer of a belief has to consider whole turns.
+        mean[2] = wrap_angle(float(mean[2]))
+        # Kept: the test and the filter's next step need the same decomposition.
+        root, valid = covariance_square_root(covariance)
+        if not valid:
+            raise DomainError(
+                f"a covariance is symmetric and has no negative variance: {covariance.tolist()}"
+            )
+        _set_frozen_array(self, "mean", mean)
+        _set_frozen_array(self, "covariance", _symmetrize(covariance))
+        _set_frozen_array(self, "square_root", root)
+
+
+def covariance_square_root(covariance: Floats) -> tuple[Floats, bool]:
+    """Square root B (n, n) of a covariance of any rank, B B^T, and whether the matrix is one.
+
+    A finite (n, n) matrix is a covariance if it is symmetric without negative eigenvalues, up to
+    rounding. By the eigenvectors of the correlations: variances in metres do not hide those in
+    radians there, and a Cholesky factor needs full rank, which P = 0 lacks.
+    """
+    sigma, correlation, possible = sigmas_and_correlations(covariance)
+    if not possible:
+        return np.zeros_like(correlation), False
+    values, vectors = np.linalg.eigh(correlation)
+    with np.errstate(under="ignore"):  # products below 1e-308 are zero
+        # Eigenvalues that rounding made negative are zeros of a matrix of lower rank.
+        root: Floats = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return root, bool(values[0] >= -_ROUNDING_TOLERANCE)
+
+
+def sigmas_and_correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
+    """Sigmas (n,) and correlations (n, n) of a matrix, and whether the matrix can be a covariance.
+
+    The matrix is invalid if a variance is negative, a variance is zero beside a non-zero
+    covariance, a correlation exceeds 1, or the matrix is not symmetric; the correlations are then
+    zero. A sigma below 1.5e-154, whose square is not a normal float, counts as zero.
+    """
+    variances = covariance.diagonal()
+    sigma = np.sqrt(np.maximum(variances, 0.0))
+    certain = sigma < _MIN_SIGMA
+    # Dividing twice instead of by the outer product, which underflows for small sigmas.
+    scale = np.where(certain, _MIN_SIGMA, sigma)
+    with np.errstate(over="ignore", under="ignore"):
+        correlation = covariance / scale / scale[:, None]
+    possible = bool(variances.min() >= 0.0) and _is_correlation_matrix(correlation)
+    if not possible:
+        correlation = np.zeros_like(correlation)
+    elif certain.any():
+        sigma[certain] = 0.0
+        correlation[certain | certain[:, None]] = 0.0
+    return sigma, correlation, possible
+
+
+def _is_correlation_matrix(matrix: Floats) -> bool:
+    """Whether an (n, n) matrix is symmetric with entries up to 1, up to rounding."""
+    if not np.abs(matrix).max() <= 1.0 + _ROUNDING_TOLERANCE:
+        return False
+    return bool(np.abs(matrix - matrix.T).max() <= _ROUNDING_TOLERANCE)
+
+
+def _symmetrize(covariance: Floats) -> Floats:
+    with np.errstate(under="ignore"):  # half of the smallest float is zero
+        symmetric: Floats = 0.5 * covariance + 0.5 * covariance.T
+    return symmetric
+
+
+def _set_frozen_array(belief: Belief, name: str, array: Floats) -> None:
+    array.setflags(write=False)
+    object.__setattr__(belief, name, array)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RangeBearing:
+    """Range and bearing of a landmark."""
+
+    range_m: float
+    """Level range r."""
+    bearing_rad: float
+    """Bearing gamma."""
+    covariance: Floats
+    """Covariance (2, 2) of (r, gamma): m^2, rad^2."""
+
+    def __post_init__(self) -> None:
+        covariance = np.array(self.covariance, dtype=np.float64)
+        if covariance.shape != (2, 2):
+            raise DomainError(f"range and bearing have a (2, 2) covariance, not {covariance.shape}")
+        covariance.setflags(write=False)
+        object.__setattr__(self, "covariance", covariance)
+
+
+@dataclass(frozen=True, slots=True)
+class BearingOnly:
+    """Bearing of a landmark without a range."""
+
+    bearing_rad: float
+    """Bearing gamma."""
+    variance_rad2: float
+    """Variance of the bearing."""
+
+
+Measurement = RangeBearing | BearingOnly
+
+
+def measurement_from_detection(detection: Detection) -> Measurement:
+    """Measurement of a detection: range and bearing, or the bearing alone."""
+    if detection.has_range:
+        return RangeBearing(detection.range_m, detection.bearing_rad, detection.covariance)
+    return BearingOnly(detection.bearing_rad, float(detection.covariance[1, 1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PredictedMeasurement:
+    """Range and bearing of a landmark as predicted from a pose."""
+
+    range_m: float
+    bearing_rad: float
+    jacobian: Floats
+    """Jacobian H (2, 3) of range and bearing with respect to the pose."""
+
+
+def predict_measurement(
+    pose: Floats, landmark: LandmarkPosition
+) -> tuple[PredictedMeasurement, bool]:
+    """Predicted measurement of a landmark from a (3,) pose, and whether it is defined.
+
+    Undefined where the landmark coincides with the robot: bearing and H have no limit there.
+    """
+    dx, dy = landmark.x_m - float(pose[0]), landmark.y_m - float(pose[1])
+    rho = math.hypot(dx, dy)
+    # The reciprocal of a subnormal range overflows; that of the smallest normal one is finite.
+    if not sys.float_info.min < rho < math.inf:
+        return PredictedMeasurement(0.0, 0.0, np.zeros((2, 3))), False
+    # Direction cosines, then a second division by rho: rho^2 would under- or overflow first.
+    cx, cy = dx / rho, dy / rho
+    jacobian = np.array([[-cx, -cy, 0.0], [cy / rho, -cx / rho, -1.0]])
+    bearing_rad = angle_difference(math.atan2(dy, dx), float(pose[2]))
+    return PredictedMeasurement(rho, bearing_rad, jacobian), True
+
+
+def compute_innovation(
+    measurement: Measurement, predicted: PredictedMeasurement
+) -> tuple[Floats, Floats, Floats]:
+    """Innovation (n,), H (n, 3) and R (n, n); n = 2, or 1 for a bearing alone.
+
+    The innovation of the bearing is wrapped.
+    """
+    # Wrapped: a bearing near +-pi would otherwise be off by a whole turn and fail any gate.
+    bearing_innovation_rad = angle_difference(measurement.bearing_rad, predicted.bearing_rad)
+    if isinstance(measurement, BearingOnly):
+        noise = np.array([[measurement.variance_rad2]])
+        return np.array([bearing_innovation_rad]), predicted.jacobian[1:], noise
+    innovation = np.array([measurement.range_m - predicted.range_m, bearing_innovation_rad])
+    return innovation, predicted.jacobian, measurement.covariance
+
+
+def is_finite(measurement: Measurement) -> bool:
+    """Whether every number of a measurement is finite."""
+    if isinstance(measurement, BearingOnly):
+        return math.isfinite(measurement.bearing_rad) and math.isfinite(measurement.variance_rad2)
+    numbers = (measurement.range_m, measurement.bearing_rad)
+    return all(map(math.isfinite, numbers)) and bool(np.isfinite(measurement.covariance).all())
+
 
 # Radius of a beacon: a robot believed closer than that stands inside the landmark, where the
 # linearization of the bearing is meaningless.

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from catoptra_protocol.calibration.calibrated_camera import read_picture_mark
+from catoptra_protocol.calibration.files import MAX_BYTES
 from catoptra_protocol.calibration.formats import FORMATS
-from catoptra_protocol.calibration.json_text import MAX_BYTES
-from catoptra_protocol.calibration.picture_mark import read_picture_mark
-from catoptra_protocol.calibration.ray_table import is_ray_table, read_ray_table
-from catoptra_protocol.calibration.table_fit import fit_table
+from catoptra_protocol.calibration.ray_table import fit_table, is_ray_table, read_ray_table
 from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 
 
 def camera_from_file(

@@ -22,7 +22,7 @@ from catoptra_protocol.calibration.ray_table import (
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 
 REPORT_NAME = "CALIBRATION.md"
 

@@ -13,14 +13,12 @@ from catoptra_protocol.calibration.exports import (
     turn_for_export,
 )
 from catoptra_protocol.calibration.formats import FORMATS
-from catoptra_protocol.calibration.model_fits import fit_f_theta
+from catoptra_protocol.calibration.model_fits import compute_residual, fit_f_theta
 from catoptra_protocol.calibration.ray_table import FIELDS, FRAME, TABLE_NAME
-from catoptra_protocol.calibration.residual import compute_residual
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
-from catoptra_protocol.optics.radial_projection import describe_limit
+from catoptra_protocol.optics.radial_camera import Picture, describe_limit
 
 _AXES = """\
 ```

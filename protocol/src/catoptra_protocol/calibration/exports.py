@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
+from catoptra_protocol.calibration.calibrated_camera import mark_picture
 from catoptra_protocol.calibration.calibration_format import CalibrationFormat
 from catoptra_protocol.calibration.formats import (
     basalt,
@@ -22,6 +23,8 @@ from catoptra_protocol.calibration.formats import (
     woodscape_json,
 )
 from catoptra_protocol.calibration.model_fits import (
+    Residual,
+    compute_residual,
     fit_double_sphere,
     fit_eucm,
     fit_kannala_brandt,
@@ -30,11 +33,9 @@ from catoptra_protocol.calibration.model_fits import (
     fit_ucm,
     fit_woodscape,
 )
-from catoptra_protocol.calibration.picture_mark import mark_picture
-from catoptra_protocol.calibration.residual import Residual, compute_residual
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.slotted_dataclass import dataclass
 
 DEFAULT_MAX_RESIDUAL_PX = 0.05

@@ -3,17 +3,25 @@ is one of them, else by a fit to its whole image; its picture flipped.
 
 A fit minimises the differences of image radii in pixels on rings from the centre to the rim; the
 image plane keeps its centre and stretch. How good it is says `residual.compute_residual`.
+
+Cameras as unified spheres: the projections that are Mei's model, exactly.
+
+With t = tan(theta / 2) Mei's radius is 2 t / ((1 + xi) + (xi - 1) t^2): a hyperbolic mirror has xi
+= s / (k - 1) and gamma = h xi, a parabolic one and a stereographic lens have xi = 1. UCM and EUCM
+with beta = 1 have xi = alpha / (1 - alpha), double spheres are unified with alpha = 0 or xi = 0.
+
+Residual between two models of one camera, over its whole image.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from catoptra_protocol.calibration.calibrated_camera import place_camera
-from catoptra_protocol.calibration.unified_parameters import UnifiedParameters, unified_parameters
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
@@ -21,13 +29,123 @@ from catoptra_protocol.optics.lenses import (
     FThetaLens,
     KannalaBrandtLens,
     OCamLens,
+    StereographicLens,
     UnifiedLens,
     WoodScapeLens,
 )
+from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
+from catoptra_protocol.slotted_dataclass import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class UnifiedParameters:
+    """Mei's parameters of a camera."""
+
+    xi: float
+    gamma_px: float
+    """Focal length of the plane behind the sphere."""
+    k1: float = 0.0
+    k2: float = 0.0
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether the plane is distorted radially."""
+        return self.k1 != 0.0 or self.k2 != 0.0
+
+    @property
+    def alpha(self) -> float:
+        """Parameter of UCM, EUCM and double sphere, xi / (1 + xi)."""
+        return self.xi / (1.0 + self.xi)
+
+    @property
+    def focal_length_px(self) -> float:
+        """Focal length of UCM, EUCM and double sphere, gamma / (1 + xi)."""
+        return self.gamma_px / (1.0 + self.xi)
+
+
+def unified_parameters(camera: OmniCamera) -> UnifiedParameters:
+    """Mei's parameters of a camera.
+
+    Raises:
+        DomainError: The projection is no unified sphere.
+    """
+    scale_px = camera.scale_px
+    match camera.projection:
+        case HyperbolicMirror() as mirror:
+            return UnifiedParameters(mirror.xi, scale_px * mirror.xi)
+        case ParabolicMirror():
+            return UnifiedParameters(1.0, scale_px)
+        case StereographicLens():
+            return UnifiedParameters(1.0, 2.0 * scale_px)
+        case UnifiedLens(xi, k1, k2):
+            return UnifiedParameters(xi, scale_px, k1, k2)
+        case EnhancedUnifiedLens(alpha, beta) if beta == 1.0 and alpha < 1.0:
+            return _from_alpha(alpha, scale_px)
+        case DoubleSphereLens(xi, alpha) if xi == 0.0:
+            return _from_alpha(alpha, scale_px)
+        case DoubleSphereLens(xi, alpha) if alpha == 0.0 and xi >= 0.0:
+            return UnifiedParameters(xi, scale_px)
+    raise DomainError(f"{type(camera.projection).__name__} is no unified sphere")
+
+
+def _from_alpha(alpha: float, focal_length_px: float) -> UnifiedParameters:
+    xi = alpha / (1.0 - alpha)
+    assert math.isfinite(xi), "alpha is below 1"
+    return UnifiedParameters(xi, focal_length_px * (1.0 + xi))
+
+
+_GRID = 317
+"""Pixels along the image's sides: 1e5 in all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """Difference of a model from the true one."""
+
+    max_px: float
+    rms_px: float
+    max_deg: float
+    rms_deg: float
+    fraction_missing: float
+    """Of the true model's image: pixels to which the other model assigns no direction."""
+
+
+def compute_residual(truth: OmniCamera, model: OmniCamera) -> Residual:
+    """Residual at a grid of pixels of the image, the border of its domain included."""
+    truth, model = (camera.with_picture(Picture.FLIPPED) for camera in (truth, model))
+    u = np.linspace(0.0, truth.width_px, _GRID)
+    v = np.linspace(0.0, truth.height_px, _GRID)
+    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    direction, valid = truth.direction_from_pixel(pixels)
+    pixels, direction = pixels[valid], direction[valid]
+    # The mirror frames may differ by the azimuth of the image's top.
+    turned = _turn(direction, model.image_up_azimuth_rad - truth.image_up_azimuth_rad)
+    found, shown = model.pixel_from_direction(turned)
+    back, seen = model.direction_from_pixel(pixels)
+    both = shown & seen
+    if not both.any():
+        return Residual(math.inf, math.inf, 180.0, 180.0, 1.0)
+    px = np.linalg.norm(found - pixels, axis=-1)[both]
+    # Of small angles the chord is exact where a cosine has no digits.
+    chord = np.linalg.norm(back - turned, axis=-1)[both]
+    deg = np.degrees(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
+    return Residual(
+        float(px.max()),
+        float(np.sqrt(np.mean(px**2))),
+        float(deg.max()),
+        float(np.sqrt(np.mean(deg**2))),
+        1.0 - float(both.mean()),
+    )
+
+
+def _turn(direction: Floats, azimuth_rad: float) -> Floats:
+    c, s = math.cos(azimuth_rad), math.sin(azimuth_rad)
+    turned: Floats = direction @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turned
+
 
 # Rings of the image on which radii are compared.
 _NUM_RINGS = 1001

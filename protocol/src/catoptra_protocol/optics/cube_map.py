@@ -14,8 +14,7 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.domain_checks import require_domain
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Floats, require_domain
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 
 # Directions up to this incidence angle are covered by five faces whatever their azimuth: the corner

@@ -5,6 +5,8 @@ along the optical axis. A point of the projection lies at its image radius; a de
 displaces it (p1, p2 of Brown's model), and a stretch maps it to pixels: unequal focal lengths and
 skew of K in OpenCV, Kalibr and Mei, the affine matrix of OCamCalib, the aspect ratio of WoodScape.
 Source: Brown 1966; Mei & Rives 2007; documentation of cv2.omnidir.
+
+Sample positions in the pixels of an image, and other conventions of pixel coordinates.
 """
 
 from __future__ import annotations
@@ -17,8 +19,45 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_camera import RadialProjection
 from catoptra_protocol.slotted_dataclass import dataclass
+
+
+class ImageSize(Protocol):
+    """Any camera model with an image size."""
+
+    @property
+    def width_px(self) -> int:
+        """Number of columns."""
+
+    @property
+    def height_px(self) -> int:
+        """Number of rows."""
+
+
+def pixel_sample_positions(
+    camera: ImageSize, samples_per_side: int = 1, *, rows: range | None = None
+) -> Floats:
+    """Positions (height, width, samples^2, 2) of a regular sample grid in each pixel.
+
+    Args:
+        camera: size of the image.
+        samples_per_side: samples along a pixel's side.
+        rows: consecutive rows of the image; None for all.
+    """
+    rows = range(camera.height_px) if rows is None else rows
+    offsets = (np.arange(samples_per_side) + 0.5) / samples_per_side
+    u = np.arange(camera.width_px)[:, None] + offsets
+    v = np.arange(rows.start, rows.stop)[:, None] + offsets
+    grid_v, grid_u = np.broadcast_arrays(v[:, None, :, None], u[None, :, None, :])
+    grid = np.stack((grid_u, grid_v), axis=-1)
+    return grid.reshape(len(rows), camera.width_px, samples_per_side * samples_per_side, 2)
+
+
+def opencv_from_pixel(pixel: Floats) -> Floats:
+    """Pixels in OpenCV's convention, in which pixel centres are integers."""
+    return pixel - 0.5
+
 
 # Newton doubles the digits of a start that is a thousandth off; 12 steps serve starts near a fold.
 _MAX_STEPS = 12

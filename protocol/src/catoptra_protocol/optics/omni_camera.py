@@ -17,8 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.half_angle import half_angle_tangent_from_rho_z, scale_components
-from catoptra_protocol.optics.illumination import cosine_fourth, wide_angle_illumination
 from catoptra_protocol.optics.image_plane import (
     NO_CHANGE,
     DistortedProjection,
@@ -26,10 +24,15 @@ from catoptra_protocol.optics.image_plane import (
     decentred_fold_rad,
     undo_distortion,
 )
+from catoptra_protocol.optics.image_scale import cosine_fourth, wide_angle_illumination
 from catoptra_protocol.optics.mirrors.mirror import Mirror
-from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.optics.picture import Picture
-from catoptra_protocol.optics.radial_projection import RadialProjection, describe_limit
+from catoptra_protocol.optics.numerics import (
+    Bools,
+    Floats,
+    half_angle_tangent_from_rho_z,
+    scale_components,
+)
+from catoptra_protocol.optics.radial_camera import Picture, RadialProjection, describe_limit
 from catoptra_protocol.slotted_dataclass import dataclass
 
 Element = TypeVar("Element", bound=np.generic)

@@ -6,6 +6,10 @@ Every field is always present on the wire, nil where there is no value. The clie
 To add a request: its dataclass, its entries in `Request` and REQUESTS, its row in SPEC.md 9.2, a
 vector in tests/conformance/data/stream, a sample in tests/helpers/stream_messages.py; then its case
 in transports/stream/stream_server.py (all clients) or stream_peer.py (one robot) of the server.
+
+A rigid transform on the wire.
+
+Labels in a frame's header: the channels behind the image, and the objects in view.
 """
 
 from __future__ import annotations
@@ -14,8 +18,74 @@ from enum import Enum
 from typing import ClassVar
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.stream.label_records import ChannelEncoding
 from catoptra_protocol.vectors import Vector3
+
+# Nine numbers rather than three rows: msgpack would spend a header on each row.
+RotationRows = tuple[float, float, float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Transform:
+    """A rigid transform parent_from_child."""
+
+    position_m: Vector3
+    """Origin of the child frame in the parent frame."""
+    # A matrix has no convention to agree on, unlike a quaternion or three angles.
+    rotation: RotationRows
+    """Rotation matrix (3, 3), row by row."""
+
+
+class ChannelEncoding(Enum):
+    """Encoding of a channel's part: rows of little-endian values, or these compressed by zlib."""
+
+    RAW = "raw"
+    ZLIB = "zlib"
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelRecord:
+    """One channel; the records are in the order of the parts."""
+
+    name: str
+    dtype: str
+    """Type of a value as NumPy writes it, such as `<f4`."""
+    depth: int
+    """Values of a pixel."""
+    encoding: ChannelEncoding
+    num_bytes: int
+    """Length of the part."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectRecord:
+    """One object in view, with its box at the exposure."""
+
+    number: int
+    """Value of the channel `ids`."""
+    name: str
+    class_name: str
+    class_number: int
+    """Value of the channel `classes`."""
+    world_from_box: Transform
+    """Pose of the box's centre."""
+    half_size_m: Vector3
+    """Half lengths of the edges."""
+
+
+@dataclass(frozen=True, slots=True)
+class LabelsRecord:
+    """Labels of a frame, of the exact camera model whatever the plan of the picture."""
+
+    channels: tuple[ChannelRecord, ...]
+    objects: tuple[ObjectRecord, ...] = ()
+    """Objects in view by ascending number, with the channel `ids`; the first 1000 of them."""
+    times: str = "middle"
+    """`middle`: all pixels at the middle of the exposure, `time_s`; `rows`: each row of a rolling
+    shutter at the middle of its own."""
+    is_displaced: bool = False
+    """Whether the labels are of a displaced capture camera, as the picture is (Misalignment)."""
+    flow_to_time_s: float | None = None
+    """Time of the frame that the flow leads to, the last one of this channel; None without."""
 
 
 class ImageEncoding(Enum):

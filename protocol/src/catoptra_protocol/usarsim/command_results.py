@@ -9,8 +9,7 @@ from typing import ClassVar
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import strict_fields
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups
+from catoptra_protocol.usarsim.grammar import Dialect, Message, Pairs, split_groups
 from catoptra_protocol.usarsim.value_format import format_fixed_point
 
 STATUS_OK = "OK"

@@ -10,8 +10,7 @@ from collections import deque
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.usarsim.commands import Command, command_from_message, line_from_command
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import LineReader, parse_message
+from catoptra_protocol.usarsim.grammar import Dialect, LineReader, parse_message
 from catoptra_protocol.usarsim.reports import (
     Greeting,
     Report,

@@ -11,10 +11,14 @@ from typing import ClassVar
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import strict_fields
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import Message, Pairs
+from catoptra_protocol.usarsim.grammar import (
+    Dialect,
+    Message,
+    Pairs,
+    items_from_message,
+    messages_from_items,
+)
 from catoptra_protocol.usarsim.mission_package import MissionPackageGeometry
-from catoptra_protocol.usarsim.report_items import items_from_message, messages_from_items
 from catoptra_protocol.usarsim.value_format import (
     format_fixed_point,
     format_rounded_vector,

@@ -4,16 +4,29 @@
 parsers (SPEC.md 3); the writer keeps to the subset that every known client reads. No input raises
 here. Text is Latin-1, so that one byte is one character and any byte survives. Source:
 MessageParser.uc, ParsedMessage.uc of USARSim (UDK); the GameBots2004 parser.
+
+The two dialects of USARSim: UT2004 (2004-2009, that of the paper) and UDK (2010 on).
+
+Each report writes its own form in either dialect, and readers accept both; this module holds only
+the differences that several reports share.
+
+Several parts of one type in a report: the lists of UT2004 and UDK.
+
+UT2004 writes one line with a block per part, which holds all its pairs: `{Name F1 Range 4.5604}`.
+UDK writes a block per pair: `{Name F1} {Range 4.5604}`, in readings with a line per part; both are
+read.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from enum import Enum
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_LINE_BLOCKS, MAX_LINE_BYTES
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.usarsim.value_format import format_fixed_point
 
 Pairs = tuple[tuple[str, str], ...]
 
@@ -158,3 +171,83 @@ def _parse_block(block: str) -> tuple[str, str]:
 def _format_block(pair: tuple[str, str]) -> str:
     name, value = pair
     return f"{{{name} {value}}}" if name else f"{{{value}}}"
+
+
+class Dialect(Enum):
+    """Dialect of the lines that a server writes."""
+
+    UT2004 = "ut2004"
+    UDK = "udk"
+
+
+# UDK's source appends these blocks without a space before them: GEO's mount and all of a camera's
+# CONF behind its name. Seen in real captures; SPEC-NOTES.md, Dialect.
+UDK_BLOCKS_WITHOUT_SPACE = frozenset(
+    {
+        "Mount",
+        "TextureOffsetX",
+        "TextureOffsetY",
+        "TextureResolutionX",
+        "TextureResolutionY",
+        "CameraDefFov",
+        "CameraMinFov",
+        "CameraMaxFov",
+        "CameraFov",
+    }
+)
+
+
+def udk_time_pairs(time_s: float | None, dialect: Dialect) -> Pairs:
+    """Time of a reading that has none in UT2004: that of UDK, if known."""
+    if dialect is not Dialect.UDK or time_s is None:
+        return ()
+    return (("Time", format_fixed_point(time_s)),)
+
+
+def messages_from_items(
+    word: str, head: Pairs, items: Iterable[Pairs], dialect: Dialect
+) -> tuple[Message, ...]:
+    """Lines that list items.
+
+    Args:
+        word: First word of each line.
+        head: Pairs before the items.
+        items: Pairs of each item, its Name first.
+        dialect: Dialect of the lines.
+
+    Raises:
+        LocalProtocolError: A value is not one word, so it does not fit into a block of UT2004.
+    """
+    if dialect is Dialect.UDK:
+        return tuple(Message(word, (*head, *item)) for item in items)
+    return (Message(word, (*head, *map(_merge_into_block, items))),)
+
+
+def items_from_message(message: Message) -> list[Message]:
+    """Items of a line in either form, each as a message of its own."""
+    runs = split_groups(message, "Name")
+    if len(runs) == 1 and len(split_words(runs[0].pairs[0][1])) == 1:
+        # The fields of a single item may precede its name.
+        return [message]
+    if not runs:
+        has_content = any(name.lower() not in ("time", "type") for name, _ in message.pairs)
+        return [message] if has_content else []
+    return [_expand_block(run) for run in runs]
+
+
+def _merge_into_block(item: Pairs) -> tuple[str, str]:
+    for _, value in item:
+        if not value or " " in value:
+            raise LocalProtocolError(f"{value!r} cannot be sent in a block: it must be one word")
+    (name, first), *others = item
+    return name, " ".join((first, *(f"{key} {value}" for key, value in others)))
+
+
+def _expand_block(run: Message) -> Message:
+    """Fields of a run of blocks; those of its first block alone if that holds several."""
+    (key, value), *_ = run.pairs
+    name, *rest = split_words(value)
+    if not rest:
+        return run
+    # Not strict: a trailing word without a value is ignored, as in the reference clients.
+    return Message(run.word, ((key, name), *zip(rest[::2], rest[1::2], strict=False)))

@@ -7,8 +7,7 @@ from typing import ClassVar
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import strict_fields
-from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.grammar import Message, split_words
+from catoptra_protocol.usarsim.grammar import Dialect, Message, split_words
 from catoptra_protocol.usarsim.value_format import format_vector
 from catoptra_protocol.vectors import Vector3
 

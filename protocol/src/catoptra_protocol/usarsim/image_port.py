@@ -2,6 +2,11 @@
 
 A frame is a type byte, a big-endian length, and a JPEG stream or a RAW image. Source:
 ImageServer.cpp, UPISImageServer.uc of USARSim; SPEC.md 7.
+
+Size that a JPEG stream announces, so that a client can reject an image before decoding.
+
+The parser walks the segments up to the start of frame (ITU-T T.81, B.1.1.3 and B.2.2) and decodes
+nothing.
 """
 
 from __future__ import annotations
@@ -11,10 +16,61 @@ import struct
 from enum import IntEnum
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.limits import MAX_IMAGE_PAYLOAD_BYTES, MAX_IMAGE_SIDE_PX
+from catoptra_protocol.limits import MAX_IMAGE_PAYLOAD_BYTES, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE_PX
 from catoptra_protocol.slotted_dataclass import dataclass
 
-_FRAME_HEADER = struct.Struct(">BI")
+_START_OF_IMAGE = b"\xff\xd8"
+_SEGMENT_LENGTH = struct.Struct(">H")
+# Length, bits per sample, height, width.
+_FRAME_HEADER = struct.Struct(">HBHH")
+# SOF0 to SOF15 without the three other markers in this range: DHT, JPG, DAC.
+_START_OF_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+
+
+def parse_jpeg_size(payload: bytes) -> tuple[int, int]:
+    """Width and height in pixels.
+
+    Raises:
+        RemoteProtocolError: The stream announces no size, or more pixels than MAX_IMAGE_PIXELS.
+    """
+    try:
+        width, height = _find_frame_size(payload)
+    except struct.error as error:
+        raise RemoteProtocolError(
+            f"JPEG frame of {len(payload)} bytes that ends before its size"
+        ) from error
+    # The decoder would allocate the announced size before reading a pixel.
+    if not 0 < width * height <= MAX_IMAGE_PIXELS:
+        raise RemoteProtocolError(
+            f"JPEG frame of {width} x {height} px: expected 1 to {MAX_IMAGE_PIXELS} pixels"
+        )
+    return width, height
+
+
+def _find_frame_size(payload: bytes) -> tuple[int, int]:
+    """Width and height of the first start of frame; struct.error where the bytes end."""
+    if not payload.startswith(_START_OF_IMAGE):
+        raise RemoteProtocolError(f"JPEG frame that starts with {payload[:2]!r}: that is no JPEG")
+    position = len(_START_OF_IMAGE)
+    while True:
+        marker, position = _read_marker(payload, position)
+        if marker in _START_OF_FRAME_MARKERS:
+            _, _, height, width = _FRAME_HEADER.unpack_from(payload, position)
+            return width, height
+        position += _SEGMENT_LENGTH.unpack_from(payload, position)[0]
+
+
+def _read_marker(payload: bytes, position: int) -> tuple[int, int]:
+    """Marker at a position, and the position after it; fill bytes may precede the marker."""
+    start = position
+    while payload[position : position + 1] == b"\xff":
+        position += 1
+    if position == start and position < len(payload):
+        raise RemoteProtocolError(f"JPEG frame without a marker at byte {position}")
+    return struct.unpack_from("B", payload, position)[0], position + 1
+
+
+_FRAME_HEADER_IMAGE_PORT = struct.Struct(">BI")
 _RAW_HEADER = struct.Struct(">HH")
 _REGION = struct.Struct(">4I")
 _REQUEST_START = re.compile(rb"[OU]")
@@ -144,21 +200,21 @@ class ImageFrameReader:
         return frames
 
     def _next_frame(self) -> EncodedFrame | None:
-        if len(self._buffer) < _FRAME_HEADER.size:
+        if len(self._buffer) < _FRAME_HEADER_IMAGE_PORT.size:
             return None
         image_type, length = self._read_header()
-        end = _FRAME_HEADER.size + length
+        end = _FRAME_HEADER_IMAGE_PORT.size + length
         if len(self._buffer) < end:
             return None
         # The view is released before the buffer shrinks: a bytearray with an exported view cannot
         # resize.
         with memoryview(self._buffer) as view:
-            payload = bytes(view[_FRAME_HEADER.size : end])
+            payload = bytes(view[_FRAME_HEADER_IMAGE_PORT.size : end])
         del self._buffer[:end]  # moves the start of a bytearray, not its bytes
         return EncodedFrame(image_type, payload)
 
     def _read_header(self) -> tuple[ImageType, int]:
-        image_type, length = _FRAME_HEADER.unpack_from(self._buffer)
+        image_type, length = _FRAME_HEADER_IMAGE_PORT.unpack_from(self._buffer)
         if image_type > max(ImageType):
             raise RemoteProtocolError(
                 f"frame of type {image_type}: expected 0 (RAW) to 5; is this the image port?"
@@ -184,7 +240,7 @@ def encode_frame_header(image_type: ImageType, payload_length: int) -> bytes:
     """
     if not 0 <= payload_length <= 0xFFFFFFFF:
         raise LocalProtocolError(f"a payload of {payload_length} bytes does not fit its header")
-    return _FRAME_HEADER.pack(image_type, payload_length)
+    return _FRAME_HEADER_IMAGE_PORT.pack(image_type, payload_length)
 
 
 def encode_raw_header(width: int, height: int) -> bytes:

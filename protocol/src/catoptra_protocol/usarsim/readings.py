@@ -6,6 +6,10 @@ on the dialect.
 To add a reading: its class beside similar ones (`readings_range`, `readings_encoders_and_tags`,
 `readings_gps`), its entries in the `Reading` union and in READING_PARSERS, a vector in
 tests/conformance/data/reports, its row in SPEC.md 5.3.
+
+SEN of a GPS receiver: degrees and minutes, as in NMEA sentences.
+
+SEN of distance sensors: range scanners and sonars.
 """
 
 from __future__ import annotations
@@ -14,10 +18,17 @@ import math
 from collections.abc import Callable
 from typing import ClassVar
 
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import strict_fields
-from catoptra_protocol.usarsim.dialect import Dialect, udk_time_pairs
-from catoptra_protocol.usarsim.grammar import Message, Pairs
+from catoptra_protocol.usarsim.grammar import (
+    Dialect,
+    Message,
+    Pairs,
+    items_from_message,
+    messages_from_items,
+    udk_time_pairs,
+)
 from catoptra_protocol.usarsim.readings_encoders_and_tags import (
     EncoderReadings,
     RfidReading,
@@ -26,14 +37,183 @@ from catoptra_protocol.usarsim.readings_encoders_and_tags import (
     VictimPart,
     VictimReading,
 )
-from catoptra_protocol.usarsim.readings_gps import GpsReading
-from catoptra_protocol.usarsim.readings_range import RangeScanReading, SonarReadings
 from catoptra_protocol.usarsim.value_format import (
     format_fixed_point,
     format_rounded_vector,
     format_vector,
+    truncate_to_unreal_units,
 )
 from catoptra_protocol.vectors import Vector3
+
+# A tick is 1e-4 minutes, the last printed decimal.
+_TICKS_PER_DEGREE = 600_000
+
+
+@dataclass(frozen=True, slots=True)
+class GpsReading:
+    """Position of the receiver on Earth."""
+
+    WORD: ClassVar[str] = "SEN"
+
+    name: str
+    latitude_deg: float = 0.0
+    """North is positive; 0 without a fix."""
+    longitude_deg: float = 0.0
+    """East is positive; 0 without a fix."""
+    has_fix: bool = False
+    num_satellites: int = 0
+    time_s: float | None = None
+    """Printed by UDK only, and there by option; None if unknown."""
+
+    @classmethod
+    def from_message(cls, message: Message) -> GpsReading:
+        """Parse a line.
+
+        Raises:
+            RemoteProtocolError: A field is missing or wrong; names the field.
+        """
+        name, satellites = (
+            strict_fields.read_text(message, "Name"),
+            strict_fields.read_integer(message, "Satellites"),
+        )
+        time_s = strict_fields.read_optional_number(message, "Time")
+        if not strict_fields.read_boolean(message, "Fix"):
+            return cls(name, num_satellites=satellites, time_s=time_s)
+        return cls(
+            name=name,
+            latitude_deg=_parse_angle(message, "Latitude", "NS"),
+            longitude_deg=_parse_angle(message, "Longitude", "EW"),
+            has_fix=True,
+            num_satellites=satellites,
+            time_s=time_s,
+        )
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Line, the same in both dialects except for the time."""
+        position = () if not self.has_fix else self._position_pairs()
+        fix = (("Fix", str(int(self.has_fix))), ("Satellites", str(self.num_satellites)))
+        head = (*udk_time_pairs(self.time_s, dialect), ("Type", "GPS"), ("Name", self.name))
+        return (Message(self.WORD, (*head, *position, *fix)),)
+
+    def _position_pairs(self) -> Pairs:
+        latitude = _format_angle(self.latitude_deg, "NS")
+        return ("Latitude", latitude), ("Longitude", _format_angle(self.longitude_deg, "EW"))
+
+
+def _format_angle(angle_deg: float, hemispheres: str) -> str:
+    """Degrees, minutes and hemisphere, `39,8.0341,N`, truncated."""
+    if not abs(angle_deg) <= 180.0:
+        raise LocalProtocolError(f"GPS: {angle_deg!r} degrees cannot be sent: at most 180")
+    # Rounded at 1e-5 of a tick before the truncation, a thousand times the noise of a double there:
+    # an angle that was read prints unchanged.
+    ticks = int(round(abs(angle_deg) * _TICKS_PER_DEGREE, 5))
+    degrees, rest = divmod(ticks, _TICKS_PER_DEGREE)
+    return f"{degrees},{rest // 10_000}.{rest % 10_000:04d},{hemispheres[angle_deg < 0.0]}"
+
+
+def _parse_angle(message: Message, name: str, hemispheres: str) -> float:
+    degrees, minutes, side = _split_angle(message, name)
+    # Two messages with names of their own, so that an error names degrees or minutes.
+    parts = Message(message.word, ((name, degrees), (f"{name}Minutes", minutes)))
+    angle = (
+        strict_fields.read_number(parts, name)
+        + strict_fields.read_number(parts, f"{name}Minutes") / 60.0
+    )
+    if side not in tuple(hemispheres) or not 0.0 <= angle <= 180.0:
+        raise RemoteProtocolError(
+            f"SEN: {{{name} {strict_fields.read_text(message, name)[:80]}}}: "
+            f"expected at most 180 degrees and one of {', '.join(hemispheres)}"
+        )
+    return -angle if side == hemispheres[1] else angle
+
+
+def _split_angle(message: Message, name: str) -> tuple[str, str, str]:
+    value = strict_fields.read_text(message, name)
+    parts = value.split(",")
+    if len(parts) != 3:
+        raise RemoteProtocolError(
+            f"SEN: {{{name} {value[:80]}}}: expected degrees,minutes,side as in 39,8.0341,N"
+        )
+    degrees, minutes, side = parts
+    return degrees, minutes, side
+
+
+@dataclass(frozen=True, slots=True)
+class RangeScanReading:
+    """A scan from the right of the robot to its left."""
+
+    WORD: ClassVar[str] = "SEN"
+
+    time_s: float
+    name: str
+    resolution_rad: float
+    """Angle between two ranges."""
+    fov_rad: float
+    """Angle from the first range to the last one."""
+    ranges_m: tuple[float, ...]
+    """Ranges, both ends of the field of view included."""
+
+    @classmethod
+    def from_message(cls, message: Message) -> RangeScanReading:
+        """Parse the message of a line."""
+        return cls(
+            time_s=strict_fields.read_number(message, "Time"),
+            name=strict_fields.read_text(message, "Name"),
+            resolution_rad=strict_fields.read_number(message, "Resolution"),
+            fov_rad=strict_fields.read_number(message, "FOV"),
+            ranges_m=strict_fields.read_numbers(message, "Range"),
+        )
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Line: UT2004 has 2 decimals in Time and 4 in Range, UDK the reverse."""
+        is_udk = dialect is Dialect.UDK
+        resolution_rad, fov_rad = self.resolution_rad, self.fov_rad
+        # Angles of UDK pass through whole Unreal units, as in CONF.
+        if is_udk:
+            resolution_rad, fov_rad = (
+                truncate_to_unreal_units(resolution_rad),
+                truncate_to_unreal_units(fov_rad),
+            )
+        pairs = (
+            ("Time", format_fixed_point(self.time_s, 4 if is_udk else 2)),
+            ("Type", "RangeScanner"),
+            ("Name", self.name),
+            ("Resolution", format_fixed_point(resolution_rad)),
+            ("FOV", format_fixed_point(fov_rad)),
+            ("Range", format_vector(self.ranges_m, 2 if is_udk else 4)),
+        )
+        return (Message(self.WORD, pairs),)
+
+
+@dataclass(frozen=True, slots=True)
+class SonarReadings:
+    """Ranges of all sonars of a robot."""
+
+    WORD: ClassVar[str] = "SEN"
+
+    time_s: float
+    items: tuple[tuple[str, float], ...]
+    """Pairs of name and range in metres."""
+
+    @classmethod
+    def from_message(cls, message: Message) -> SonarReadings:
+        """Parse a line of either dialect."""
+        # One item per line in UDK, all in one line in UT2004.
+        items = items_from_message(message)
+        readings = (
+            (strict_fields.read_text(item, "Name"), strict_fields.read_number(item, "Range"))
+            for item in items
+        )
+        return cls(strict_fields.read_number(message, "Time"), tuple(readings))
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """One line; in UDK one line each."""
+        head = (("Time", format_fixed_point(self.time_s)), ("Type", "Sonar"))
+        items = (
+            (("Name", name), ("Range", format_fixed_point(range_m))) for name, range_m in self.items
+        )
+        return messages_from_items(self.WORD, head, items, dialect)
+
 
 _TWO_PI = 2.0 * math.pi
 

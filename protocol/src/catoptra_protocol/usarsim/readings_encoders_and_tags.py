@@ -6,9 +6,14 @@ from typing import ClassVar
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import strict_fields
-from catoptra_protocol.usarsim.dialect import Dialect, udk_time_pairs
-from catoptra_protocol.usarsim.grammar import Message, Pairs
-from catoptra_protocol.usarsim.report_items import items_from_message, messages_from_items
+from catoptra_protocol.usarsim.grammar import (
+    Dialect,
+    Message,
+    Pairs,
+    items_from_message,
+    messages_from_items,
+    udk_time_pairs,
+)
 from catoptra_protocol.usarsim.value_format import (
     format_boolean,
     format_fixed_point,

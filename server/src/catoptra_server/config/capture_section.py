@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.memory_budget import MemoryBudget
 from catoptra_server.planning.explicit_plan import requested_samples

@@ -20,8 +20,7 @@ from catoptra_protocol.optics.camera_rays import ray_from_pixel
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.picture import Picture
-from catoptra_protocol.optics.radial_projection import RadialProjection, largest_angle_rad
+from catoptra_protocol.optics.radial_camera import Picture, RadialProjection, largest_angle_rad
 from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR
 from catoptra_server.config.capture_section import (
     MAX_SIDE_PX,

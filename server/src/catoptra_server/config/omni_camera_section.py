@@ -13,7 +13,7 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import Mirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.capture_section import (
     MAX_SIDE_PX,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from catoptra_protocol.labels.ground_truth import LabelledObject
+from catoptra_protocol.labels.channels import LabelledObject
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from catoptra_protocol.labels.annotations import annotate_objects
-from catoptra_protocol.labels.ground_truth import GroundTruth
+from catoptra_protocol.labels.channels import GroundTruth
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_server.datasets.recipe import Recipe
 from catoptra_server.datasets.sample import SampleDescription

@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from catoptra_protocol.labels.ground_truth import GroundTruth
+from catoptra_protocol.labels.channels import GroundTruth
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeWorld
 from catoptra_server.datasets.light_scaling import scale_lights

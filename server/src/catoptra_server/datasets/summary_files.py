@@ -14,7 +14,7 @@ from typing import Any
 from catoptra_protocol.calibration.calibration_folder import write_calibration
 from catoptra_protocol.camera_conf import pairs_from_omni_camera
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.labels.coco import CocoImage, coco_from_images
+from catoptra_protocol.labels.masks import CocoImage, coco_from_images
 from catoptra_protocol.shards import METADATA, PICTURE, iterate_samples, shard_name
 from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.parquet_index import write_parquet_index

@@ -9,9 +9,9 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from catoptra_protocol.labels.ground_truth import Channels, GroundTruth, LabelledObject
+from catoptra_protocol.labels.channels import Channels, GroundTruth, LabelledObject
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.stream.label_records import ChannelEncoding
+from catoptra_protocol.stream.requests import ChannelEncoding
 from catoptra_server.frames.encode import Payload
 
 # Level 1: ranges shrink to 60 % and ids to 1 % of their bytes; higher levels take twice the time

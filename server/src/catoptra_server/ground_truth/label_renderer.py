@@ -11,8 +11,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS, parse_channels
-from catoptra_protocol.labels.ground_truth import GroundTruth
+from catoptra_protocol.labels.channels import LABEL_CHANNELS, GroundTruth, parse_channels
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.ground_truth.flow import find_flow
 from catoptra_server.ground_truth.label_rays import (

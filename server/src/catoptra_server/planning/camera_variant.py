@@ -12,7 +12,7 @@ from enum import Enum
 from typing import TypeVar
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import EffectMode, EffectSettings
 from catoptra_server.planning.camera_spec import OmniCameraSpec

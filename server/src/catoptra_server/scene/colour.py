@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_protocol.optics.domain_checks import require_domain
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Floats, require_domain
 
 
 def linear_from_srgb(encoded: Floats) -> Floats:

@@ -12,7 +12,7 @@ from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
 from catoptra_protocol.usarsim.commands import Command, Step
 from catoptra_protocol.usarsim.control_connection import ControlServer
-from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import CommandResult, Greeting, Report
 from catoptra_protocol.vectors import Vector3
 from catoptra_server.simulation import (

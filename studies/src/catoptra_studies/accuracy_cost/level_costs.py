@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.planning.error_bound import ErrorBound, GeometricError, add_scene, error_bound
 from catoptra_server.planning.rounding_error import coordinate_errors

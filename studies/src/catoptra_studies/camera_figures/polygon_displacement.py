@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 from catoptra_server.scene.mirror_mesh import Tessellation
 

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.cube_map import Face, face_coordinates, face_from_direction
-from catoptra_protocol.optics.half_angle import half_angle_tangent
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Floats, half_angle_tangent
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.axonometry import Axonometry

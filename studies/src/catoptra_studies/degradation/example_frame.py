@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_studies.degradation.degradation_metrics import (
     DriveDetections,
     FrameEvaluation,

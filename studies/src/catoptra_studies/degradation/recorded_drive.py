@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_sources.image_client import ImageClient
-from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
-from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
 from catoptra_client.landmarks import (
     ColourClassifier,
     Detection,
@@ -20,9 +20,8 @@ from catoptra_client.landmarks import (
     detect,
     make_detector,
 )
-from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark

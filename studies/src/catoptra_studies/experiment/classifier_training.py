@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks import (
     ColourClassifier,
@@ -15,9 +16,8 @@ from catoptra_client.landmarks import (
     save_classifier,
     train,
 )
-from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,

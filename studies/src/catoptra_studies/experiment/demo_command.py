@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.landmarks import ColourClassifier
-from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.experiment.classifier_training import DetectorSnapshot, train_classifier
 from catoptra_studies.experiment.experiment_results import write_experiment_results

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks import (
     ColourClassifier,
@@ -21,7 +22,6 @@ from catoptra_client.landmarks import (
 )
 from catoptra_client.localization import OdometryPose
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark

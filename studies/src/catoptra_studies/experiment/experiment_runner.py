@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from catoptra_client.bundled_landmarks import find_landmark_file
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.landmarks import (
     ColourClassifier,
 )
 from catoptra_client.localization import make_landmark_map
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_client.server_process import PageCallback, run_server
 from catoptra_protocol.landmarks import Landmark, read_landmarks
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, log_drive

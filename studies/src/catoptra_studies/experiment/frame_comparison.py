@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from catoptra_client.frame_sources.image_client import ImageClient
-from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_process import can_start_server, run_server
 from catoptra_client.training_frames import ROBOT_CLASS

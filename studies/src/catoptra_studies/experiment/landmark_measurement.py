@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_client.landmarks import Detection
-from catoptra_client.landmarks.ranging import range_from_half_angle
+from catoptra_client.landmarks.candidates import range_from_half_angle
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera

@@ -10,8 +10,8 @@ import re
 import time
 from collections.abc import Callable
 
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import ConnectionLostError, DomainError
 
 _DEFAULT_CONTROL_PORT = 3000

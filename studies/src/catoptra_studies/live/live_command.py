@@ -10,7 +10,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from types import FrameType
 
-from catoptra_client.server_address import ServerAddress
+from catoptra_client.control_connection import ServerAddress
 from catoptra_client.server_process import start_server
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.live.live_drive import open_live_drive

@@ -16,12 +16,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 
-from catoptra_client.control_connection import ReplyTimeoutError
+from catoptra_client.control_connection import ReplyTimeoutError, ServerAddress
 from catoptra_client.frame import Frame
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.localization import OdometryPose
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.server_address import ServerAddress
 from catoptra_client.server_process import connect_stream
 from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError, DeadlineExceededError

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from catoptra_client.frame import Frame
 from catoptra_client.landmarks import Detector, Viewpoint, detect, label_frame, make_detector, train
-from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.localization import (
     OdometryPose,
     control_from_odometry,

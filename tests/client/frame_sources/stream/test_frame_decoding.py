@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from catoptra_client.frame import Frame
-from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
+from catoptra_client.frame_sources.stream.stream_client import CameraModelCache, frame_from_parts
 from catoptra_protocol.camera_conf import pairs_from_omni_camera
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.optics.mirrors import MIRRORS
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.stream.frame_header import FrameHeader
+from catoptra_protocol.stream.replies import FrameHeader
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
 from helpers.stream_messages import HEADER, HEADER_WITH_DIFFERENCE

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_client.frame_sources.stream.label_decoding import labels_from_parts
+from catoptra_client.frame_sources.stream.stream_client import labels_from_parts
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.stream.label_records import (
+from catoptra_protocol.stream.requests import (
     ChannelEncoding,
     ChannelRecord,
     LabelsRecord,
     ObjectRecord,
+    Transform,
 )
-from catoptra_protocol.stream.transform import Transform
 
 IDS = np.arange(6, dtype="<u2").reshape(2, 3)
 RECORD = ChannelRecord("ids", "<u2", 1, ChannelEncoding.RAW, 12)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
-from catoptra_client.frame_sources.stream.landmark_projections import (
+from catoptra_client.frame_sources.stream.stream_client import (
     LandmarkProjection,
     landmarks_from_reply,
     projections_from_reply,
 )
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.stream.world_replies import LandmarksReply
+from catoptra_protocol.stream.replies import LandmarksReply
 from helpers.stream_messages import LANDMARK
 
 EXPECTED_LANDMARK = Landmark("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from catoptra_client.frame_sources.stream.request_exchange import RequestExchange
+from catoptra_client.frame_sources.stream.stream_client import RequestExchange
 from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from catoptra_protocol.errors import CatoptraError, RemoteProtocolError
 from catoptra_protocol.stream.messages import bytes_from_message

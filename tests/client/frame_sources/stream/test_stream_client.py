@@ -8,8 +8,7 @@ import itertools
 import numpy as np
 import pytest
 
-from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
-from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
 from catoptra_protocol.camera_conf import pairs_from_perspective_camera
 from catoptra_protocol.errors import (
     CatoptraError,
@@ -23,9 +22,12 @@ from catoptra_protocol.stream.messages import bytes_from_message
 from catoptra_protocol.stream.replies import (
     CameraReply,
     Error,
+    LandmarksReply,
     Ok,
     Reply,
     SensorReports,
+    StartPosesReply,
+    StateReply,
     StatusReply,
 )
 from catoptra_protocol.stream.requests import (
@@ -41,7 +43,6 @@ from catoptra_protocol.stream.requests import (
     ResetRequest,
     ShareControlRequest,
 )
-from catoptra_protocol.stream.world_replies import LandmarksReply, StartPosesReply, StateReply
 from catoptra_protocol.usarsim.reports import OdometryReading, line_from_report
 from helpers.scripted_stream import HEARTBEAT, Script, serve_stream_script
 from helpers.stream_messages import HEADER, LANDMARK, UPRIGHT_TRANSFORM

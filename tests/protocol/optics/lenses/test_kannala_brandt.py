@@ -11,7 +11,7 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import DoubleSphereLens, KannalaBrandtLens
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.lens_checks import assert_is_projection, assert_rejects, limit_rad, radii
 
 TUM_VI = KannalaBrandtLens(0.00348239, 0.00071503, -0.00205324, 0.00020294)

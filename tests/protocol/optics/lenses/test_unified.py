@@ -17,7 +17,7 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from helpers.lens_checks import assert_is_projection, assert_rejects, limit_rad, radii
 
 THETA_BACK = UnifiedLens(1.19807, -0.25709, 0.01283)

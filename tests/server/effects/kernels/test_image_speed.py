@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.bounds.distance_bound_cache import rotation_to_axis
 from catoptra_server.effects.kernels.image_speed import (
     bound_motion,

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.image_scale import visible_radii_px
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.effects.medium.chromatic_aberration import ChromaticAberration
 from catoptra_server.effects.scene_summary import SceneSummary
 from helpers.bilinear import sample_bilinear

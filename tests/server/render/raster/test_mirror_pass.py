@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.mirror_pass import rim_polygon

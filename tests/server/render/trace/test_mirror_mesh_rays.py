@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from helpers.worlds import make_omni_camera

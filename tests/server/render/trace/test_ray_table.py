@@ -9,10 +9,10 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace import ray_table
 from catoptra_server.render.trace.ray_table import (

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import (
     PAPER_MIRROR,
     HyperbolicMirror,
@@ -23,7 +24,6 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.render_plan import RenderPlan

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import FrameVariant, GetFrameRequest, ImageEncoding
 from catoptra_server.effects.effect import EffectMode
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel

@@ -6,10 +6,10 @@ import asyncio
 
 import numpy as np
 
-from catoptra_protocol.labels.ground_truth import GroundTruth, LabelledObject
+from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.label_records import ChannelEncoding
-from catoptra_protocol.stream.msgpack_codec import MAX_REPLY_BYTES, pack
+from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, pack
+from catoptra_protocol.stream.requests import ChannelEncoding
 from catoptra_server.frames.frame_labels import FrameLabels
 from catoptra_server.transports.stream.label_parts import MAX_OBJECT_RECORDS, encode_labels
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import threading
 
-from catoptra_protocol.stream.replies import Error, Reply
+from catoptra_protocol.stream.replies import Error, LandmarksReply, Reply
 from catoptra_protocol.stream.requests import GetLandmarksRequest
-from catoptra_protocol.stream.world_replies import LandmarksReply
 from catoptra_server.frames.frame_request import CameraChannel
 from catoptra_server.simulation import Fault, LandmarksRequested, SimulationEvent
 from catoptra_server.simulation.landmark_visibility import LandmarkVisibility

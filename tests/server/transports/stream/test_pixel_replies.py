@@ -7,9 +7,8 @@ import threading
 
 import pytest
 
-from catoptra_protocol.stream.replies import Error, Reply
+from catoptra_protocol.stream.replies import Error, PixelReply, Reply
 from catoptra_protocol.stream.requests import GetPixelRequest
-from catoptra_protocol.stream.world_replies import PixelReply
 from catoptra_server.frames.frame_request import CameraChannel
 from catoptra_server.simulation import Fault, PixelRequested, SimulationEvent
 from catoptra_server.simulation.pixel_view import OUTSIDE, PixelView

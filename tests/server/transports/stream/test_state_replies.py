@@ -6,11 +6,14 @@ import asyncio
 import threading
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.stream.json_codec import json_from_message, reply_from_json
-from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
-from catoptra_protocol.stream.replies import Error, Reply
+from catoptra_protocol.stream.messages import (
+    bytes_from_message,
+    json_from_message,
+    reply_from_bytes,
+    reply_from_json,
+)
+from catoptra_protocol.stream.replies import Error, NoteRecord, Reply, StateReply
 from catoptra_protocol.stream.requests import GetStateRequest
-from catoptra_protocol.stream.world_replies import NoteRecord, StateReply
 from catoptra_protocol.usarsim.commands import Note
 from catoptra_protocol.usarsim.reports import OdometryReading, RangeScanReading
 from catoptra_server.simulation import Fault, SimulationEvent, StateRequested

@@ -9,7 +9,14 @@ from contextlib import asynccontextmanager
 import pytest
 
 from catoptra_protocol.stream.messages import bytes_from_message
-from catoptra_protocol.stream.replies import CameraReply, Error, Ok, Reply, SensorReports
+from catoptra_protocol.stream.replies import (
+    CameraReply,
+    Error,
+    Ok,
+    Reply,
+    SensorReports,
+    StateReply,
+)
 from catoptra_protocol.stream.requests import (
     DriveRequest,
     GetCameraRequest,
@@ -23,7 +30,6 @@ from catoptra_protocol.stream.requests import (
     SpawnRequest,
     StepRequest,
 )
-from catoptra_protocol.stream.world_replies import StateReply
 from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
 from catoptra_server.simulation import (
     ClientDisconnected,

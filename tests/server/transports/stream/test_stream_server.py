@@ -9,7 +9,14 @@ import msgpack
 import pytest
 
 from catoptra_protocol.stream.messages import bytes_from_message
-from catoptra_protocol.stream.replies import CameraReply, Error, Ok, StatusReply
+from catoptra_protocol.stream.replies import (
+    CameraReply,
+    Error,
+    LandmarksReply,
+    Ok,
+    StartPosesReply,
+    StatusReply,
+)
 from catoptra_protocol.stream.requests import (
     GetCameraRequest,
     GetFrameRequest,
@@ -18,7 +25,6 @@ from catoptra_protocol.stream.requests import (
     GetStatusRequest,
     ImageEncoding,
 )
-from catoptra_protocol.stream.world_replies import LandmarksReply, StartPosesReply
 from catoptra_server.frames.frame import Frame
 from catoptra_server.simulation import ClientDisconnected
 from catoptra_server.transports import listener

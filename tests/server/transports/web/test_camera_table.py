@@ -20,7 +20,7 @@ from catoptra_protocol.optics.omni_camera import (
     camera_with_inscribed_rim,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.transports.web.camera_table import camera_table
 
 # What the page may miss: a hundredth of what is seen, and more than interpolation costs.

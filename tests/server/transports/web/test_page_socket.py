@@ -10,9 +10,15 @@ from collections.abc import Awaitable, Callable
 import aiohttp
 import pytest
 
-from catoptra_protocol.stream.frame_header import FrameHeader
-from catoptra_protocol.stream.msgpack_codec import MAX_REQUEST_BYTES
-from catoptra_protocol.stream.replies import CameraReply, Error, Ok, SensorReports, StatusReply
+from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
+from catoptra_protocol.stream.replies import (
+    CameraReply,
+    Error,
+    FrameHeader,
+    Ok,
+    SensorReports,
+    StatusReply,
+)
 from catoptra_protocol.stream.requests import (
     DriveRequest,
     GetCameraRequest,

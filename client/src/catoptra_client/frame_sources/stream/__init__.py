@@ -5,8 +5,7 @@ top of it, `frame_decoding` and `landmark_projections` convert replies to the cl
 `stream_frame_source` makes one selected camera a `FrameSource`.
 """
 
-from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
-from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient
 from catoptra_client.frame_sources.stream.stream_frame_source import (
     CameraSelection,
     StreamFrameSource,

@@ -10,9 +10,8 @@ import json
 
 from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.fields import Fields
-from catoptra_protocol.calibration.json_text import parse_json
-from catoptra_protocol.calibration.unified_parameters import unified_parameters
+from catoptra_protocol.calibration.files import Fields, parse_json
+from catoptra_protocol.calibration.model_fits import unified_parameters
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
@@ -20,7 +19,7 @@ from catoptra_protocol.optics.lenses import (
     KannalaBrandtLens,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_camera import RadialProjection
 
 NAME = "basalt"
 FILE_NAME = "basalt.json"

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.fields import Fields
-from catoptra_protocol.calibration.unified_parameters import unified_parameters
-from catoptra_protocol.calibration.yaml_text import format_number, parse_yaml
+from catoptra_protocol.calibration.files import Fields, format_number, parse_yaml
+from catoptra_protocol.calibration.model_fits import unified_parameters
 from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
 from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.omni_camera import OmniCamera

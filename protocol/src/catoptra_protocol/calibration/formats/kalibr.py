@@ -11,9 +11,8 @@ from collections.abc import Callable
 
 from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.fields import Fields
-from catoptra_protocol.calibration.unified_parameters import unified_parameters
-from catoptra_protocol.calibration.yaml_text import format_numbers, parse_yaml
+from catoptra_protocol.calibration.files import Fields, format_numbers, parse_yaml
+from catoptra_protocol.calibration.model_fits import unified_parameters
 from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
@@ -22,7 +21,7 @@ from catoptra_protocol.optics.lenses import (
     UnifiedLens,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_camera import RadialProjection
 
 NAME = "kalibr"
 FILE_NAME = "kalibr_camchain.yaml"

@@ -14,12 +14,12 @@ import numpy as np
 
 from catoptra_protocol.calibration.calibrated_camera import place_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.fields import Fields
+from catoptra_protocol.calibration.files import Fields
 from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
 from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import OCamLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.picture import Picture
+from catoptra_protocol.optics.radial_camera import Picture
 
 NAME = "ocamcalib"
 FILE_NAME = "ocamcalib.txt"

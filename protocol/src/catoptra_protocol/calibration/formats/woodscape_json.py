@@ -10,8 +10,7 @@ import json
 
 from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
 from catoptra_protocol.calibration.calibration_format import Conventions
-from catoptra_protocol.calibration.fields import Fields
-from catoptra_protocol.calibration.json_text import parse_json
+from catoptra_protocol.calibration.files import Fields, parse_json
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import WoodScapeLens
 from catoptra_protocol.optics.omni_camera import OmniCamera

@@ -17,7 +17,7 @@ from catoptra_protocol.optics.lenses.radial_table import RadialTableLens
 from catoptra_protocol.optics.lenses.stereographic import StereographicLens
 from catoptra_protocol.optics.lenses.unified import UnifiedLens
 from catoptra_protocol.optics.lenses.woodscape import WoodScapeLens
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_camera import RadialProjection
 
 LENSES: dict[str, type[RadialProjection]] = {
     "equidistant": EquidistantLens,

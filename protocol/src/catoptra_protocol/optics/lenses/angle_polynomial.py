@@ -12,8 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.first_fold import first_root
-from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
+from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 

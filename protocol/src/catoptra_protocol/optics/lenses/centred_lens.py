@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.domain_checks import require_domain
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.radial_projection import NO_FOLD
+from catoptra_protocol.optics.numerics import Floats, require_domain
+from catoptra_protocol.optics.radial_camera import NO_FOLD
 
 # The limit itself is a rounded number.
 _SLACK = 1e-12

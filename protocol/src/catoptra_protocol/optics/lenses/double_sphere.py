@@ -13,13 +13,12 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.half_angle import half_angle_tangent_from_rho_z
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
     require_radius,
 )
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Floats, half_angle_tangent_from_rho_z
 from catoptra_protocol.slotted_dataclass import dataclass
 
 

@@ -12,14 +12,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from catoptra_protocol.optics.first_fold import first_root
+from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
 from catoptra_protocol.optics.lenses.angle_polynomial import AnglePolynomial, half_angle_from_theta
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
     require_radius,
 )
-from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 

@@ -14,16 +14,14 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.first_fold import first_root
-from catoptra_protocol.optics.half_angle import half_angle_tangent_from_rho_z
+from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
     require_radius,
 )
-from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.radial_projection import NO_FOLD
+from catoptra_protocol.optics.numerics import Floats, half_angle_tangent_from_rho_z
+from catoptra_protocol.optics.radial_camera import NO_FOLD
 from catoptra_protocol.slotted_dataclass import dataclass
 
 # A polynomial without a fold ends here: images reach a few times a0.

@@ -12,14 +12,19 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, check_column, fit_spline
+from catoptra_protocol.optics.curves import (
+    CubicSpline,
+    Symmetry,
+    check_column,
+    fit_spline,
+    solve_increasing,
+)
 from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
     require_radius,
 )
-from catoptra_protocol.optics.monotone_inverse import solve_increasing
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 

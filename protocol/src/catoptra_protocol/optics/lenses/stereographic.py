@@ -10,12 +10,11 @@ import math
 
 import numpy as np
 
-from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_radius,
 )
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Floats, has_finite_square, require_domain
 from catoptra_protocol.slotted_dataclass import dataclass
 
 

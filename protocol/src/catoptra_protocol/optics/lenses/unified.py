@@ -15,17 +15,15 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
-from catoptra_protocol.optics.first_fold import first_root
+from catoptra_protocol.optics.curves import first_root, solve_increasing, tabulate
 from catoptra_protocol.optics.lenses.angle_polynomial import half_angle_from_theta
 from catoptra_protocol.optics.lenses.centred_lens import (
     CentredLens,
     require_angle,
     require_radius,
 )
-from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.radial_projection import NO_FOLD
+from catoptra_protocol.optics.numerics import Floats, has_finite_square, require_domain
+from catoptra_protocol.optics.radial_camera import NO_FOLD
 from catoptra_protocol.slotted_dataclass import dataclass
 
 # Where the image radius grows without limit, the table of starts ends this near the limit.

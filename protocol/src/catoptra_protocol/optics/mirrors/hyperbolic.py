@@ -19,9 +19,8 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.radial_projection import NO_FOLD
+from catoptra_protocol.optics.numerics import Floats, has_finite_square, require_domain
+from catoptra_protocol.optics.radial_camera import NO_FOLD
 from catoptra_protocol.slotted_dataclass import dataclass
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.radial_projection import RadialProjection
+from catoptra_protocol.optics.radial_camera import RadialProjection
 
 
 class Mirror(RadialProjection, Protocol):

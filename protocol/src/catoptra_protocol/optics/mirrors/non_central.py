@@ -20,10 +20,9 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain_checks import require_domain
-from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.radial_projection import NO_FOLD
+from catoptra_protocol.optics.curves import solve_increasing, tabulate
+from catoptra_protocol.optics.numerics import Floats, require_domain
+from catoptra_protocol.optics.radial_camera import NO_FOLD
 from catoptra_protocol.slotted_dataclass import dataclass
 
 # Errors are smooth in psi: 513 rays find their largest to 1e-5.

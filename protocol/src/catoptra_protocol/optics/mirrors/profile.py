@@ -14,14 +14,20 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, check_column, fit_spline
+from catoptra_protocol.optics.curves import (
+    CubicSpline,
+    Symmetry,
+    check_column,
+    fit_spline,
+    solve_increasing,
+    tabulate,
+)
 from catoptra_protocol.optics.mirrors.non_central import (
     NonCentralMirror,
     Reflection,
     check_rim,
     check_vertex_distance,
 )
-from catoptra_protocol.optics.monotone_inverse import solve_increasing, tabulate
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 

@@ -16,16 +16,20 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cubic_spline import CubicSpline, Symmetry, check_column, fit_spline
-from catoptra_protocol.optics.domain_checks import require_domain
+from catoptra_protocol.optics.curves import (
+    CubicSpline,
+    Symmetry,
+    check_column,
+    fit_spline,
+    solve_increasing,
+)
 from catoptra_protocol.optics.mirrors.non_central import (
     NonCentralMirror,
     Reflection,
     check_rim,
     check_vertex_distance,
 )
-from catoptra_protocol.optics.monotone_inverse import solve_increasing
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Floats, require_domain
 from catoptra_protocol.slotted_dataclass import dataclass
 
 # Intervals of the surface's table at least: with slopes at both ends its error falls with the

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects.effect import Real
 

@@ -21,8 +21,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.capture_context import CaptureContext

@@ -8,8 +8,8 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.pixel_grid import pixel_sample_positions
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.projection.lens_projection import LensProjection
 from catoptra_server.render.raster.accumulation_pass import AccumulationPass

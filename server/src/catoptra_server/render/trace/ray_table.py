@@ -18,10 +18,10 @@ import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera_rays import rays_from_pixel_grid
+from catoptra_protocol.optics.image_plane import ImageSize
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.pixel_grid import ImageSize
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera

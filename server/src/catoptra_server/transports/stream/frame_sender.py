@@ -11,11 +11,9 @@ import time
 from collections.abc import Callable
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.stream.frame_header import DifferenceRecord, FrameHeader
-from catoptra_protocol.stream.label_records import LabelsRecord
 from catoptra_protocol.stream.messages import SCHEMA_VERSION
-from catoptra_protocol.stream.replies import Error, Reply
-from catoptra_protocol.stream.requests import GetFrameRequest
+from catoptra_protocol.stream.replies import DifferenceRecord, Error, FrameHeader, Reply
+from catoptra_protocol.stream.requests import GetFrameRequest, LabelsRecord
 from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.encode import Payload
 from catoptra_server.frames.frame import Frame

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.labels.channels import LABEL_CHANNELS
-from catoptra_protocol.labels.ground_truth import LabelledObject
+from catoptra_protocol.labels.channels import LABEL_CHANNELS, LabelledObject
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.stream.label_records import (
+from catoptra_protocol.stream.requests import (
     ChannelEncoding,
     ChannelRecord,
     LabelsRecord,

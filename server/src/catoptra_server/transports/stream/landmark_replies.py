@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from functools import partial
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.stream.replies import Error, Reply
+from catoptra_protocol.stream.replies import Error, LandmarkRecord, LandmarksReply, Reply
 from catoptra_protocol.stream.requests import GetLandmarksRequest
-from catoptra_protocol.stream.world_replies import LandmarkRecord, LandmarksReply
 from catoptra_server.frames.frame_request import CameraChannel
 from catoptra_server.simulation import Fault, LandmarksRequested
 from catoptra_server.simulation.landmark_visibility import LandmarkVisibility

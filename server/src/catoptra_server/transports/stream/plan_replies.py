@@ -10,8 +10,7 @@ from collections.abc import Callable, Hashable
 from functools import partial
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.stream.frame_header import PlanAlternative
-from catoptra_protocol.stream.replies import Error, PlanReply, Reply
+from catoptra_protocol.stream.replies import Error, PlanAlternative, PlanReply, Reply
 from catoptra_protocol.stream.requests import SetAccuracyRequest
 from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure

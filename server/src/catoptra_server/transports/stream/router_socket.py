@@ -18,7 +18,7 @@ from contextlib import ExitStack, suppress
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-from catoptra_protocol.stream.msgpack_codec import MAX_REQUEST_BYTES
+from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
 from catoptra_server.transports.listener import BACKLOG
 from catoptra_server.transports.stream.connection_guard import ConnectionGuard
 from catoptra_server.transports.stream.outbox import SendResult

@@ -8,9 +8,8 @@ from catoptra_protocol.camera_conf import Pairs, pairs_from_omni_camera
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.stream.frame_header import EffectRecord
-from catoptra_protocol.stream.transform import Transform
-from catoptra_protocol.stream.world_replies import StartPoseRecord
+from catoptra_protocol.stream.replies import EffectRecord, StartPoseRecord
+from catoptra_protocol.stream.requests import Transform
 from catoptra_server import __version__
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.robot.robot_description import RobotDescription

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from catoptra_protocol.stream.replies import Error, Reply
+from catoptra_protocol.stream.replies import Error, NoteRecord, Reply, RobotState, StateReply
 from catoptra_protocol.stream.requests import GetStateRequest
-from catoptra_protocol.stream.world_replies import NoteRecord, RobotState, StateReply
 from catoptra_server.simulation import Fault, StateRequested
 from catoptra_server.simulation.robot_state import FleetState, RobotSnapshot
 from catoptra_server.transports.stream.pending_requests import PendingRequest

@@ -12,7 +12,7 @@ from typing import assert_never
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.notes import find_note_error
-from catoptra_protocol.stream.replies import Error, Ok, Reply
+from catoptra_protocol.stream.replies import Error, Ok, Reply, StartPosesReply
 from catoptra_protocol.stream.requests import (
     DriveRequest,
     GetCameraRequest,
@@ -31,7 +31,6 @@ from catoptra_protocol.stream.requests import (
     SpawnRequest,
     StepRequest,
 )
-from catoptra_protocol.stream.world_replies import StartPosesReply
 from catoptra_server.fault_log import log_fault
 from catoptra_server.transports.stream.frame_sender import FrameSender
 from catoptra_server.transports.stream.landmark_replies import (

@@ -12,7 +12,7 @@ import logging
 from aiohttp import WSMsgType, web
 
 from catoptra_protocol.errors import InvalidRequestError, RemoteProtocolError
-from catoptra_protocol.stream.json_codec import json_from_message, request_from_json
+from catoptra_protocol.stream.messages import json_from_message, request_from_json
 from catoptra_protocol.stream.replies import Error, Reply
 from catoptra_protocol.stream.requests import DriveRequest
 from catoptra_server.fault_log import log_fault

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_client.landmarks import COLOUR_CODES, DetectionStages, Detector
-from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_studies import plot_style
 

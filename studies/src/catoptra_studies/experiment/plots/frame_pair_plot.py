@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_studies import plot_style
 
 _WIDTH_PX, _TOP_PX = 720, 60

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from catoptra_client.landmarks import DetectionStages, Detector
-from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_studies import plot_style
 from catoptra_studies.experiment.drive_log import DriveLog
 from catoptra_studies.experiment.filter_replay import FilterRun
