@@ -19,9 +19,6 @@ from helpers.configs import REPOSITORY
 
 PACKAGES = ("protocol", "server", "client", "studies")
 
-_FIGURE = "a figure: tests/studies/camera_figures/test_figures_command.py draws all of them"
-_COST = "the study: tests/studies/accuracy_cost/test_cost_command.py runs it whole, small"
-_DEGRADATION = "the study: tests/studies/degradation/test_degradation_study.py runs it whole, small"
 _DEMO = "the experiment: tests/studies/experiment/test_experiment_runner.py runs it whole, small"
 
 # Modules without a test file of their own, and why.
@@ -30,32 +27,6 @@ WITHOUT_TEST = {
     "server/robot/robot_description.py": "data; tests/server/config/test_robot_file.py reads all",
     "client/__main__.py": "a command line: tests/client/landmarks/test_training.py tests its work",
     "client/training_frames.py": "the training drive: " + _DEMO,
-    "studies/accuracy_cost/cost_plots.py": _COST,
-    "studies/accuracy_cost/cost_study.py": _COST,
-    "studies/accuracy_cost/plots/detail_plot.py": _COST,
-    "studies/accuracy_cost/plots/localization_plot.py": _COST,
-    "studies/accuracy_cost/plots/pareto_plot.py": _COST,
-    "studies/accuracy_cost/plots/plot_legend.py": _COST,
-    "studies/accuracy_cost/plots/polygon_plot.py": _COST,
-    "studies/camera_figures/cube_figure.py": _FIGURE,
-    "studies/camera_figures/face_figure.py": _FIGURE,
-    "studies/camera_figures/frame_rate_figure.py": _FIGURE,
-    "studies/camera_figures/mesh_figure.py": _FIGURE,
-    "studies/camera_figures/omni_frame_figure.py": _FIGURE,
-    "studies/camera_figures/polygon_error_figure.py": _FIGURE,
-    "studies/camera_figures/polygon_frames_figure.py": _FIGURE,
-    "studies/camera_figures/polygon_map_figure.py": _FIGURE,
-    "studies/camera_figures/ring_figure.py": _FIGURE,
-    "studies/degradation/degradation_plot.py": _DEGRADATION,
-    "studies/experiment/demo_command.py": _DEMO,
-    "studies/experiment/classifier_training.py": _DEMO,
-    "studies/experiment/drive_log.py": _DEMO,
-    "studies/experiment/experiment_results.py": _DEMO,
-    "studies/experiment/frame_comparison.py": _DEMO,
-    "studies/experiment/plots/classifier_plot.py": _DEMO,
-    "studies/experiment/plots/error_plot.py": _DEMO,
-    "studies/experiment/plots/overview_plot.py": _DEMO,
-    "studies/experiment/plots/trajectory_plot.py": _DEMO,
 }
 
 # Modules that open sockets; a folder stands for all modules in it. Third-party packages have
@@ -113,7 +84,12 @@ def _is_text(statement: ast.stmt) -> bool:
     return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
 
 
-BEHAVING = [name for name, path in ALL_SOURCES if name in MODULES and has_behaviour(path)]
+# The studies' tests stand by idea: each study is run whole, small.
+BEHAVING = [
+    name
+    for name, path in ALL_SOURCES
+    if name in MODULES and not name.startswith("studies/") and has_behaviour(path)
+]
 
 
 @pytest.mark.parametrize("module", BEHAVING)

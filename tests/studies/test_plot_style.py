@@ -12,24 +12,23 @@ NOISE = np.random.default_rng(7).integers(0, 256, (20, 20, 3), dtype=np.uint8)
 
 
 def test_image_shows_every_pixel_as_a_block_when_the_width_is_a_multiple(tmp_path: Path) -> None:
-    with plot_style.open_page(100, 80) as page:
+    with plot_style.open_page(tmp_path / "page.png", 80, 100) as page:
         plot_style.show_image(page, NOISE, 30, 10, 40)
-        plot_style.save_page(page, tmp_path / "page.png")
 
     shown = cv2.imread(str(tmp_path / "page.png"))[10:50, 30:70, ::-1]
     assert np.array_equal(shown, NOISE.repeat(2, axis=0).repeat(2, axis=1))
 
 
 def test_page_has_exactly_its_size_in_pixels(tmp_path: Path) -> None:
-    with plot_style.open_page(321, 123) as page:
-        plot_style.save_page(page, tmp_path / "page.png")
+    with plot_style.open_page(tmp_path / "page.png", 123, 321):
+        pass
 
     assert cv2.imread(str(tmp_path / "page.png")).shape == (123, 321, 3)
 
 
-def test_settings_end_with_the_page() -> None:
+def test_settings_end_with_the_page(tmp_path: Path) -> None:
     before = matplotlib.rcParams["font.size"]
-    with plot_style.open_page(50, 50):
+    with plot_style.open_page(tmp_path / "page.png", 50, 50):
         assert matplotlib.rcParams["font.size"] != before
 
     assert matplotlib.rcParams["font.size"] == before

@@ -72,8 +72,8 @@ _SETTINGS = {
 
 
 @contextmanager
-def open_page(width_px: int, height_px: int) -> Iterator[Page]:
-    """Yield an empty page of exact size; draw inside the block and end with `save_page`."""
+def open_page(path: Path, height_px: int, width_px: int = PAGE_WIDTH_PX) -> Iterator[Page]:
+    """Yield an empty page of exact size, written to a file when the block ends."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -84,9 +84,10 @@ def open_page(width_px: int, height_px: int) -> Iterator[Page]:
         page = Figure(figsize=size, dpi=_DPI, facecolor=BACKGROUND)
         FigureCanvasAgg(page)
         yield page
+        _save_page(page, path)
 
 
-def save_page(page: Page, path: Path) -> None:
+def _save_page(page: Page, path: Path) -> None:
     """Write a page as PNG, with 256 colours where the file would be too large otherwise."""
     from PIL import Image as PillowImage
 
@@ -161,6 +162,13 @@ def show_image(page: Page, image: Image, left: int, top: int, width: int) -> Axe
     axes.imshow(image[row][:, column], extent=(0, columns, rows, 0), interpolation="none")
     axes.set(xlim=(0, columns), ylim=(rows, 0), aspect="auto")
     return axes
+
+
+def draw_border(axes: Axes) -> None:
+    """Draw a thin border around an image that is white where no error is."""
+    axes.axis("on")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set(visible=True, color=LIGHT_GREY)
 
 
 def add_text(page: Page, left: float, top: float, text: str, **options: Any) -> None:

@@ -14,8 +14,8 @@ from catoptra_studies.accuracy_cost.accuracy_levels import (
     accuracy_sweep,
     quick_accuracy_sweep,
 )
-from catoptra_studies.accuracy_cost.cost_plots import write_frame_plots
 from catoptra_studies.accuracy_cost.cost_results import CostResults, StudyConditions
+from catoptra_studies.accuracy_cost.frame_plots import write_frame_plots
 from catoptra_studies.accuracy_cost.level_costs import measure_levels
 from catoptra_studies.accuracy_cost.polygon_table import measure_polygon_rows
 from catoptra_studies.camera_figures.frame_rates import measure_frame_rates

@@ -35,7 +35,7 @@ _RAY_AZIMUTH_RAD, _RAY_THETA_RAD = math.radians(-62.0), math.radians(80.0)
 _FACE_PX = 360
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_cube(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the cube with the mirror inside, the textured mirror, and the frame.
 
     Raises:

@@ -36,7 +36,7 @@ def eq2_deviation_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Flo
     return exact - camera.horizon_radius_px * eq2, exact - camera.rim_radius_px / rim_eq2 * eq2
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_eq2(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw both deviations over the incidence angle."""
     camera = inputs.subject.resize_camera(PAPER_SIZE_PX)
     rim_deg = math.degrees(camera.rim_rad)

@@ -32,7 +32,7 @@ _TOP_PX = 20
 _DIM_COLOUR = np.array([70.0, 84.0, 98.0])
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_faces(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the unfolded cube and, beside it, the directions of its cameras."""
     subject = inputs.subject
     for face in FACES:

@@ -123,10 +123,9 @@ def open_figure_inputs(
 
 def write_figure(figure: FigureSpec, inputs: FigureInputs, folder: Path) -> FigureCaption:
     """Draw a figure into a folder."""
-    with plot_style.open_page(figure.width_px, figure.height_px) as page:
-        caption = figure.draw(page, inputs)
-        plot_style.save_page(page, folder / figure.file)
-    return caption
+    path = folder / figure.file
+    with plot_style.open_page(path, figure.height_px, figure.width_px) as page:
+        return figure.draw(page, inputs)
 
 
 def write_figure_index(captions: Mapping[FigureSpec, FigureCaption], folder: Path) -> None:

@@ -14,20 +14,9 @@ from pathlib import Path
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_studies.camera_figures import (
-    cube_figure,
-    eq2_figure,
-    face_figure,
-    frame_rate_figure,
-    mesh_figure,
-    omni_frame_figure,
-    polygon_detail_figure,
-    polygon_error_figure,
-    polygon_frames_figure,
-    polygon_map_figure,
-    ring_figure,
-    viewpoint_figure,
-)
+from catoptra_studies.camera_figures.cube_figure import draw_cube
+from catoptra_studies.camera_figures.eq2_figure import draw_eq2
+from catoptra_studies.camera_figures.face_figure import draw_faces
 from catoptra_studies.camera_figures.figure_spec import (
     FigureInputs,
     FigureSpec,
@@ -35,6 +24,15 @@ from catoptra_studies.camera_figures.figure_spec import (
     write_figure,
     write_figure_index,
 )
+from catoptra_studies.camera_figures.frame_rate_figure import draw_frame_rates
+from catoptra_studies.camera_figures.mesh_figure import draw_meshes
+from catoptra_studies.camera_figures.omni_frame_figure import draw_omni_frame
+from catoptra_studies.camera_figures.polygon_detail_figure import draw_polygon_detail
+from catoptra_studies.camera_figures.polygon_error_figure import draw_polygon_error
+from catoptra_studies.camera_figures.polygon_frames_figure import draw_polygon_frames
+from catoptra_studies.camera_figures.polygon_map_figure import draw_polygon_maps
+from catoptra_studies.camera_figures.ring_figure import draw_rings
+from catoptra_studies.camera_figures.viewpoint_figure import draw_viewpoint
 from catoptra_studies.progress_display import (
     ProgressDisplay,
     open_progress,
@@ -46,18 +44,18 @@ EXIT_FAILURE = 2
 
 # In the order of the report. Widths up to PAGE_WIDTH_PX fill its column at half their pixels.
 FIGURES = (
-    FigureSpec("omni_frame.png", "Figure 1", 1160, 1130, omni_frame_figure.draw),
-    FigureSpec("viewpoint.png", "Figure 2", 1520, 800, viewpoint_figure.draw),
-    FigureSpec("faces.png", "Figure 5", 1520, 780, face_figure.draw),
-    FigureSpec("cube.png", "Figures 4 and 6", 1520, 1120, cube_figure.draw),
-    FigureSpec("rings.png", "Figure 7", 1520, 800, ring_figure.draw),
-    FigureSpec("eq2.png", "Equation 2", 1520, 640, eq2_figure.draw),
-    FigureSpec("meshes.png", "Figure 3", 1520, 620, mesh_figure.draw),
-    FigureSpec("polygons.png", "Figure 8", 1520, 1600, polygon_frames_figure.draw),
-    FigureSpec("polygon_detail.png", "Figure 9", 1520, 440, polygon_detail_figure.draw),
-    FigureSpec("polygon_maps.png", "Figure 8", 1520, 540, polygon_map_figure.draw),
-    FigureSpec("polygon_error.png", "Section 3.1", 1520, 760, polygon_error_figure.draw),
-    FigureSpec("frame_rates.png", "Figure 10", 1520, 690, frame_rate_figure.draw),
+    FigureSpec("omni_frame.png", "Figure 1", 1160, 1130, draw_omni_frame),
+    FigureSpec("viewpoint.png", "Figure 2", 1520, 800, draw_viewpoint),
+    FigureSpec("faces.png", "Figure 5", 1520, 780, draw_faces),
+    FigureSpec("cube.png", "Figures 4 and 6", 1520, 1120, draw_cube),
+    FigureSpec("rings.png", "Figure 7", 1520, 800, draw_rings),
+    FigureSpec("eq2.png", "Equation 2", 1520, 640, draw_eq2),
+    FigureSpec("meshes.png", "Figure 3", 1520, 620, draw_meshes),
+    FigureSpec("polygons.png", "Figure 8", 1520, 1600, draw_polygon_frames),
+    FigureSpec("polygon_detail.png", "Figure 9", 1520, 440, draw_polygon_detail),
+    FigureSpec("polygon_maps.png", "Figure 8", 1520, 540, draw_polygon_maps),
+    FigureSpec("polygon_error.png", "Section 3.1", 1520, 760, draw_polygon_error),
+    FigureSpec("frame_rates.png", "Figure 10", 1520, 690, draw_frame_rates),
 )
 
 

@@ -15,11 +15,11 @@ from catoptra_studies.camera_figures.frame_rates import (
 from catoptra_studies.camera_figures.render_timing import FrameRate
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS
 
-WIDTH_PX, HEIGHT_PX = 1520, 690
+FRAME_RATES_HEIGHT_PX = 690
 _RENDERER_COLOURS = {"trace": plot_style.BLUE, "raster": plot_style.TEAL}
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_frame_rates(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Measure and draw the frame rates of all payloads in the subject's world, with trace."""
     rows = measure_frame_rates(
         inputs.subject,
@@ -28,11 +28,11 @@ def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
         num_rounds=inputs.num_timed_frames,
         on_round=lambda: None,
     )
-    draw_panels(page, rows)
+    draw_frame_rate_panels(page, rows)
     return _caption(rows, inputs.num_timed_frames)
 
 
-def draw_panels(page: plot_style.Page, rows: Sequence[FrameRate]) -> None:
+def draw_frame_rate_panels(page: plot_style.Page, rows: Sequence[FrameRate]) -> None:
     """Draw a panel for each world, with one bar for each payload and renderer."""
     worlds = list(dict.fromkeys(row.world for row in rows))
     max_fps = max(row.fps for row in rows)

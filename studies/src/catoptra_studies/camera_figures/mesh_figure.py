@@ -24,7 +24,7 @@ _MIRROR_COLOUR = np.array([0.62, 0.72, 0.82])
 _PANEL_WIDTH_PX = 370
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_meshes(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the four meshes, each above its cross section."""
     camera = inputs.subject.camera
     for column, count in enumerate(PAPER_POLYGON_COUNTS):

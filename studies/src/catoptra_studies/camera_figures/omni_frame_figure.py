@@ -13,7 +13,7 @@ _SIZE_PX = 960
 _MARGIN_PX = 100
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_omni_frame(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the frame with its 90-degree circle and the robot's sides."""
     subject = inputs.subject
     image = subject.render_frame(_SIZE_PX, samples=2)

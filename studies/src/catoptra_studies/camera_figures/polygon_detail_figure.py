@@ -20,7 +20,7 @@ _ZOOM = 8
 _COARSE, _FINE = 256, 1024
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_polygon_detail(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the location in the frame, and the detail through two meshes and the exact mirror."""
     subject = inputs.subject
     exact = subject.render_frame(PAPER_SIZE_PX, FIGURE_SAMPLES)

@@ -22,7 +22,7 @@ _INTERPOLATION_STYLES = {
 }
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_polygon_error(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw rms and largest displacement of both interpolations over the number of polygons."""
     camera = inputs.subject.resize_camera(PAPER_SIZE_PX)
     errors = {

@@ -13,7 +13,7 @@ IMAGE_WIDTH_PX = 2 * PAPER_SIZE_PX
 LEFT_PX, TOP_PX, STEP_X_PX, STEP_Y_PX = 20, 66, 760, 790
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_polygon_frames(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the four frames, each under its measured displacement."""
     subject = inputs.subject
     camera = subject.resize_camera(PAPER_SIZE_PX)

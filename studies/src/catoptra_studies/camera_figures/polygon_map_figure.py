@@ -19,7 +19,7 @@ _EMPTY_GREY = 226
 _LEFT_PX, _TOP_PX, _STEP_PX = 10, 56, PAPER_SIZE_PX + 20
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_polygon_maps(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the displacement of each pixel by four meshes, with one colour scale."""
     camera = inputs.subject.resize_camera(PAPER_SIZE_PX)
     below_1px: Metrics = {}

@@ -24,7 +24,7 @@ _SAMPLES = 6
 _IMAGE_WIDTH_PX = 2 * PAPER_SIZE_PX
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_rings(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the rings, their measured radii, and the deviations from camera model and Eq. 2."""
     # Always at the paper's size: the radii are measured in pixels.
     image = inputs.rings.render_frame(PAPER_SIZE_PX, _SAMPLES)

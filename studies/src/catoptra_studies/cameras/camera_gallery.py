@@ -56,9 +56,9 @@ def draw_gallery(
     frame_ms = stage.time_frames(num_timed, lambda: None)
     rows = [describe_camera(c, ms) for c, ms in zip(stage.cameras, frame_ms, strict=True)]
     for index, staged in enumerate(stage.cameras):
-        with plot_style.open_page(plot_style.PAGE_WIDTH_PX, 740) as page:
+        path = folder / f"{staged.file.name}.png"
+        with plot_style.open_page(path, 740) as page:
             _draw_camera(page, staged, stage.render_frame(index))
-            plot_style.save_page(page, folder / f"{staged.file.name}.png")
         on_camera()
     text = json.dumps(rows, indent=2, allow_nan=False)
     (folder / "cameras.json").write_text(text + "\n", encoding="utf-8")

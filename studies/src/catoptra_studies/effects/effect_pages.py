@@ -65,9 +65,9 @@ def write_effect_pages(folder: Path, *, on_page: Callable[[], None] = lambda: No
                 f"{case.description}: {_describe_decision(required)}",
                 f"{case.negligible_case.description}: {_describe_decision(negligible)}",
             )
-            with plot_style.open_page(plot_style.PAGE_WIDTH_PX, 660) as page:
+            path = folder / f"{case.effect.name}.png"
+            with plot_style.open_page(path, 660) as page:
                 _draw_page(page, case, scene, captions)
-                plot_style.save_page(page, folder / f"{case.effect.name}.png")
             lines += [*captions, ""]
             on_page()
     (folder / "explanations.txt").write_text("\n".join(lines), encoding="utf-8")

@@ -9,19 +9,18 @@ import numpy as np
 from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.image_error import signed_difference
 from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel
-from catoptra_studies.accuracy_cost.plots.plot_legend import draw_border
 from catoptra_studies.camera_figures.error_colour_map import draw_colour_bar, map_error_colours
 from catoptra_studies.camera_figures.polygon_detail_figure import find_max_difference_window
 from catoptra_studies.plot_style import Image
 
 MAX_COLUMNS = 6
-DETAIL_PX, _ZOOM = 60, 4
-_SIDE_PX, _GAP_PX, _TOP_PX = DETAIL_PX * _ZOOM, 10, 100
-WIDTH_PX, HEIGHT_PX = 1520, _TOP_PX + 2 * _SIDE_PX + 120
+_LEVEL_CROP_PX, _ZOOM = 60, 4
+_SIDE_PX, _GAP_PX, _TOP_PX = _LEVEL_CROP_PX * _ZOOM, 10, 100
+LEVELS_HEIGHT_PX = _TOP_PX + 2 * _SIDE_PX + 120
 GREY_LEVEL_RANGE = (1.0, 128.0)
 
 
-def draw(
+def draw_level_details(
     page: plot_style.Page,
     levels: Sequence[MeasuredLevel],
     reference: Image,
@@ -37,7 +36,7 @@ def draw(
     """
     front = select_front_levels(levels)
     # Tests run at 64 px, where the whole detail would not fit within the horizon.
-    size_px = min(DETAIL_PX, reference.shape[0] // 3)
+    size_px = min(_LEVEL_CROP_PX, reference.shape[0] // 3)
     # The detail where the fastest level is worst shows best how the others improve.
     row, column = find_max_difference_window(
         front[0].frame, reference, size_px, max_radius_px=horizon_radius_px
@@ -49,10 +48,12 @@ def draw(
         plot_style.show_image(page, level.frame[window], left, _TOP_PX, _SIDE_PX)
         error = np.abs(signed_difference(level.frame[window], reference[window])).max(axis=-1)
         colours = map_error_colours(error, *GREY_LEVEL_RANGE)
-        draw_border(plot_style.show_image(page, colours, left, _TOP_PX + _SIDE_PX + 8, _SIDE_PX))
+        plot_style.draw_border(
+            plot_style.show_image(page, colours, left, _TOP_PX + _SIDE_PX + 8, _SIDE_PX)
+        )
     draw_colour_bar(
-        page, GREY_LEVEL_RANGE, left=820, top=HEIGHT_PX - 84, width=480, ticks=(1, 4, 16, 64, 128),
-        title="below: difference from the reference, grey levels",
+        page, GREY_LEVEL_RANGE, left=820, top=LEVELS_HEIGHT_PX - 84, width=480,
+        ticks=(1, 4, 16, 64, 128), title="below: difference from the reference, grey levels",
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.cost_results import LocalizationAccuracy, LocalizationRow
 
-WIDTH_PX, HEIGHT_PX = 1520, 620
+LOCALIZATION_HEIGHT_PX = 620
 _LEFT_PX, _PANEL_WIDTH_PX, _GAP_PX = 380, 232, 56
 
 RowValue = Callable[[LocalizationRow], float]
@@ -26,7 +26,7 @@ _PANELS: tuple[tuple[str, tuple[tuple[str, str, RowValue], ...]], ...] = (
 )  # fmt: skip
 
 
-def draw(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
+def draw_localization(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
     """Draw a row for each level, from coarse to exact, in four panels."""
     for index, (title, series) in enumerate(_PANELS):
         left = _LEFT_PX + index * (_PANEL_WIDTH_PX + _GAP_PX)

@@ -10,14 +10,14 @@ from catoptra_studies.accuracy_cost.pareto import MIN_GAIN, pareto_front
 from catoptra_studies.accuracy_cost.plots.plot_legend import SERIES_STYLES, series_style
 from catoptra_studies.reports.markdown import format_number
 
-WIDTH_PX, HEIGHT_PX = 1520, 1150
+PARETO_HEIGHT_PX = 1150
 _TOP_PX, _PANEL_WIDTH_PX, _PANEL_HEIGHT_PX = 90, 600, 560
 _TICKS_MS = (2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500)
 
 ErrorMetric = Callable[[LevelCost], float]
 
 
-def draw(page: plot_style.Page, levels: Sequence[LevelCost]) -> None:
+def draw_pareto(page: plot_style.Page, levels: Sequence[LevelCost]) -> None:
     """Draw both panels, a legend, and the names of the numbered levels."""
     _, bound_front = _draw_panel(
         page, levels, lambda level: level.bound_max_px, left=110,

@@ -35,10 +35,3 @@ def series_style(level: LevelCost) -> SeriesStyle:
         return PER_PIXEL_STYLE
     # By the name: cost.json can be plotted without the server's types.
     return UV_STYLE if "(uv)" in level.name else POSITION_STYLE
-
-
-def draw_border(axes: plot_style.Axes) -> None:
-    """Draw a thin border around an image that is white where no error is."""
-    axes.axis("on")
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set(visible=True, color=plot_style.LIGHT_GREY)

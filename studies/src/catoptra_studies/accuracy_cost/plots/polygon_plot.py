@@ -22,11 +22,13 @@ from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject
 
-WIDTH_PX, HEIGHT_PX = 1520, 910
+POLYGONS_HEIGHT_PX = 910
 _TOP_PX = 56
 
 
-def draw(page: plot_style.Page, camera: OmniCamera, frames: Mapping[int, Image]) -> None:
+def draw_polygon_frames(
+    page: plot_style.Page, camera: OmniCamera, frames: Mapping[int, Image]
+) -> None:
     """Draw frames above displacement maps.
 
     Args:
@@ -49,7 +51,7 @@ def draw(page: plot_style.Page, camera: OmniCamera, frames: Mapping[int, Image])
         colours = colour_displacement(error_px)
         plot_style.show_image(page, colours, left, _TOP_PX + PAPER_SIZE_PX + 14, PAPER_SIZE_PX)
     draw_colour_bar(
-        page, DISPLACEMENT_RANGE_PX, left=820, top=HEIGHT_PX - 84, width=480,
+        page, DISPLACEMENT_RANGE_PX, left=820, top=POLYGONS_HEIGHT_PX - 84, width=480,
         ticks=(0.1, 1, 10, 100), title="below: displacement, px; grey: no polygon",
     )  # fmt: skip
 

@@ -12,12 +12,11 @@ _WIDTH_PX, _TOP_PX = 720, 60
 
 def draw_frame_pair(path: Path, panels: tuple[tuple[str, UInt8Array], ...]) -> None:
     """Write the central squares of two (title, frame), in which the mirror is."""
-    with plot_style.open_page(plot_style.PAGE_WIDTH_PX, _TOP_PX + _WIDTH_PX + 20) as page:
+    with plot_style.open_page(path, _TOP_PX + _WIDTH_PX + 20) as page:
         for index, (title, rgb) in enumerate(panels):
             left = 20 + index * (_WIDTH_PX + 40)
             plot_style.add_text(page, left, _TOP_PX - 12, title, va="bottom", fontweight="bold")
             plot_style.show_image(page, _central_square(rgb), left, _TOP_PX, _WIDTH_PX)
-        plot_style.save_page(page, path)
 
 
 def _central_square(rgb: UInt8Array) -> UInt8Array:
