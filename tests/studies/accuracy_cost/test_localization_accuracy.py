@@ -15,11 +15,10 @@ from catoptra_studies.accuracy_cost.localization_accuracy import (
     localization_row,
     summarize_localization,
 )
-from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
+from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, LandmarkMeasurement
 from catoptra_studies.experiment.experiment_runner import SetupResult
 from catoptra_studies.experiment.experiment_setups import SIM
-from catoptra_studies.experiment.filter_replay import FilterRun
-from catoptra_studies.experiment.landmark_measurement import LandmarkMeasurement
+from catoptra_studies.experiment.localization_filter import FilterRun
 from catoptra_studies.experiment.route import Waypoint
 
 NEAR = Landmark("near", "beacon", 1.0, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")

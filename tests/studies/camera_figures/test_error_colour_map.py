@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_studies.camera_figures.error_colour_map import colour_bar, map_error_colours
+from catoptra_studies.plot_style import colour_bar, map_error_colours
 
 WHITE = (255, 255, 255)
 

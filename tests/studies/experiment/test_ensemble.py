@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_studies.experiment.ensemble import (
+from catoptra_studies.experiment.localization_filter import FilterRun
+from catoptra_studies.experiment.metrics import (
     compute_run_metrics,
     error_quantiles,
     median_run_index,
     summarize_runs,
     summary_statistics,
 )
-from catoptra_studies.experiment.filter_replay import FilterRun
 
 STEPS = 101
 

@@ -9,12 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from catoptra_studies.experiment.ensemble import summarize_runs
 from catoptra_studies.experiment.experiment_report import write_html_report
-from catoptra_studies.experiment.paper_claims import Claim
-from catoptra_studies.experiment.paper_differences import Difference
-from catoptra_studies.experiment.run_share import RunShare
-from catoptra_studies.reports.html_page import ReportFigure
+from catoptra_studies.experiment.metrics import summarize_runs
+from catoptra_studies.experiment.paper_claims import Claim, Difference, RunShare
+from catoptra_studies.reports import ReportFigure
 from studies.experiment.test_ensemble import make_filter_run
 
 NOTHING = {

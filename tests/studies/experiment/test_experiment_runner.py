@@ -17,18 +17,17 @@ from catoptra_client.server_address import ServerAddress
 from catoptra_client.server_process import connect_stream, run_server
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
-from catoptra_studies.experiment.classifier_training import train_classifier
 from catoptra_studies.experiment.experiment_results import write_experiment_results
 from catoptra_studies.experiment.experiment_runner import (
     PUBLISHED_FILTER,
     ExperimentConfig,
     run_setup,
+    train_classifier,
 )
 from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, REAL, SETUPS, SIM
-from catoptra_studies.experiment.figure_source import CameraFigures
-from catoptra_studies.experiment.filter_replay import replay_filter
-from catoptra_studies.experiment.frame_comparison import capture_frame_comparison
-from catoptra_studies.experiment.measurement_metrics import true_range_bearing
+from catoptra_studies.experiment.figure_source import CameraFigures, capture_frame_comparison
+from catoptra_studies.experiment.localization_filter import replay_filter
+from catoptra_studies.experiment.metrics import true_range_bearing
 from helpers.server_process import DEADLINE_S
 
 CONFIGS = Path(__file__).parents[3] / "configs"

@@ -9,11 +9,15 @@ import pytest
 
 from catoptra_client.localization import LandmarkPosition, OdometryPose
 from catoptra_protocol.notes import text_from_note
-from catoptra_studies.experiment.drive_log import DriveStep
+from catoptra_studies.experiment.drive_log import DriveStep, LandmarkMeasurement
 from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER
-from catoptra_studies.experiment.filter_note import NOTE_NAME, note_from_filter_step
-from catoptra_studies.experiment.filter_step import FilterStep, advance_filter, begin_filter
-from catoptra_studies.experiment.landmark_measurement import LandmarkMeasurement
+from catoptra_studies.experiment.localization_filter import (
+    NOTE_NAME,
+    FilterStep,
+    advance_filter,
+    begin_filter,
+    note_from_filter_step,
+)
 from catoptra_studies.experiment.route import Waypoint
 
 MAP = {"a": LandmarkPosition("a", 2.0, 0.0), "b": LandmarkPosition("b", 0.0, 2.0)}

@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_client.localization import LandmarkPosition, OdometryPose
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
+from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, LandmarkMeasurement
 from catoptra_studies.experiment.experiment_setups import (
     CONSISTENT_FILTER,
     OVERCONFIDENT_FILTER,
@@ -19,12 +19,11 @@ from catoptra_studies.experiment.experiment_setups import (
     REAL,
     RECOVERING_FILTER,
 )
-from catoptra_studies.experiment.filter_replay import (
+from catoptra_studies.experiment.localization_filter import (
     acceptance_rate,
     find_relock_step,
     replay_filter,
 )
-from catoptra_studies.experiment.landmark_measurement import LandmarkMeasurement
 from catoptra_studies.experiment.route import clockwise_route
 
 MAP = {"a": LandmarkPosition("a", 1.35, -1.9), "b": LandmarkPosition("b", -1.35, 1.9)}

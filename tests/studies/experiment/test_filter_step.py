@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from catoptra_client.localization import LandmarkPosition, OdometryPose
-from catoptra_studies.experiment.drive_log import DriveStep
+from catoptra_studies.experiment.drive_log import DriveStep, LandmarkMeasurement
 from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER, PAPER_FILTER
-from catoptra_studies.experiment.filter_step import advance_filter, begin_filter
-from catoptra_studies.experiment.landmark_measurement import LandmarkMeasurement
+from catoptra_studies.experiment.localization_filter import advance_filter, begin_filter
 from catoptra_studies.experiment.route import Waypoint
 
 MAP = {"a": LandmarkPosition("a", 2.0, 0.0)}

@@ -8,9 +8,8 @@ import pytest
 
 from catoptra_client.localization import OdometryPose
 from catoptra_protocol.landmarks import Landmark
-from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
-from catoptra_studies.experiment.landmark_measurement import LandmarkMeasurement
-from catoptra_studies.experiment.measurement_metrics import (
+from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, LandmarkMeasurement
+from catoptra_studies.experiment.metrics import (
     compute_measurement_metrics,
     detection_rate,
     detection_rates_by_distance,

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from catoptra_studies.experiment.ensemble import compute_run_metrics
+from catoptra_studies.experiment.metrics import compute_run_metrics
 from catoptra_studies.experiment.paper_claims import STATEMENTS, evaluate_claims
 from studies.experiment.test_ensemble import make_filter_run
 

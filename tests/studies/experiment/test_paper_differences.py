@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_studies.experiment.paper_claims import evaluate_statements
-from catoptra_studies.experiment.paper_differences import UNTYPICAL_STATEMENTS, list_differences
+from catoptra_studies.experiment.paper_claims import (
+    UNTYPICAL_STATEMENTS,
+    evaluate_statements,
+    list_differences,
+)
 from studies.experiment.test_paper_claims import make_setups
 
 STATISTICS = {

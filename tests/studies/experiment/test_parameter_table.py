@@ -6,8 +6,8 @@ from configparser import ConfigParser
 
 import pytest
 
+from catoptra_studies.experiment.experiment_report import ODOMETRY_ERRORS, parameter_table
 from catoptra_studies.experiment.experiment_setups import SETUPS
-from catoptra_studies.experiment.parameter_table import ODOMETRY_ERRORS, parameter_table
 from helpers.configs import REPOSITORY
 
 

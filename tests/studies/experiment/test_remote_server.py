@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import ConnectionLostError, DomainError
-from catoptra_studies.experiment.remote_server import parse_server_address, wait_for_server
+from catoptra_studies.experiment.experiment_runner import parse_server_address, wait_for_server
 from client.scripted_server import ScriptedControlPeer, serve_script, wait_for_close
 
 

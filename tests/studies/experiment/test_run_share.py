@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from catoptra_studies.experiment.run_share import RunShare, count_runs, pool_shares
+from catoptra_studies.experiment.paper_claims import RunShare, count_runs, pool_shares
 
 
 # Newcombe 1998, Table I: method 3, the score interval without continuity correction.

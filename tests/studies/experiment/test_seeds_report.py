@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from catoptra_studies.experiment.paper_claims import Claim
-from catoptra_studies.experiment.run_share import RunShare
-from catoptra_studies.experiment.seeds_report import SeedResult, format_seeds_report
+from catoptra_studies.experiment.paper_claims import Claim, RunShare
+from catoptra_studies.experiment.seeds_command import SeedResult, format_seeds_report
 
 
 def make_result(seed: int, satisfying: int) -> SeedResult:

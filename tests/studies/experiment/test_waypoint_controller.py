@@ -9,8 +9,7 @@ import pytest
 
 from catoptra_client.localization import Control
 from catoptra_client.localization.motion_model import propagate_pose
-from catoptra_studies.experiment.route import Waypoint
-from catoptra_studies.experiment.waypoint_controller import Chassis, wheel_command_towards
+from catoptra_studies.experiment.route import Chassis, Waypoint, wheel_command_towards
 
 P2AT = Chassis(wheel_radius_m=0.13, wheel_separation_m=0.4712, max_speed_rad_s=5.385)
 HERE = Waypoint(1.0, -0.5, 0.7)

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from catoptra_studies.reports.html_page import Cell, html_table
+from catoptra_studies.reports import Cell, html_table
 
 
 def test_table_has_a_heading_row_and_escapes_its_cells() -> None:

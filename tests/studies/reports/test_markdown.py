@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from catoptra_studies.reports.markdown import (
+from catoptra_studies.reports import (
     format_number,
     markdown_table,
     wrap_bullet,

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.reports.marked_block import replace_block
+from catoptra_studies.reports import replace_block
 
 TEXT = "before\n<!-- cost: begin, written by make cost -->\nold\n<!-- cost: end -->\nafter\n"
 

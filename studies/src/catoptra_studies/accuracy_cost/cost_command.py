@@ -24,7 +24,7 @@ from catoptra_studies.accuracy_cost.localization_study import (
     select_key_levels,
 )
 from catoptra_studies.progress_display import open_progress, print_error, print_line
-from catoptra_studies.reports.marked_block import replace_block
+from catoptra_studies.reports import replace_block
 
 EXIT_FAILURE = 2
 

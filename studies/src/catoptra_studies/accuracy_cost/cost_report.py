@@ -14,7 +14,7 @@ from catoptra_studies.accuracy_cost.frame_rate_report import format_frame_rates
 from catoptra_studies.accuracy_cost.localization_report import format_localization
 from catoptra_studies.accuracy_cost.pareto import MIN_GAIN
 from catoptra_studies.accuracy_cost.polygon_table import is_within_tolerance
-from catoptra_studies.reports.markdown import format_number, markdown_table, wrap_paragraph
+from catoptra_studies.reports import format_number, markdown_table, wrap_paragraph
 
 _GLOSSARY = """\
 | column | meaning |

@@ -14,8 +14,8 @@ from catoptra_studies.experiment.experiment_setups import (
     MAX_RANGE_M,
     PAPER_FILTER,
 )
-from catoptra_studies.experiment.filter_replay import FilterRun
-from catoptra_studies.experiment.measurement_metrics import detection_rate, rms_errors
+from catoptra_studies.experiment.localization_filter import FilterRun
+from catoptra_studies.experiment.metrics import detection_rate, rms_errors
 
 # A nearer beacon is at least 5 px wide in an image of 360 px: a miss is not due to its size.
 NEAR_RANGE_M = 1.5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from catoptra_studies.accuracy_cost.cost_results import CostResults, LocalizationAccuracy
-from catoptra_studies.reports.markdown import markdown_table, wrap_paragraph
+from catoptra_studies.reports import markdown_table, wrap_paragraph
 
 
 def format_localization(results: CostResults) -> str:

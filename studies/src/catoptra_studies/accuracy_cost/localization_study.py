@@ -17,8 +17,11 @@ from catoptra_studies.accuracy_cost.localization_accuracy import (
     localization_row,
     summarize_localization,
 )
-from catoptra_studies.experiment.classifier_training import train_classifier
-from catoptra_studies.experiment.experiment_runner import ExperimentConfig, run_setup
+from catoptra_studies.experiment.experiment_runner import (
+    ExperimentConfig,
+    run_setup,
+    train_classifier,
+)
 from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.progress_display import ProgressDisplay
 

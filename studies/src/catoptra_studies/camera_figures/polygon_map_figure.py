@@ -7,11 +7,10 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies import plot_style
-from catoptra_studies.camera_figures.error_colour_map import draw_colour_bar, map_error_colours
 from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs, Metrics
 from catoptra_studies.camera_figures.polygon_displacement import displacement_map
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX
-from catoptra_studies.plot_style import Image
+from catoptra_studies.plot_style import Image, draw_colour_bar, map_error_colours
 
 DISPLACEMENT_RANGE_PX = (0.1, 100.0)
 # White would look like no error where no polygon is.

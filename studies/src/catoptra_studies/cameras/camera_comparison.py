@@ -17,8 +17,12 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_studies.cameras.camera_metrics import covered_sphere, floor_view, resolution_at
 from catoptra_studies.cameras.camera_stage import CameraStage, StagedCamera
-from catoptra_studies.experiment.classifier_training import train_classifier
-from catoptra_studies.experiment.experiment_runner import ExperimentConfig, SetupResult, run_setup
+from catoptra_studies.experiment.experiment_runner import (
+    ExperimentConfig,
+    SetupResult,
+    run_setup,
+    train_classifier,
+)
 from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER, PAPER_FILTER, SIM
 
 FLOOR_DISTANCE_M = 3.0

@@ -23,8 +23,7 @@ from catoptra_studies.cameras.camera_metrics import (
     shows_direction,
 )
 from catoptra_studies.cameras.camera_stage import CameraStage, StagedCamera
-from catoptra_studies.reports.html_page import Cell, ReportFigure, figure_element, html_table
-from catoptra_studies.reports.markdown import format_number
+from catoptra_studies.reports import Cell, ReportFigure, figure_element, format_number, html_table
 
 RING_SPACING_DEG = 30
 _IMAGE_PX = 640

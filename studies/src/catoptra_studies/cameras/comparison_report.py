@@ -11,7 +11,7 @@ from pathlib import Path
 
 from catoptra_studies import plot_style
 from catoptra_studies.cameras.camera_comparison import FLOOR_DISTANCE_M, CameraRow
-from catoptra_studies.reports.markdown import format_number, markdown_table
+from catoptra_studies.reports import format_number, markdown_table
 
 # Key of a flat row and its label.
 _COLUMNS = {

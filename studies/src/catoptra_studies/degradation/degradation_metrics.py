@@ -14,8 +14,8 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_studies.degradation.recorded_drive import RecordedDrive, add_measurements
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, PAPER_FILTER, ExperimentSetup
-from catoptra_studies.experiment.filter_replay import FilterRun, replay_filter
-from catoptra_studies.experiment.measurement_metrics import (
+from catoptra_studies.experiment.localization_filter import FilterRun, replay_filter
+from catoptra_studies.experiment.metrics import (
     RangeBearingPair,
     rms_range_bearing,
     true_range_bearing,

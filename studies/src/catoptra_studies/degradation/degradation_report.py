@@ -20,7 +20,7 @@ from catoptra_studies.degradation.example_frame import rms_difference
 from catoptra_studies.degradation.failure_levels import FailureLevels, find_failure_levels
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.paper_values import PAPER_EKF_ERROR_M
-from catoptra_studies.reports.markdown import markdown_table, wrap_paragraph
+from catoptra_studies.reports import markdown_table, wrap_paragraph
 
 FORMAT_VERSION = 2
 

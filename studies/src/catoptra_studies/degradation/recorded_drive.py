@@ -29,13 +29,11 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_studies.experiment.drive_log import (
     DriveLog,
-    drive_route,
-)
-from catoptra_studies.experiment.experiment_setups import ExperimentSetup
-from catoptra_studies.experiment.landmark_measurement import (
     LandmarkMeasurement,
+    drive_route,
     measurements_in_range,
 )
+from catoptra_studies.experiment.experiment_setups import ExperimentSetup
 from catoptra_studies.experiment.route import Waypoint
 
 # Two servers and other programs may delay a frame; an hour of drives must not end by that.

@@ -31,7 +31,7 @@ from catoptra_studies.progress_display import (
     print_error,
     print_line,
 )
-from catoptra_studies.reports.marked_block import replace_block
+from catoptra_studies.reports import replace_block
 
 EXIT_FAILURE = 2
 # Decisions that differ from the truth too often.

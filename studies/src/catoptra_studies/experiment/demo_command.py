@@ -16,22 +16,23 @@ from pathlib import Path
 from catoptra_client.landmarks import ColourClassifier
 from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.experiment.classifier_training import DetectorSnapshot, train_classifier
 from catoptra_studies.experiment.experiment_results import write_experiment_results
 from catoptra_studies.experiment.experiment_runner import (
+    DetectorSnapshot,
     ExperimentConfig,
     SetupResult,
+    parse_server_address,
     run_setup,
+    train_classifier,
 )
 from catoptra_studies.experiment.experiment_setups import SETUPS, SIM, ExperimentSetup
 from catoptra_studies.experiment.figure_source import (
     FigureSource,
+    capture_frame_comparison,
     collect_camera_figures,
     default_figure_source,
 )
-from catoptra_studies.experiment.frame_comparison import capture_frame_comparison
 from catoptra_studies.experiment.paper_claims import Claim
-from catoptra_studies.experiment.remote_server import parse_server_address
 from catoptra_studies.progress_display import (
     ProgressDisplay,
     open_progress,

@@ -8,25 +8,29 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from catoptra_studies.experiment.classifier_training import DetectorSnapshot
-from catoptra_studies.experiment.ensemble import median_run_index, summarize_runs
 from catoptra_studies.experiment.experiment_report import write_html_report
 from catoptra_studies.experiment.experiment_runner import (
+    DetectorSnapshot,
     ExperimentConfig,
     SetupResult,
 )
 from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER
-from catoptra_studies.experiment.figure_source import CameraFigures
-from catoptra_studies.experiment.frame_comparison import FrameComparison
-from catoptra_studies.experiment.measurement_metrics import compute_measurement_metrics
-from catoptra_studies.experiment.paper_claims import Claim, evaluate_claims
-from catoptra_studies.experiment.paper_differences import list_differences
-from catoptra_studies.experiment.plots.classifier_plot import draw_classifier_output
-from catoptra_studies.experiment.plots.error_plot import draw_error_ensemble, draw_position_errors
-from catoptra_studies.experiment.plots.frame_pair_plot import draw_frame_pair
-from catoptra_studies.experiment.plots.overview_plot import draw_overview
-from catoptra_studies.experiment.plots.trajectory_plot import draw_trajectories
-from catoptra_studies.reports.html_page import ReportFigure
+from catoptra_studies.experiment.figure_source import CameraFigures, FrameComparison
+from catoptra_studies.experiment.metrics import (
+    compute_measurement_metrics,
+    median_run_index,
+    summarize_runs,
+)
+from catoptra_studies.experiment.paper_claims import Claim, evaluate_claims, list_differences
+from catoptra_studies.experiment.report_figures import (
+    draw_classifier_output,
+    draw_error_ensemble,
+    draw_frame_pair,
+    draw_overview,
+    draw_position_errors,
+    draw_trajectories,
+)
+from catoptra_studies.reports import ReportFigure
 
 
 def write_experiment_results(

@@ -33,7 +33,7 @@ from catoptra_studies.experiment.drive_log import (
     read_true_pose,
 )
 from catoptra_studies.experiment.experiment_setups import SIM
-from catoptra_studies.experiment.filter_note import NOTE_NAME
+from catoptra_studies.experiment.localization_filter import NOTE_NAME
 from catoptra_studies.experiment.route import Waypoint
 from catoptra_studies.live.live_localizer import LiveLocalizer
 from catoptra_studies.live.route_progress import (

@@ -24,11 +24,15 @@ from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_studies.experiment.drive_log import DriveStep
+from catoptra_studies.experiment.drive_log import DriveStep, measurements_in_range
 from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER
-from catoptra_studies.experiment.filter_note import belief_entries, note_from_filter_step
-from catoptra_studies.experiment.filter_step import FilterStep, advance_filter, begin_filter
-from catoptra_studies.experiment.landmark_measurement import measurements_in_range
+from catoptra_studies.experiment.localization_filter import (
+    FilterStep,
+    advance_filter,
+    begin_filter,
+    belief_entries,
+    note_from_filter_step,
+)
 from catoptra_studies.experiment.route import Waypoint
 
 # Two seconds of the drive. Of the 142 landmarks that are near in one round, a classifier of 2 to 8

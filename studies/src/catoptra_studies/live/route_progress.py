@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_studies.experiment.route import Waypoint
-from catoptra_studies.experiment.waypoint_controller import (
+from catoptra_studies.experiment.route import (
     Chassis,
+    Waypoint,
     WheelCommand,
     wheel_command_towards,
 )

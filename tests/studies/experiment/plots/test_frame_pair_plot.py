@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from catoptra_studies.experiment.plots.frame_pair_plot import draw_frame_pair
+from catoptra_studies.experiment.report_figures import draw_frame_pair
 from catoptra_studies.plot_style import PAGE_WIDTH_PX
 
 

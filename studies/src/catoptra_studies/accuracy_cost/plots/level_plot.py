@@ -9,9 +9,8 @@ import numpy as np
 from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.image_error import signed_difference
 from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel
-from catoptra_studies.camera_figures.error_colour_map import draw_colour_bar, map_error_colours
 from catoptra_studies.camera_figures.polygon_detail_figure import find_max_difference_window
-from catoptra_studies.plot_style import Image
+from catoptra_studies.plot_style import Image, draw_colour_bar, map_error_colours
 
 MAX_COLUMNS = 6
 _LEVEL_CROP_PX, _ZOOM = 60, 4

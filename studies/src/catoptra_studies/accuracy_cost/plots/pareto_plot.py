@@ -8,7 +8,7 @@ from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.cost_results import LevelCost
 from catoptra_studies.accuracy_cost.pareto import MIN_GAIN, pareto_front
 from catoptra_studies.accuracy_cost.plots.plot_legend import SERIES_STYLES, series_style
-from catoptra_studies.reports.markdown import format_number
+from catoptra_studies.reports import format_number
 
 PARETO_HEIGHT_PX = 1150
 _TOP_PX, _PANEL_WIDTH_PX, _PANEL_HEIGHT_PX = 90, 600, 560

@@ -11,7 +11,6 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation, tessellation_from_polygon_count
 from catoptra_studies import plot_style
-from catoptra_studies.camera_figures.error_colour_map import draw_colour_bar
 from catoptra_studies.camera_figures.figure_spec import FIGURE_SAMPLES
 from catoptra_studies.camera_figures.polygon_displacement import displacement_map
 from catoptra_studies.camera_figures.polygon_map_figure import (
@@ -19,7 +18,7 @@ from catoptra_studies.camera_figures.polygon_map_figure import (
     colour_displacement,
 )
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX
-from catoptra_studies.plot_style import Image
+from catoptra_studies.plot_style import Image, draw_colour_bar
 from catoptra_studies.study_subject import StudySubject
 
 POLYGONS_HEIGHT_PX = 910
