@@ -9,7 +9,7 @@ import pytest
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_studies.experiment.experiment_setups import SETUPS
 from catoptra_studies.experiment.route import Chassis, Waypoint, counter_clockwise_route
-from catoptra_studies.live.route_progress import (
+from catoptra_studies.live.steering import (
     RouteProgress,
     advance_progress,
     rejoin_route,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_studies.live.shared_control import (
+from catoptra_studies.live.steering import (
     RESUME_AFTER_S,
     SharedControl,
     observe_speeds,

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from catoptra_client.localization import OdometryPose
-from catoptra_studies.live.timed_odometry import TimedOdometry, interpolate_odometry
+from catoptra_studies.live.live_localizer import TimedOdometry, interpolate_odometry
 
 READINGS = (
     TimedOdometry(1.0, OdometryPose(0.0, 0.0, 3.0)),

@@ -35,21 +35,18 @@ from catoptra_studies.experiment.drive_log import (
 from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.experiment.localization_filter import NOTE_NAME
 from catoptra_studies.experiment.route import Waypoint
-from catoptra_studies.live.live_localizer import LiveLocalizer
-from catoptra_studies.live.route_progress import (
+from catoptra_studies.live.live_localizer import LiveLocalizer, TimedOdometry, interpolate_odometry
+from catoptra_studies.live.steering import (
     RouteProgress,
+    SharedControl,
+    WheelSpeeds,
     advance_progress,
+    observe_speeds,
+    record_command,
     rejoin_route,
     skip_waypoints,
     steer,
 )
-from catoptra_studies.live.shared_control import (
-    SharedControl,
-    WheelSpeeds,
-    observe_speeds,
-    record_command,
-)
-from catoptra_studies.live.timed_odometry import TimedOdometry, interpolate_odometry
 
 ROBOT_NAME = "Live"
 # The server may calibrate renderers; Ctrl-C waits for a frame at most so long.

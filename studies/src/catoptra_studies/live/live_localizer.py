@@ -2,14 +2,20 @@
 
 Each frame carries the pose of its exposure. In the training it labels the pixels; afterwards it is
 the truth that the note compares the belief with, and no filter reads it.
+
+Odometry at the time of an exposure, between two readings of the sensor.
+
+A frame arrives tens of milliseconds after its exposure, on a busy machine a second, and in the
+turns of the route 50 ms are 4 degrees.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from catoptra_client.frame import Frame
 from catoptra_client.landmarks import Detector, Viewpoint, detect, label_frame, make_detector, train
@@ -22,6 +28,7 @@ from catoptra_client.localization import (
 )
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.numerics import angle_difference, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_studies.experiment.drive_log import DriveStep, measurements_in_range
@@ -132,3 +139,39 @@ def _waypoint(world_from_robot: Pose) -> Waypoint:
     x_m, y_m, _ = world_from_robot.translation
     forward = world_from_robot.rotation[:, 0]
     return Waypoint(float(x_m), float(y_m), math.atan2(forward[1], forward[0]))
+
+
+@dataclass(frozen=True, slots=True)
+class TimedOdometry:
+    """One reading."""
+
+    time_s: float
+    """Simulation time."""
+
+    pose: OdometryPose
+
+
+def interpolate_odometry(readings: Sequence[TimedOdometry], time_s: float) -> OdometryPose | None:
+    """Odometry at a time, on the straight line between two readings.
+
+    Args:
+        readings: Readings, the oldest first.
+        time_s: Simulation time; before the oldest reading, that one counts.
+
+    Returns:
+        The pose; None after the newest reading.
+    """
+    index = bisect_left(readings, time_s, key=lambda reading: reading.time_s)
+    if index == len(readings):
+        return None
+    after = readings[index]
+    if index == 0:
+        return after.pose
+    before = readings[index - 1]
+    fraction = (time_s - before.time_s) / (after.time_s - before.time_s)
+    turn_rad = angle_difference(after.pose.yaw_rad, before.pose.yaw_rad)
+    return OdometryPose(
+        before.pose.x_m + fraction * (after.pose.x_m - before.pose.x_m),
+        before.pose.y_m + fraction * (after.pose.y_m - before.pose.y_m),
+        wrap_angle(before.pose.yaw_rad + fraction * turn_rad),
+    )
