@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_studies.degradation.example_frame import rms_difference, select_example
+from catoptra_studies.degradation.degradation_metrics import rms_difference, select_example
 from helpers.recorded_drives import CAMERA, NEAR, SIDE, make_detection, make_drive, make_frame
 
 

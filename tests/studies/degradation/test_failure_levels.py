@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from catoptra_studies.degradation.degradation_metrics import DegradationMetrics
-from catoptra_studies.degradation.failure_levels import FailureLevels, find_failure_levels
+from catoptra_studies.degradation.degradation_metrics import (
+    DegradationMetrics,
+    FailureLevels,
+    find_failure_levels,
+)
 
 
 def make_metrics(num_detected: int, ekf_max_m: float) -> DegradationMetrics:

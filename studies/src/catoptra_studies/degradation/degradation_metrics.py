@@ -1,14 +1,20 @@
-"""Detection rates, measurement errors and position errors over recorded drives."""
+"""Detection rates, measurement errors and position errors over recorded drives.
+
+One frame of a drive to look at, with its detected, missed and false beacons.
+
+The levels of a sweep at which colour classification and the filter fail.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_client.landmarks import Detection
+from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_client.localization import make_landmark_map
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import wrap_angle
@@ -20,6 +26,7 @@ from catoptra_studies.experiment.metrics import (
     rms_range_bearing,
     true_range_bearing,
 )
+from catoptra_studies.paper_values import PAPER_EKF_ERROR_M
 
 # Two sigmas of the bearing noise in the paper's filter: a detection farther off is of another
 # object.
@@ -168,3 +175,111 @@ def _run_filter(
 
 def _median(values: Sequence[float]) -> float:
     return float(np.median(values))
+
+
+# Position (u, v) in the image.
+Pixel = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExampleFrame:
+    """A frame with its evaluated detections."""
+
+    rgb: UInt8Array
+    """(h, w, 3) image."""
+
+    detected_px: tuple[Pixel, ...]
+    """True positions of the visible beacons that were detected."""
+
+    missed_px: tuple[Pixel, ...]
+    """True positions of the visible beacons that were not."""
+
+    false_bearings_rad: tuple[float, ...]
+    """Bearings of detections that match no visible landmark."""
+
+    centre_px: Pixel
+    """Centre of the mirror's image."""
+
+
+def select_example(drive: RecordedDrive, detections: DriveDetections) -> ExampleFrame:
+    """Select the first of the frames with the most visible beacons within range."""
+    evaluations = list(evaluate_drive(drive, detections))
+    # The same frame at every level: visibility is the same there, since the seeds are.
+    index = argmax_visible_beacons(evaluations)
+    frame, evaluation = drive.frames[index], evaluations[index]
+    pixels = {p.landmark.name: p.pixel for p in frame.landmarks if p.pixel is not None}
+    # Visible and within range: beacons out of range are neither detected nor missed.
+    missed = evaluation.visible_beacons - set(evaluation.detection_errors)
+    # Sorted by name: sets have no order, and the plots of two equal runs must be equal.
+    return ExampleFrame(
+        rgb=frame.rgb,
+        detected_px=tuple(pixels[name] for name in sorted(evaluation.detection_errors)),
+        missed_px=tuple(pixels[name] for name in sorted(missed)),
+        false_bearings_rad=tuple(
+            detection.bearing_rad for detection in evaluation.false_detections
+        ),
+        centre_px=drive.camera.centre_px,
+    )
+
+
+def rms_difference(degraded: ExampleFrame, clean: ExampleFrame) -> float:
+    """Root mean square difference of two frames at the same pose, in grey levels."""
+    difference = degraded.rgb.astype(np.float64) - clean.rgb
+    return float(np.sqrt(np.mean(np.square(difference))))
+
+
+def argmax_visible_beacons(evaluations: Sequence[FrameEvaluation]) -> int:
+    """Index of the first frame with the most visible beacons."""
+    counts = [len(evaluation.visible_beacons) for evaluation in evaluations]
+    return counts.index(max(counts))
+
+
+@dataclass(frozen=True, slots=True)
+class FailureLevels:
+    """Labels of the first levels that fail in four ways; None where all levels pass."""
+
+    detection_below_90_percent: str | None
+    """Detection rate below nine tenths of that in clean images."""
+
+    detection_below_50_percent: str | None
+    """Detection rate below half of that in clean images."""
+
+    ekf_error_above_twice_clean: str | None
+    """Largest position error more than twice that with clean images."""
+
+    ekf_error_above_paper: str | None
+    """Largest position error above the paper's bound."""
+
+
+def find_failure_levels(
+    clean: DegradationMetrics, levels: Sequence[tuple[str, DegradationMetrics]]
+) -> FailureLevels:
+    """Find the first failing level of a sweep.
+
+    Args:
+        clean: Metrics of clean images.
+        levels: Label and metrics of each level, from slight to hopeless.
+    """
+    # Relative to clean images, in which the detector does not find every beacon either.
+    return FailureLevels(
+        detection_below_90_percent=_first_level(
+            levels, lambda metrics: metrics.detection_rate < 0.9 * clean.detection_rate
+        ),
+        detection_below_50_percent=_first_level(
+            levels, lambda metrics: metrics.detection_rate < 0.5 * clean.detection_rate
+        ),
+        ekf_error_above_twice_clean=_first_level(
+            levels, lambda metrics: metrics.ekf_max_m > 2.0 * clean.ekf_max_m
+        ),
+        ekf_error_above_paper=_first_level(
+            levels, lambda metrics: metrics.ekf_max_m > PAPER_EKF_ERROR_M
+        ),
+    )
+
+
+def _first_level(
+    levels: Sequence[tuple[str, DegradationMetrics]],
+    condition: Callable[[DegradationMetrics], bool],
+) -> str | None:
+    # The first one, even if a later level passes again: a detector must not be trusted beyond.
+    return next((label for label, metrics in levels if condition(metrics)), None)

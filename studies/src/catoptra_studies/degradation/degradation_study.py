@@ -16,14 +16,15 @@ from catoptra_client.landmarks import ColourClassifier, train
 from catoptra_client.training_frames import capture_training_frames
 from catoptra_studies.degradation.degradation_metrics import (
     DegradationMetrics,
+    ExampleFrame,
     compute_degradation_metrics,
+    select_example,
 )
 from catoptra_studies.degradation.degradation_sweeps import (
     DegradationSweep,
     clean_robot_ini,
     degraded_robot_ini,
 )
-from catoptra_studies.degradation.example_frame import ExampleFrame, select_example
 from catoptra_studies.degradation.recorded_drive import (
     RecordedDrive,
     detect_beacons,
