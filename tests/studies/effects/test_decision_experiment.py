@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_studies.effects.decision_experiment import DecisionStudy, run_decision_study
+from catoptra_studies.effects.decision_experiment import (
+    DecisionStudy,
+    TrialDecision,
+    run_decision_study,
+)
 from catoptra_studies.effects.decision_report import evaluate_decisions, is_wrongly_off
-from catoptra_studies.effects.decision_trial import TrialDecision
 
 STUDY = DecisionStudy(
     num_places=5, worlds=("four_legged_2006", "rescue"), width_px=160, num_processes=1

@@ -1,8 +1,7 @@
 from __future__ import annotations
 
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_studies.effects.decision_trial import TrialWorld
-from catoptra_studies.effects.situations import MOTIONS
+from catoptra_studies.effects.decision_experiment import MOTIONS, TrialWorld
 
 
 def test_place_has_all_motions_and_all_effects_that_are_not_switched_off() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_server.config.bundled_files import bundled_files, find_configuration
 from catoptra_server.startup import StartupConfig, read_startup_config
-from catoptra_studies.effects.situations import MOTIONS, WORLDS, choose_places
+from catoptra_studies.effects.decision_experiment import MOTIONS, WORLDS, choose_places
 
 
 @cache

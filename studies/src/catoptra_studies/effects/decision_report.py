@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from catoptra_studies.effects.decision_trial import TrialDecision
+from catoptra_studies.effects.decision_experiment import TrialDecision
 
 MAX_NEEDLESS_FRACTION = 0.03
 MIN_AGREEMENT = 0.97
