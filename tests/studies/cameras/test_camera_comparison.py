@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from catoptra_server.config.camera_file import read_camera_files
-from catoptra_studies.cameras.camera_comparison import (
+from catoptra_studies.cameras.camera_stage import CameraStage, open_stage, stage_cameras
+from catoptra_studies.cameras.compare_command import (
     NO_DRIVES,
     DrivePlan,
     compare_cameras,
     make_row,
 )
-from catoptra_studies.cameras.camera_stage import CameraStage, open_stage, stage_cameras
 from helpers.configs import FIELD
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_studies.cameras.camera_gallery import describe_camera, draw_gallery, ring_pixels
 from catoptra_studies.cameras.camera_stage import CameraStage
+from catoptra_studies.cameras.cameras_command import describe_camera, draw_gallery, ring_pixels
 
 
 def test_gallery_has_a_picture_and_a_row_for_each_camera(

@@ -7,8 +7,13 @@ import json
 import math
 from pathlib import Path
 
-from catoptra_studies.cameras.camera_comparison import NO_DRIVES, CameraRow, DriveMetrics
-from catoptra_studies.cameras.comparison_report import format_comparison, write_comparison
+from catoptra_studies.cameras.compare_command import (
+    NO_DRIVES,
+    CameraRow,
+    DriveMetrics,
+    format_comparison,
+    write_comparison,
+)
 
 ROWS = (
     CameraRow("paper", 0.75, 1.5, 1.6, 1.8, 1.9, 0.0, math.inf,
