@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.scene.mirror_mesh import mirror_polygons, tessellation_from_polygon_count
-from catoptra_studies.camera_figures.axonometry import Axonometry, shade
+from catoptra_studies.camera_figures.mirror_drawing import Axonometry, shade
 from catoptra_studies.study_subject import StudySubject
 
 FROM_BEHIND = Axonometry.from_view_angles(azimuth_deg=180.0, elevation_deg=0.0)

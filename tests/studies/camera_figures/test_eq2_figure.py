@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_studies.camera_figures.eq2_figure import eq2_deviation_px
+from catoptra_studies.camera_figures.radius_figures import eq2_deviation_px
 from catoptra_studies.paper_values import PAPER_SIZE_PX
 from catoptra_studies.study_subject import StudySubject
 

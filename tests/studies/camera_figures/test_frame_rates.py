@@ -4,8 +4,11 @@ import pytest
 
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_studies.camera_figures.frame_rates import frame_time_spread, measure_frame_rates
-from catoptra_studies.camera_figures.render_timing import FrameRate
+from catoptra_studies.camera_figures.frame_rates import (
+    FrameRate,
+    frame_time_spread,
+    measure_frame_rates,
+)
 from catoptra_studies.study_subject import open_study_subject
 from helpers.configs import FIELD, OMNI_ROBOT
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_studies.camera_figures.polygon_detail_figure import find_max_difference_window
+from catoptra_studies.camera_figures.polygon_figures import find_max_difference_window
 
 
 def test_window_surrounds_what_differs_within_the_radius() -> None:

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from catoptra_studies.camera_figures.render_timing import (
+from catoptra_studies.camera_figures.frame_rates import (
     NUM_WARM_UP_ROUNDS,
     DrawFunction,
     time_round_robin,

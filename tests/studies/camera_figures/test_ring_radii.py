@@ -8,7 +8,7 @@ import pytest
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_studies.camera_figures.figure_spec import FigureInputs
-from catoptra_studies.camera_figures.ring_radii import NUM_SECTORS, measure_ring_radii
+from catoptra_studies.camera_figures.radius_figures import NUM_SECTORS, measure_ring_radii
 from catoptra_studies.paper_values import PAPER_SIZE_PX
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject

@@ -5,7 +5,7 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
-from catoptra_studies.camera_figures.textured_mirror import mirror_points, sample_cube
+from catoptra_studies.camera_figures.mirror_drawing import mirror_points, sample_cube
 from catoptra_studies.study_subject import StudySubject
 
 PLAIN = {face: np.full((4, 4, 3), 10 * face, dtype=np.uint8) for face in Face}

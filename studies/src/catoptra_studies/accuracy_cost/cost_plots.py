@@ -14,7 +14,7 @@ from catoptra_studies.accuracy_cost.plots.pareto_plot import (
     PARETO_HEIGHT_PX,
     draw_pareto,
 )
-from catoptra_studies.camera_figures.frame_rate_figure import (
+from catoptra_studies.camera_figures.frame_rates import (
     FRAME_RATES_HEIGHT_PX,
     draw_frame_rate_panels,
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.camera_figures.render_timing import FrameRate
+from catoptra_studies.camera_figures.frame_rates import FrameRate
 
 # 2: all fields renamed. An older file is rejected, not translated: `make cost` writes a new one.
 FORMAT_VERSION = 2

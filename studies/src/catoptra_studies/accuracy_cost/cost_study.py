@@ -18,8 +18,11 @@ from catoptra_studies.accuracy_cost.cost_results import CostResults, StudyCondit
 from catoptra_studies.accuracy_cost.frame_plots import write_frame_plots
 from catoptra_studies.accuracy_cost.level_costs import measure_levels
 from catoptra_studies.accuracy_cost.polygon_table import measure_polygon_rows
-from catoptra_studies.camera_figures.frame_rates import measure_frame_rates
-from catoptra_studies.camera_figures.render_timing import NUM_WARM_UP_ROUNDS, FrameRate
+from catoptra_studies.camera_figures.frame_rates import (
+    NUM_WARM_UP_ROUNDS,
+    FrameRate,
+    measure_frame_rates,
+)
 from catoptra_studies.progress_display import ProgressDisplay
 from catoptra_studies.study_subject import (
     REFERENCE_SAMPLES,

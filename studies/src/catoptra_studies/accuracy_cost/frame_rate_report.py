@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from catoptra_studies.accuracy_cost.cost_results import CostResults, LevelCost
-from catoptra_studies.camera_figures.frame_rates import NO_CAMERA, SCANNER, frame_time_spread
-from catoptra_studies.camera_figures.render_timing import FrameRate
+from catoptra_studies.camera_figures.frame_rates import (
+    NO_CAMERA,
+    SCANNER,
+    FrameRate,
+    frame_time_spread,
+)
 from catoptra_studies.reports import markdown_table, wrap_bullet
 
 # The paper concludes from bars of equal height that the frame rate does not depend on the

@@ -18,7 +18,7 @@ from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_
 from catoptra_studies.accuracy_cost.cost_results import LevelCost
 from catoptra_studies.accuracy_cost.image_error import ImageError, compute_image_error
 from catoptra_studies.accuracy_cost.pareto import MIN_GAIN, pareto_front
-from catoptra_studies.camera_figures.render_timing import (
+from catoptra_studies.camera_figures.frame_rates import (
     DrawFunction,
     RenderTiming,
     time_round_robin,

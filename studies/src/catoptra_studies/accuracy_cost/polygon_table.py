@@ -13,7 +13,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import SQUARE_TESSELLATIONS, WIDE_TESSELLATIONS
 from catoptra_studies.accuracy_cost.cost_results import PolygonRow
-from catoptra_studies.camera_figures.polygon_displacement import measure_polygon_error
+from catoptra_studies.camera_figures.polygon_figures import measure_polygon_error
 from catoptra_studies.paper_values import PAPER_SIZE_PX
 from catoptra_studies.study_subject import resize_camera
 

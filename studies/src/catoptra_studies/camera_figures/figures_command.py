@@ -14,9 +14,6 @@ from pathlib import Path
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_studies.camera_figures.cube_figure import draw_cube
-from catoptra_studies.camera_figures.eq2_figure import draw_eq2
-from catoptra_studies.camera_figures.face_figure import draw_faces
 from catoptra_studies.camera_figures.figure_spec import (
     FigureInputs,
     FigureSpec,
@@ -24,14 +21,16 @@ from catoptra_studies.camera_figures.figure_spec import (
     write_figure,
     write_figure_index,
 )
-from catoptra_studies.camera_figures.frame_rate_figure import draw_frame_rates
-from catoptra_studies.camera_figures.mesh_figure import draw_meshes
-from catoptra_studies.camera_figures.omni_frame_figure import draw_omni_frame
-from catoptra_studies.camera_figures.polygon_detail_figure import draw_polygon_detail
-from catoptra_studies.camera_figures.polygon_error_figure import draw_polygon_error
-from catoptra_studies.camera_figures.polygon_frames_figure import draw_polygon_frames
-from catoptra_studies.camera_figures.polygon_map_figure import draw_polygon_maps
-from catoptra_studies.camera_figures.ring_figure import draw_rings
+from catoptra_studies.camera_figures.frame_rates import draw_frame_rates
+from catoptra_studies.camera_figures.image_figures import draw_faces, draw_omni_frame
+from catoptra_studies.camera_figures.polygon_figures import (
+    draw_polygon_detail,
+    draw_polygon_error,
+    draw_polygon_frames,
+    draw_polygon_maps,
+)
+from catoptra_studies.camera_figures.radius_figures import draw_eq2, draw_rings
+from catoptra_studies.camera_figures.space_figures import draw_cube, draw_meshes
 from catoptra_studies.camera_figures.viewpoint_figure import draw_viewpoint
 from catoptra_studies.progress_display import (
     ProgressDisplay,

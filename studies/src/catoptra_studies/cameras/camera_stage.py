@@ -20,7 +20,7 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_studies.camera_figures.render_timing import time_round_robin
+from catoptra_studies.camera_figures.frame_rates import time_round_robin
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import study_poses
 

@@ -9,7 +9,7 @@ import numpy as np
 from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.image_error import signed_difference
 from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel
-from catoptra_studies.camera_figures.polygon_detail_figure import find_max_difference_window
+from catoptra_studies.camera_figures.polygon_figures import find_max_difference_window
 from catoptra_studies.plot_style import Image, draw_colour_bar, map_error_colours
 
 MAX_COLUMNS = 6

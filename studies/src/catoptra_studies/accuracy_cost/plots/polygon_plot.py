@@ -12,10 +12,10 @@ from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation, tessellation_from_polygon_count
 from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.figure_spec import FIGURE_SAMPLES
-from catoptra_studies.camera_figures.polygon_displacement import displacement_map
-from catoptra_studies.camera_figures.polygon_map_figure import (
+from catoptra_studies.camera_figures.polygon_figures import (
     DISPLACEMENT_RANGE_PX,
     colour_displacement,
+    displacement_map,
 )
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX
 from catoptra_studies.plot_style import Image, draw_colour_bar
