@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from catoptra_studies.accuracy_cost.cost_report import format_frame_rates
 from catoptra_studies.accuracy_cost.cost_results import CostResults
-from catoptra_studies.accuracy_cost.frame_rate_report import format_frame_rates
 
 
 def with_times(results: CostResults, **cpu_ms: float) -> CostResults:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.render.renderer import Image
-from catoptra_studies.accuracy_cost.image_error import compute_image_error, psnr_db, ssim_map
+from catoptra_studies.accuracy_cost.level_costs import compute_image_error, psnr_db, ssim_map
 
 EVERYWHERE = np.ones((32, 32), dtype=np.bool_)
 

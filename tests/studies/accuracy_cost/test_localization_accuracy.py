@@ -11,7 +11,7 @@ import pytest
 
 from catoptra_client.localization import OdometryPose
 from catoptra_protocol.landmarks import Landmark
-from catoptra_studies.accuracy_cost.localization_accuracy import (
+from catoptra_studies.accuracy_cost.localization_study import (
     localization_row,
     summarize_localization,
 )

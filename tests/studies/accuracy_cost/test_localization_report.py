@@ -2,8 +2,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from catoptra_studies.accuracy_cost.cost_report import format_localization
 from catoptra_studies.accuracy_cost.cost_results import CostResults
-from catoptra_studies.accuracy_cost.localization_report import format_localization
 
 
 def test_section_has_a_row_for_each_key_level_with_its_time(results: CostResults) -> None:

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from catoptra_studies.accuracy_cost.pareto import pareto_front
+from catoptra_studies.accuracy_cost.cost_results import pareto_front
 
 POINTS = ((1.0, 9.0), (2.0, 9.0), (3.0, 4.0), (2.5, 6.0), (4.0, 5.0), (5.0, 3.9))
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_studies.accuracy_cost.cost_results import CostResults
+from catoptra_studies.accuracy_cost.frame_plots import MAX_COLUMNS, select_front_levels
 from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel
-from catoptra_studies.accuracy_cost.plots.level_plot import MAX_COLUMNS, select_front_levels
 
 BLACK = np.zeros((4, 4, 3), dtype=np.uint8)
 
