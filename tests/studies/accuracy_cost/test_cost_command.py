@@ -8,7 +8,6 @@ import cv2
 import pytest
 
 from catoptra_studies.accuracy_cost import frame_plots
-from catoptra_studies.accuracy_cost import frame_plots as polygon_plot
 from catoptra_studies.accuracy_cost.cost_command import EXIT_FAILURE, main
 from catoptra_studies.accuracy_cost.cost_results import (
     CostResults,
@@ -28,7 +27,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         # Figures of the paper's size with one ray a pixel: no test here looks at their edges.
         patch.setattr(frame_plots, "FIGURE_SAMPLES", 1)
-        patch.setattr(polygon_plot, "FIGURE_SAMPLES", 1)
         assert main([*FILES, *arguments]) == 0
     return output
 

@@ -1,3 +1,5 @@
+"""Radii of rings in a frame, and the deviation of Eq. 2 against numbers derived independently."""
+
 from __future__ import annotations
 
 import math
@@ -8,7 +10,11 @@ import pytest
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_studies.camera_figures.figure_spec import FigureInputs
-from catoptra_studies.camera_figures.radius_figures import NUM_SECTORS, measure_ring_radii
+from catoptra_studies.camera_figures.radius_figures import (
+    NUM_SECTORS,
+    eq2_deviation_px,
+    measure_ring_radii,
+)
 from catoptra_studies.paper_values import PAPER_SIZE_PX
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject
@@ -75,3 +81,25 @@ def make_ring(radius_px: float) -> Image:
 def test_synthetic_ring_has_its_area() -> None:
     area = (255.0 - make_ring(40.3)[..., 0].astype(float)).sum() / 255.0
     assert area == pytest.approx(4.0 * math.pi * 40.3, rel=0.01)
+
+
+# degrees, px with the same h, px with the same rim
+TABLE = [
+    (0, 0.0, 0.0),
+    (20, -0.0399, -0.1229),
+    (60, -0.0900, -0.3616),
+    (90, 0.0, -0.4704),
+    (100, 0.1174, -0.4432),
+    (110, 0.3484, -0.3233),
+    (120, 0.8147, 0.0),
+]
+
+
+@pytest.mark.parametrize(("theta_deg", "same_h", "same_rim"), TABLE)
+def test_eq2_deviates_as_derived(
+    subject: StudySubject, theta_deg: float, same_h: float, same_rim: float
+) -> None:
+    camera = subject.resize_camera(PAPER_SIZE_PX)
+    deviations = eq2_deviation_px(camera, np.radians(np.array(float(theta_deg))))
+
+    assert deviations == pytest.approx((same_h, same_rim), abs=6e-5)  # half the last digit

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
@@ -16,6 +17,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from catoptra_studies.camera_figures.polygon_figures import (
     exact_model_error_px,
+    find_max_difference_window,
     measure_polygon_error,
 )
 
@@ -72,3 +74,17 @@ def test_error_falls_as_one_over_the_number_of_polygons(interpolation: Interpola
 def test_exact_model_is_exact_to_the_rounding_of_its_rays() -> None:
     # Unit vectors in float32 are good to 2^-24 = 6e-8; times up to 210 px a radian at the rim.
     assert exact_model_error_px(CAMERA) < 2e-5
+
+
+def test_window_surrounds_what_differs_within_the_radius() -> None:
+    reference = np.zeros((100, 100, 3), dtype=np.uint8)
+    image = reference.copy()
+    image[40:44, 60:64] = 200
+    image[2:20, 2:20] = 255  # differs more, but beyond the radius
+
+    row, column = find_max_difference_window(image, reference, 16, max_radius_px=40.0)
+
+    assert row <= 40
+    assert row + 16 >= 44
+    assert column <= 60
+    assert column + 16 >= 64
