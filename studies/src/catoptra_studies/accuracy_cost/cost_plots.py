@@ -28,12 +28,12 @@ from catoptra_studies.camera_figures.frame_rates import (
 )
 from catoptra_studies.reports import format_number
 
-LOCALIZATION_HEIGHT_PX = 620
+_LOCALIZATION_HEIGHT_PX = 620
 _LEFT_PX, _PANEL_WIDTH_PX, _GAP_PX = 380, 232, 56
 
-RowValue = Callable[[LocalizationRow], float]
+_RowValue = Callable[[LocalizationRow], float]
 # Title of each panel, and its series: label, colour, value of a row.
-_PANELS: tuple[tuple[str, tuple[tuple[str, str, RowValue], ...]], ...] = (
+_PANELS: tuple[tuple[str, tuple[tuple[str, str, _RowValue], ...]], ...] = (
     ("beacons found, %", (
         ("to 2.5 m", plot_style.BLUE, lambda row: 100.0 * row.detection_rate),
         ("to 1.5 m", plot_style.TEAL, lambda row: 100.0 * row.near_detection_rate),
@@ -47,7 +47,7 @@ _PANELS: tuple[tuple[str, tuple[tuple[str, str, RowValue], ...]], ...] = (
 )  # fmt: skip
 
 
-def draw_localization(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
+def _draw_localization(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
     """Draw a row for each level, from coarse to exact, in four panels."""
     for index, (title, series) in enumerate(_PANELS):
         left = _LEFT_PX + index * (_PANEL_WIDTH_PX + _GAP_PX)
@@ -62,7 +62,7 @@ def draw_localization(page: plot_style.Page, localization: LocalizationAccuracy)
 def _draw_panel(
     axes: plot_style.Axes,
     rows: Sequence[LocalizationRow],
-    series: Sequence[tuple[str, str, RowValue]],
+    series: Sequence[tuple[str, str, _RowValue]],
 ) -> None:
     positions = range(len(rows))
     for label, colour, value in series:
@@ -89,7 +89,7 @@ def _draw_odometry_note(page: plot_style.Page, localization: LocalizationAccurac
 
 
 @dataclass(frozen=True, slots=True)
-class SeriesStyle:
+class _SeriesStyle:
     """Style of the points of one kind of level."""
 
     name: str
@@ -100,31 +100,31 @@ class SeriesStyle:
 
 
 # Markers differ as well as colours, for readers who confuse two of these.
-TRACE_STYLE = SeriesStyle("trace, camera model in every ray", plot_style.BLUE, "D")
-PER_PIXEL_STYLE = SeriesStyle("raster, camera model in every pixel", plot_style.TEAL, "o")
-UV_STYLE = SeriesStyle("raster, polygons, UV as in the paper", plot_style.ORANGE, "s")
-POSITION_STYLE = SeriesStyle("raster, polygons, position", plot_style.RED, "^")
-SERIES_STYLES = (TRACE_STYLE, PER_PIXEL_STYLE, UV_STYLE, POSITION_STYLE)
+_TRACE_STYLE = _SeriesStyle("trace, camera model in every ray", plot_style.BLUE, "D")
+_PER_PIXEL_STYLE = _SeriesStyle("raster, camera model in every pixel", plot_style.TEAL, "o")
+_UV_STYLE = _SeriesStyle("raster, polygons, UV as in the paper", plot_style.ORANGE, "s")
+_POSITION_STYLE = _SeriesStyle("raster, polygons, position", plot_style.RED, "^")
+_SERIES_STYLES = (_TRACE_STYLE, _PER_PIXEL_STYLE, _UV_STYLE, _POSITION_STYLE)
 
 
-def series_style(level: LevelCost) -> SeriesStyle:
+def _series_style(level: LevelCost) -> _SeriesStyle:
     """Style of a level's point."""
     if level.renderer == "trace":
-        return TRACE_STYLE
+        return _TRACE_STYLE
     if not level.num_polygons:
-        return PER_PIXEL_STYLE
+        return _PER_PIXEL_STYLE
     # By the name: cost.json can be plotted without the server's types.
-    return UV_STYLE if "(uv)" in level.name else POSITION_STYLE
+    return _UV_STYLE if "(uv)" in level.name else _POSITION_STYLE
 
 
-PARETO_HEIGHT_PX = 1150
+_PARETO_HEIGHT_PX = 1150
 _TOP_PX, _PANEL_WIDTH_PX_PARETO_PLOT, _PANEL_HEIGHT_PX = 90, 600, 560
 _TICKS_MS = (2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500)
 
-ErrorMetric = Callable[[LevelCost], float]
+_ErrorMetric = Callable[[LevelCost], float]
 
 
-def draw_pareto(page: plot_style.Page, levels: Sequence[LevelCost]) -> None:
+def _draw_pareto(page: plot_style.Page, levels: Sequence[LevelCost]) -> None:
     """Draw both panels, a legend, and the names of the numbered levels."""
     _, bound_front = _draw_panel_pareto_plot(
         page, levels, lambda level: level.bound_max_px, left=110,
@@ -148,7 +148,12 @@ def draw_pareto(page: plot_style.Page, levels: Sequence[LevelCost]) -> None:
 
 
 def _draw_panel_pareto_plot(
-    page: plot_style.Page, levels: Sequence[LevelCost], error: ErrorMetric, *, left: int, title: str
+    page: plot_style.Page,
+    levels: Sequence[LevelCost],
+    error: _ErrorMetric,
+    *,
+    left: int,
+    title: str,
 ) -> tuple[plot_style.Axes, list[LevelCost]]:
     """Draw all levels as points and their front as stairs; return the axes and the front."""
     axes = plot_style.add_axes(
@@ -156,8 +161,8 @@ def _draw_panel_pareto_plot(
     )
     axes.set(xscale="log", yscale="log", xlabel="a frame, ms")
     axes.set_title(title, loc="left", fontsize=8)
-    for style in SERIES_STYLES:
-        series = [level for level in levels if series_style(level) is style]
+    for style in _SERIES_STYLES:
+        series = [level for level in levels if _series_style(level) is style]
         axes.plot(
             [level.wall_ms for level in series], [error(level) for level in series], style.marker,
             color=style.colour, markersize=4, alpha=0.75, label=style.name,
@@ -170,12 +175,12 @@ def _draw_panel_pareto_plot(
     return axes, front
 
 
-def _pareto_levels(levels: Sequence[LevelCost], error: ErrorMetric) -> list[LevelCost]:
+def _pareto_levels(levels: Sequence[LevelCost], error: _ErrorMetric) -> list[LevelCost]:
     points = [(level.wall_ms, error(level)) for level in levels]
     return [levels[index] for index in pareto_front(points, min_gain=MIN_GAIN)]
 
 
-def _draw_front(axes: plot_style.Axes, front: Sequence[LevelCost], error: ErrorMetric) -> None:
+def _draw_front(axes: plot_style.Axes, front: Sequence[LevelCost], error: _ErrorMetric) -> None:
     """Draw the front and number its levels."""
     x, y = [level.wall_ms for level in front], [error(level) for level in front]
     axes.plot(x, y, drawstyle="steps-post", color=plot_style.FOREGROUND, linewidth=0.9, zorder=1)
@@ -191,7 +196,7 @@ def _draw_front(axes: plot_style.Axes, front: Sequence[LevelCost], error: ErrorM
 
 
 def _label_polygon_counts(
-    axes: plot_style.Axes, levels: Sequence[LevelCost], error: ErrorMetric
+    axes: plot_style.Axes, levels: Sequence[LevelCost], error: _ErrorMetric
 ) -> None:
     """Write the number of polygons beside each of the paper's meshes."""
     for level in levels:
@@ -228,11 +233,11 @@ def _list_front_levels(
 
 def write_result_plots(results: CostResults, folder: Path) -> None:
     """Write pareto.png, and frame_rates.png and localization.png where these were measured."""
-    with plot_style.open_page(folder / "pareto.png", PARETO_HEIGHT_PX) as page:
-        draw_pareto(page, results.levels)
+    with plot_style.open_page(folder / "pareto.png", _PARETO_HEIGHT_PX) as page:
+        _draw_pareto(page, results.levels)
     if results.frame_rates:
         with plot_style.open_page(folder / "frame_rates.png", FRAME_RATES_HEIGHT_PX) as page:
             draw_frame_rate_panels(page, results.frame_rates)
     if results.localization:
-        with plot_style.open_page(folder / "localization.png", LOCALIZATION_HEIGHT_PX) as page:
-            draw_localization(page, results.localization)
+        with plot_style.open_page(folder / "localization.png", _LOCALIZATION_HEIGHT_PX) as page:
+            _draw_localization(page, results.localization)

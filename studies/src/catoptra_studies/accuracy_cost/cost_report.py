@@ -28,7 +28,7 @@ from catoptra_studies.reports import format_number, markdown_table, wrap_bullet,
 
 # The paper concludes from bars of equal height that the frame rate does not depend on the
 # polygons; its bars can be read to about a tenth.
-MAX_SPREAD = 0.10
+_MAX_SPREAD = 0.10
 
 
 def format_frame_rates(results: CostResults) -> str:
@@ -92,11 +92,11 @@ def _conclusions(results: CostResults) -> Iterator[str]:
 
 
 def _conclusion(spread_all: float, spread_covered: float) -> str:
-    if spread_all <= MAX_SPREAD:
-        return f"**it does not depend, within {MAX_SPREAD:.0%}, as the paper found**"
-    if spread_covered <= MAX_SPREAD:
-        return f"**within {MAX_SPREAD:.0%}, but for the part of the mirror that is left empty**"
-    return f"**it depends by more than {MAX_SPREAD:.0%}**"
+    if spread_all <= _MAX_SPREAD:
+        return f"**it does not depend, within {_MAX_SPREAD:.0%}, as the paper found**"
+    if spread_covered <= _MAX_SPREAD:
+        return f"**within {_MAX_SPREAD:.0%}, but for the part of the mirror that is left empty**"
+    return f"**it depends by more than {_MAX_SPREAD:.0%}**"
 
 
 def _explanations(results: CostResults) -> Iterator[str]:

@@ -17,7 +17,7 @@ from catoptra_studies.camera_figures.frame_rates import FrameRate
 
 # 2: all fields renamed. An older file is rejected, not translated: `make cost` writes a new one.
 FORMAT_VERSION = 2
-RowT = TypeVar("RowT")
+_RowT = TypeVar("_RowT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +231,7 @@ def _parse_localization(entries: dict[str, Any]) -> LocalizationAccuracy:
     return _parse_row(LocalizationAccuracy, entries | {"rows": rows})
 
 
-def _parse_row(row_class: type[RowT], entry: Any) -> RowT:
+def _parse_row(row_class: type[_RowT], entry: Any) -> _RowT:
     """Make a row of a JSON object; unknown keys are ignored, missing ones raise TypeError."""
     if not isinstance(entry, dict):
         raise TypeError(f"{row_class.__name__} is {entry!r}")

@@ -45,7 +45,7 @@ from catoptra_studies.study_subject import (
 )
 
 # rms and maximum in px by (sectors, rings): interpolation of positions, then of UV coordinates.
-REFERENCE_DISPLACEMENT_PX = {
+_REFERENCE_DISPLACEMENT_PX = {
     (4, 4): ((39.6, 91.8), (37.5, 91.3)),
     (8, 8): ((9.706, 21.28), (11.3, 24.6)),
     (16, 16): ((2.422, 5.251), (2.95, 7.28)),
@@ -94,11 +94,11 @@ def reference_displacement_px(
     if not is_paper or not math.isclose(camera.rim_rad, math.radians(120.0)):
         # No None: the report leaves the columns out where no row has a reference.
         return 0.0, 0.0
-    position, uv = REFERENCE_DISPLACEMENT_PX[tessellation.sectors, tessellation.rings]
+    position, uv = _REFERENCE_DISPLACEMENT_PX[tessellation.sectors, tessellation.rings]
     return position if tessellation.interpolation is Interpolation.POSITION else uv
 
 
-def relative_tolerances(row: PolygonRow) -> tuple[float, float]:
+def _relative_tolerances(row: PolygonRow) -> tuple[float, float]:
     """Relative differences from the table that are allowed in rms and maximum."""
     # With UV coordinates the maker of a mesh is free to choose the face of a quadrilateral and its
     # diagonal, which moves the error of large polygons by more than the rounding of the table.
@@ -107,7 +107,7 @@ def relative_tolerances(row: PolygonRow) -> tuple[float, float]:
 
 def is_within_tolerance(row: PolygonRow) -> bool:
     """Whether a row agrees with the table."""
-    rms, maximum = relative_tolerances(row)
+    rms, maximum = _relative_tolerances(row)
     return math.isclose(row.rms_px, row.reference_rms_px, rel_tol=rms) and math.isclose(
         row.max_px, row.reference_max_px, rel_tol=maximum
     )

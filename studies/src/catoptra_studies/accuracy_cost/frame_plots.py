@@ -35,11 +35,11 @@ from catoptra_studies.study_subject import StudySubject
 MAX_COLUMNS = 6
 _LEVEL_CROP_PX, _ZOOM = 60, 4
 _SIDE_PX, _GAP_PX, _TOP_PX = _LEVEL_CROP_PX * _ZOOM, 10, 100
-LEVELS_HEIGHT_PX = _TOP_PX + 2 * _SIDE_PX + 120
-GREY_LEVEL_RANGE = (1.0, 128.0)
+_LEVELS_HEIGHT_PX = _TOP_PX + 2 * _SIDE_PX + 120
+_GREY_LEVEL_RANGE = (1.0, 128.0)
 
 
-def draw_level_details(
+def _draw_level_details(
     page: plot_style.Page,
     levels: Sequence[MeasuredLevel],
     reference: Image,
@@ -66,12 +66,12 @@ def draw_level_details(
         _draw_heading(page, level, left)
         plot_style.show_image(page, level.frame[window], left, _TOP_PX, _SIDE_PX)
         error = np.abs(signed_difference(level.frame[window], reference[window])).max(axis=-1)
-        colours = map_error_colours(error, *GREY_LEVEL_RANGE)
+        colours = map_error_colours(error, *_GREY_LEVEL_RANGE)
         plot_style.draw_border(
             plot_style.show_image(page, colours, left, _TOP_PX + _SIDE_PX + 8, _SIDE_PX)
         )
     draw_colour_bar(
-        page, GREY_LEVEL_RANGE, left=820, top=LEVELS_HEIGHT_PX - 84, width=480,
+        page, _GREY_LEVEL_RANGE, left=820, top=_LEVELS_HEIGHT_PX - 84, width=480,
         ticks=(1, 4, 16, 64, 128), title="below: difference from the reference, grey levels",
     )  # fmt: skip
 
@@ -98,12 +98,12 @@ def _draw_heading(page: plot_style.Page, level: MeasuredLevel, left: int) -> Non
 _POLYGON_COUNTS = (256, 1024, 4096)
 _CROP_PX, _ZOOM_DETAIL_PLOT = 44, 8
 _SIDE_PX_DETAIL_PLOT, _TOP_PX_DETAIL_PLOT = _CROP_PX * _ZOOM_DETAIL_PLOT, 56
-DETAIL_HEIGHT_PX = _TOP_PX_DETAIL_PLOT + 2 * _SIDE_PX_DETAIL_PLOT + 130
+_DETAIL_HEIGHT_PX = _TOP_PX_DETAIL_PLOT + 2 * _SIDE_PX_DETAIL_PLOT + 130
 # Below one grey level nothing is visible; half of full contrast is as bad as an error can look.
-GREY_LEVEL_RANGE = (1.0, 128.0)
+_GREY_LEVEL_RANGE = (1.0, 128.0)
 
 
-def draw_polygon_detail(
+def _draw_polygon_detail(
     page: plot_style.Page, frames: Mapping[int, Image], exact: Image, *, max_radius_px: float
 ) -> None:
     """Draw the detail through three meshes and exactly, with the differences below.
@@ -123,7 +123,7 @@ def draw_polygon_detail(
         left = 10 + index * (_SIDE_PX_DETAIL_PLOT + 22)
         _draw_column(page, f"{count} polygons", detail, left)
         error = np.abs(signed_difference(detail, exact[window])).max(axis=-1)
-        colours = map_error_colours(error, *GREY_LEVEL_RANGE)
+        colours = map_error_colours(error, *_GREY_LEVEL_RANGE)
         plot_style.draw_border(
             plot_style.show_image(
                 page,
@@ -137,7 +137,7 @@ def draw_polygon_detail(
     _draw_column(page, "exact mirror", exact[window], last)
     _draw_location(page, exact, (row, column), last)
     draw_colour_bar(
-        page, GREY_LEVEL_RANGE, left=820, top=DETAIL_HEIGHT_PX - 84, width=480,
+        page, _GREY_LEVEL_RANGE, left=820, top=_DETAIL_HEIGHT_PX - 84, width=480,
         ticks=(1, 4, 16, 64, 128), title="below: difference from the exact mirror, grey levels",
     )  # fmt: skip
 
@@ -159,11 +159,11 @@ def _draw_location(page: plot_style.Page, exact: Image, corner: tuple[int, int],
     )  # fmt: skip
 
 
-POLYGONS_HEIGHT_PX = 910
+_POLYGONS_HEIGHT_PX = 910
 _TOP_PX_POLYGON_PLOT = 56
 
 
-def draw_polygon_frames(
+def _draw_polygon_frames(
     page: plot_style.Page, camera: OmniCamera, frames: Mapping[int, Image]
 ) -> None:
     """Draw frames above displacement maps.
@@ -186,8 +186,8 @@ def draw_polygon_frames(
             fontweight="bold",
         )
         plot_style.add_text(
-            page, left + PAPER_SIZE_PX, _TOP_PX_POLYGON_PLOT - 10, f"{rms_px:.3g} px rms", ha="right",
-            va="bottom", fontsize=7, color=plot_style.MUTED,
+            page, left + PAPER_SIZE_PX, _TOP_PX_POLYGON_PLOT - 10, f"{rms_px:.3g} px rms",
+            ha="right", va="bottom", fontsize=7, color=plot_style.MUTED,
         )  # fmt: skip
         plot_style.show_image(page, frames[count], left, _TOP_PX_POLYGON_PLOT, PAPER_SIZE_PX)
         colours = colour_displacement(error_px)
@@ -195,12 +195,12 @@ def draw_polygon_frames(
             page, colours, left, _TOP_PX_POLYGON_PLOT + PAPER_SIZE_PX + 14, PAPER_SIZE_PX
         )
     draw_colour_bar(
-        page, DISPLACEMENT_RANGE_PX, left=820, top=POLYGONS_HEIGHT_PX - 84, width=480,
+        page, DISPLACEMENT_RANGE_PX, left=820, top=_POLYGONS_HEIGHT_PX - 84, width=480,
         ticks=(0.1, 1, 10, 100), title="below: displacement, px; grey: no polygon",
     )  # fmt: skip
 
 
-def render_polygon_frame(subject: StudySubject, tessellation: Tessellation) -> Image:
+def _render_polygon_frame(subject: StudySubject, tessellation: Tessellation) -> Image:
     """Render the first pose through a mesh, by as many exact rays a pixel as a figure has."""
     settings = RenderSettings(tessellation, FIGURE_SAMPLES)
     view = subject.prepare_view(RendererKind.TRACE, settings)
@@ -221,8 +221,8 @@ def write_frame_plots(
         reference: Exact frame at the first pose.
         folder: Folder for the plots.
     """
-    with plot_style.open_page(folder / "levels.png", LEVELS_HEIGHT_PX) as page:
-        draw_level_details(page, levels, reference, subject.camera.horizon_radius_px)
+    with plot_style.open_page(folder / "levels.png", _LEVELS_HEIGHT_PX) as page:
+        _draw_level_details(page, levels, reference, subject.camera.horizon_radius_px)
     # The paper's figures have the paper's size, of whatever size the study is.
     paper_size = dataclasses.replace(
         subject,
@@ -231,12 +231,12 @@ def write_frame_plots(
     )
     # 4096 polygons are for detail.png alone; polygons.png ends with the paper's 1024.
     frames = {
-        count: render_polygon_frame(paper_size, tessellation_from_polygon_count(count))
+        count: _render_polygon_frame(paper_size, tessellation_from_polygon_count(count))
         for count in POLYGON_COUNTS
     }
-    with plot_style.open_page(folder / "polygons.png", POLYGONS_HEIGHT_PX) as page:
-        draw_polygon_frames(page, paper_size.camera, frames)
-    with plot_style.open_page(folder / "detail.png", DETAIL_HEIGHT_PX) as page:
+    with plot_style.open_page(folder / "polygons.png", _POLYGONS_HEIGHT_PX) as page:
+        _draw_polygon_frames(page, paper_size.camera, frames)
+    with plot_style.open_page(folder / "detail.png", _DETAIL_HEIGHT_PX) as page:
         (exact,) = paper_size.render_reference(FIGURE_SAMPLES)
         radius_px = paper_size.camera.horizon_radius_px
-        draw_polygon_detail(page, frames, exact, max_radius_px=radius_px)
+        _draw_polygon_detail(page, frames, exact, max_radius_px=radius_px)

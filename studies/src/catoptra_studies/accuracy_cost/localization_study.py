@@ -39,7 +39,7 @@ from catoptra_studies.experiment.metrics import detection_rate, rms_errors
 from catoptra_studies.progress_display import ProgressDisplay
 
 # A nearer beacon is at least 5 px wide in an image of 360 px: a miss is not due to its size.
-NEAR_RANGE_M = 1.5
+_NEAR_RANGE_M = 1.5
 
 
 def localization_row(
@@ -56,7 +56,7 @@ def localization_row(
         level=level,
         num_frames=sum(len(drive_log.steps) - 1 for drive_log in drive_logs),
         detection_rate=detection_rate(drive_logs, landmarks, max_distance_m=MAX_RANGE_M),
-        near_detection_rate=detection_rate(drive_logs, landmarks, max_distance_m=NEAR_RANGE_M),
+        near_detection_rate=detection_rate(drive_logs, landmarks, max_distance_m=_NEAR_RANGE_M),
         bearing_rms_deg=bearing_rms_deg,
         range_rms_m=range_rms_m,
         ekf_mean_m=paper[0],

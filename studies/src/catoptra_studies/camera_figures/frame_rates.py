@@ -119,9 +119,9 @@ def _median_timing(timings: Sequence[RenderTiming]) -> RenderTiming:
     )
 
 
-NO_CAMERA, SCANNER, PER_PIXEL = "no camera", "LMS200", "per pixel"
+NO_CAMERA, SCANNER, _PER_PIXEL = "no camera", "LMS200", "per pixel"
 # The smallest window of UT2004, at its default field of view.
-PERSPECTIVE_VIEW = PerspectiveCamera(640, 480, 0.5 * math.pi)
+_PERSPECTIVE_VIEW = PerspectiveCamera(640, 480, 0.5 * math.pi)
 # The paper's engine does not supersample.
 _SAMPLES = 1
 # As USARSim's P2AT carries the scanner: robots/p2at.ini.
@@ -169,7 +169,7 @@ def measure_frame_rates(
         num_rounds: Timed frames of each payload.
         on_round: Called after each round over all payloads.
     """
-    perspective = subject.renderers[renderer_kind].prepare_perspective(PERSPECTIVE_VIEW, _SAMPLES)
+    perspective = subject.renderers[renderer_kind].prepare_perspective(_PERSPECTIVE_VIEW, _SAMPLES)
     cameras = {
         name: subject.prepare_view(renderer_kind, RenderSettings(surface, _SAMPLES))
         for name, surface in _surfaces().items()
@@ -191,7 +191,7 @@ def _surfaces() -> dict[str, MirrorSurface]:
     meshes: dict[str, MirrorSurface] = {
         str(count): tessellation_from_polygon_count(count) for count in POLYGON_COUNTS
     }
-    return meshes | {PER_PIXEL: PerPixel()}
+    return meshes | {_PER_PIXEL: PerPixel()}
 
 
 def _camera_payloads(cameras: dict[str, View]) -> Iterator[_Payload]:
@@ -319,7 +319,7 @@ def _tick_label(payload: str) -> str:
 
 def _caption(rows: Sequence[FrameRate], num_frames: int) -> FigureCaption:
     spread = frame_time_spread(tuple(rows), min_polygons=PAPER_POLYGON_COUNTS[0])
-    view = PERSPECTIVE_VIEW
+    view = _PERSPECTIVE_VIEW
     return FigureCaption(
         title="Frame rate by the payload of a robot",
         caption=(

@@ -20,7 +20,7 @@ from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject
 
 FACES = (Face.W, Face.N, Face.E, Face.S, Face.C)
-FACE_TITLES = {
+_FACE_TITLES = {
     Face.N: "N  forward",
     Face.E: "E  right",
     Face.S: "S  behind",
@@ -44,14 +44,14 @@ def draw_faces(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
         column = 1 if face == Face.C else FACES.index(face)
         left = _LEFT_PX + column * _FACE_SIZE_PX
         top = _TOP_PX + (_FACE_SIZE_PX if face == Face.C else 0)
-        dimmed = dim_hidden_pixels(image, mask)
+        dimmed = _dim_hidden_pixels(image, mask)
         axes = plot_style.show_image(page, dimmed, left, top, _FACE_SIZE_PX)
         _outline_face(axes, face, image.shape[0])
     _draw_explanation(page, math.degrees(subject.camera.rim_rad))
     return _caption(subject)
 
 
-def dim_hidden_pixels(image: Image, mask: Bools) -> Image:
+def _dim_hidden_pixels(image: Image, mask: Bools) -> Image:
     """Blend all pixels outside a (h, w) mask towards a cool grey."""
     dimmed = (0.4 * image + 0.6 * _DIM_COLOUR).astype(np.uint8)
     return np.where(mask[..., None], image, dimmed)
@@ -76,7 +76,7 @@ def _outline_face(axes: plot_style.Axes, face: Face, size_px: int) -> None:
         axes.plot([0, size_px], [0.5 * size_px] * 2, color=plot_style.RED, linewidth=0.7)
     box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 2.5}
     margin = 0.035 * size_px
-    axes.text(margin, margin, FACE_TITLES[face], va="top", fontweight="bold", bbox=box)
+    axes.text(margin, margin, _FACE_TITLES[face], va="top", fontweight="bold", bbox=box)
 
 
 def _draw_explanation(page: plot_style.Page, rim_deg: float) -> None:

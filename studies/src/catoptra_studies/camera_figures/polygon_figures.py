@@ -117,8 +117,8 @@ def displacement_map(camera: OmniCamera, tessellation: Tessellation) -> Floats:
 
 
 # Each rendered pixel becomes a block of 2 x 2: no resampling hides or adds a step in a line.
-IMAGE_WIDTH_PX = 2 * PAPER_SIZE_PX
-LEFT_PX, TOP_PX, STEP_X_PX, STEP_Y_PX = 20, 66, 760, 790
+_IMAGE_WIDTH_PX = 2 * PAPER_SIZE_PX
+_FRAMES_LEFT_PX, _FRAMES_TOP_PX, _STEP_X_PX, _STEP_Y_PX = 20, 66, 760, 790
 
 
 def draw_polygon_frames(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
@@ -131,10 +131,10 @@ def draw_polygon_frames(page: plot_style.Page, inputs: FigureInputs) -> FigureCa
         for count in PAPER_POLYGON_COUNTS
     ]
     for index, error in enumerate(errors):
-        left = LEFT_PX + STEP_X_PX * (index % 2)
-        top = TOP_PX + STEP_Y_PX * (index // 2)
+        left = _FRAMES_LEFT_PX + _STEP_X_PX * (index % 2)
+        top = _FRAMES_TOP_PX + _STEP_Y_PX * (index // 2)
         image = subject.render_frame(PAPER_SIZE_PX, FIGURE_SAMPLES, surface=error.tessellation)
-        plot_style.show_image(page, image, left, top, IMAGE_WIDTH_PX)
+        plot_style.show_image(page, image, left, top, _IMAGE_WIDTH_PX)
         _draw_heading(page, left, top, error)
     return _caption(errors)
 
@@ -143,7 +143,7 @@ def _draw_heading(page: plot_style.Page, left: int, top: int, error: PolygonErro
     name = f"{error.tessellation.num_polygons} polygons"
     plot_style.add_text(page, left, top - 12, name, va="bottom", fontweight="bold")
     numbers = f"{error.rms_px:.3g} px rms, {error.max_px:.3g} px at most"
-    right = left + IMAGE_WIDTH_PX
+    right = left + _IMAGE_WIDTH_PX
     plot_style.add_text(
         page, right, top - 12, numbers, ha="right", va="bottom", color=plot_style.MUTED
     )
@@ -175,7 +175,7 @@ def _caption(errors: list[PolygonError]) -> FigureCaption:
 DISPLACEMENT_RANGE_PX = (0.1, 100.0)
 # White would look like no error where no polygon is.
 _EMPTY_GREY = 226
-_LEFT_PX, _TOP_PX, _STEP_PX = 10, 56, PAPER_SIZE_PX + 20
+_MAPS_LEFT_PX, _MAPS_TOP_PX, _STEP_PX = 10, 56, PAPER_SIZE_PX + 20
 
 
 def draw_polygon_maps(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
@@ -183,16 +183,18 @@ def draw_polygon_maps(page: plot_style.Page, inputs: FigureInputs) -> FigureCapt
     camera = inputs.subject.resize_camera(PAPER_SIZE_PX)
     below_1px: Metrics = {}
     for index, count in enumerate(PAPER_POLYGON_COUNTS):
-        left = _LEFT_PX + index * _STEP_PX
+        left = _MAPS_LEFT_PX + index * _STEP_PX
         error_px = displacement_map(camera, tessellation_from_polygon_count(count))
         plot_style.add_text(
-            page, left, _TOP_PX - 10, f"{count} polygons", va="bottom", fontweight="bold"
+            page, left, _MAPS_TOP_PX - 10, f"{count} polygons", va="bottom", fontweight="bold"
         )
-        plot_style.show_image(page, colour_displacement(error_px), left, _TOP_PX, PAPER_SIZE_PX)
+        plot_style.show_image(
+            page, colour_displacement(error_px), left, _MAPS_TOP_PX, PAPER_SIZE_PX
+        )
         covered = error_px[~np.isnan(error_px)]
         below_1px[f"below_1px_{count}_percent"] = round(100.0 * float((covered < 1.0).mean()), 1)
     draw_colour_bar(
-        page, DISPLACEMENT_RANGE_PX, left=820, top=_TOP_PX + PAPER_SIZE_PX + 30, width=480,
+        page, DISPLACEMENT_RANGE_PX, left=820, top=_MAPS_TOP_PX + PAPER_SIZE_PX + 30, width=480,
         ticks=(0.1, 1, 10, 100), title="displacement, px; grey: no polygon",
     )  # fmt: skip
     return _caption_polygon_map_figure(below_1px)

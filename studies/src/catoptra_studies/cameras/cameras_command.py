@@ -190,7 +190,7 @@ def _figure(staged: StagedCamera, row: dict[str, Any]) -> ReportFigure:
     )
 
 
-EXIT_FAILURE = 2
+_EXIT_FAILURE = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -206,7 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             page = draw_gallery(stage, parsed.output, num_timed=parsed.frames, on_camera=on_camera)
     except (CatoptraError, OSError) as error:
         print_error(f"catoptra-studies cameras: {error}")
-        return EXIT_FAILURE
+        return _EXIT_FAILURE
     print_line(f"written: {page}")
     return 0
 

@@ -43,7 +43,7 @@ from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER, PAP
 from catoptra_studies.progress_display import open_progress, print_error, print_line
 from catoptra_studies.reports import format_number, markdown_table
 
-FLOOR_DISTANCE_M = 3.0
+_FLOOR_DISTANCE_M = 3.0
 _NUM_TRAINING_FRAMES = 20
 
 
@@ -118,7 +118,7 @@ def compare_cameras(
     rows = []
     for staged, ms in zip(stage.cameras, frame_ms, strict=True):
         has_drives = plan.num_runs > 0 and plan.landmarks
-        drives = summarize_drives(drive_with_camera(staged, plan)) if has_drives else NO_DRIVES
+        drives = _summarize_drives(_drive_with_camera(staged, plan)) if has_drives else NO_DRIVES
         rows.append(make_row(staged, drives, ms))
         on_camera()
     return tuple(rows)
@@ -127,7 +127,7 @@ def compare_cameras(
 def make_row(staged: StagedCamera, drives: DriveMetrics, frame_ms: float) -> CameraRow:
     """Put the numbers of a camera together."""
     camera, height_m = staged.camera, staged.height_m
-    floor = resolution_at(camera, math.atan2(FLOOR_DISTANCE_M, height_m))
+    floor = resolution_at(camera, math.atan2(_FLOOR_DISTANCE_M, height_m))
     horizon = resolution_at(camera, 0.5 * math.pi)
     view = floor_view(camera, height_m)
     return CameraRow(
@@ -144,7 +144,7 @@ def make_row(staged: StagedCamera, drives: DriveMetrics, frame_ms: float) -> Cam
     )
 
 
-def drive_with_camera(staged: StagedCamera, plan: DrivePlan) -> SetupResult:
+def _drive_with_camera(staged: StagedCamera, plan: DrivePlan) -> SetupResult:
     """Train a detector with the camera's frames and drive every run."""
     folder = plan.folder / staged.file.name
     folder.mkdir(parents=True, exist_ok=True)
@@ -163,7 +163,7 @@ def drive_with_camera(staged: StagedCamera, plan: DrivePlan) -> SetupResult:
     return run_setup(config, setup, classifier, lambda _: None)
 
 
-def summarize_drives(result: SetupResult) -> DriveMetrics:
+def _summarize_drives(result: SetupResult) -> DriveMetrics:
     """Quantiles of the position error over all steps of all drives, the starts left out."""
     paper = result.filter_runs[PAPER_FILTER.name]
     consistent = result.filter_runs[CONSISTENT_FILTER.name]
@@ -181,7 +181,7 @@ def _quantiles(errors_m: Sequence[np.ndarray[tuple[int]]]) -> tuple[float, float
 # Key of a flat row and its label.
 _COLUMNS = {
     "covered_sphere": "covered sphere",
-    "floor_radial": f"px/deg at {FLOOR_DISTANCE_M:g} m",
+    "floor_radial": f"px/deg at {_FLOOR_DISTANCE_M:g} m",
     "floor_tangential": "across",
     "horizon_radial": "px/deg at horizon",
     "horizon_tangential": "across",
@@ -196,7 +196,7 @@ _COLUMNS = {
 }
 # Panels of the picture: key, title.
 _PANELS = (
-    ("floor_radial", f"px per degree, floor at {FLOOR_DISTANCE_M:g} m"),
+    ("floor_radial", f"px per degree, floor at {_FLOOR_DISTANCE_M:g} m"),
     ("horizon_tangential", "px per degree of bearing at the horizon"),
     ("blind_radius_m", "blind zone: radius of floor not seen, m"),
     ("ekf_p90_m", "position error, 90 % of the steps, m"),
@@ -205,7 +205,7 @@ _PANELS = (
 )  # fmt: skip
 
 
-def flatten_row(row: CameraRow) -> dict[str, str | float]:
+def _flatten_row(row: CameraRow) -> dict[str, str | float]:
     """One level of keys, in the order of the table."""
     values = asdict(row)
     values |= values.pop("drives")
@@ -215,7 +215,7 @@ def flatten_row(row: CameraRow) -> dict[str, str | float]:
 def format_comparison(rows: Sequence[CameraRow]) -> str:
     """Markdown table; a dash where a camera does not show an angle or has not been driven."""
     cells = [
-        [row.name, *(format_number(float(value)) for value in [*flatten_row(row).values()][1:])]
+        [row.name, *(format_number(float(value)) for value in [*_flatten_row(row).values()][1:])]
         for row in rows
     ]
     return markdown_table(["camera", *_COLUMNS.values()], cells)
@@ -223,7 +223,7 @@ def format_comparison(rows: Sequence[CameraRow]) -> str:
 
 def write_comparison(rows: Sequence[CameraRow], folder: Path) -> None:
     """Write comparison.csv, comparison.json and comparison.png; no number is null in JSON."""
-    flat = [flatten_row(row) for row in rows]
+    flat = [_flatten_row(row) for row in rows]
     with (folder / "comparison.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, ["camera", *_COLUMNS])
         writer.writeheader()
@@ -260,7 +260,7 @@ def _draw_comparison(flat: Sequence[dict[str, str | float]], path: Path) -> None
         axes.invert_yaxis()
 
 
-EXIT_FAILURE = 2
+_EXIT_FAILURE = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -280,7 +280,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         write_comparison(rows, parsed.output)
     except (CatoptraError, OSError) as error:
         print_error(f"catoptra-studies compare: {error}")
-        return EXIT_FAILURE
+        return _EXIT_FAILURE
     print_line(format_comparison(rows))
     if not plan.landmarks:
         print_line(f"{world_file} has no landmarks: nothing to localize by, so no drives")

@@ -30,7 +30,7 @@ from catoptra_studies.paper_values import PAPER_EKF_ERROR_M
 
 # Two sigmas of the bearing noise in the paper's filter: a detection farther off is of another
 # object.
-MATCH_TOLERANCE_RAD = math.radians(5.0)
+_MATCH_TOLERANCE_RAD = math.radians(5.0)
 
 # Detections in each frame of a drive.
 DriveDetections = Sequence[Sequence[Detection]]
@@ -127,10 +127,10 @@ def evaluate_drive(drive: RecordedDrive, detections: DriveDetections) -> Iterato
         visible = {p.landmark.name: p.landmark for p in frame.landmarks if p.visible}
         truth = {name: true_range_bearing(step, landmark) for name, landmark in visible.items()}
         beacons = {name for name, landmark in visible.items() if landmark.kind == "beacon"}
-        yield evaluate_frame(truth, beacons, found)
+        yield _evaluate_frame(truth, beacons, found)
 
 
-def evaluate_frame(
+def _evaluate_frame(
     range_bearing: dict[str, RangeBearingPair],
     beacons: set[str],
     detections: Sequence[Detection],
@@ -151,7 +151,7 @@ def evaluate_frame(
             false_detections.append(detection)
             continue
         error_rad = wrap_angle(detection.bearing_rad - truth[1])
-        if abs(error_rad) > MATCH_TOLERANCE_RAD:
+        if abs(error_rad) > _MATCH_TOLERANCE_RAD:
             false_detections.append(detection)
         # A correct detection beyond the range in use is neither a success nor a failure.
         elif detection.name in visible:
@@ -205,7 +205,7 @@ def select_example(drive: RecordedDrive, detections: DriveDetections) -> Example
     """Select the first of the frames with the most visible beacons within range."""
     evaluations = list(evaluate_drive(drive, detections))
     # The same frame at every level: visibility is the same there, since the seeds are.
-    index = argmax_visible_beacons(evaluations)
+    index = _argmax_visible_beacons(evaluations)
     frame, evaluation = drive.frames[index], evaluations[index]
     pixels = {p.landmark.name: p.pixel for p in frame.landmarks if p.pixel is not None}
     # Visible and within range: beacons out of range are neither detected nor missed.
@@ -228,7 +228,7 @@ def rms_difference(degraded: ExampleFrame, clean: ExampleFrame) -> float:
     return float(np.sqrt(np.mean(np.square(difference))))
 
 
-def argmax_visible_beacons(evaluations: Sequence[FrameEvaluation]) -> int:
+def _argmax_visible_beacons(evaluations: Sequence[FrameEvaluation]) -> int:
     """Index of the first frame with the most visible beacons."""
     counts = [len(evaluation.visible_beacons) for evaluation in evaluations]
     return counts.index(max(counts))

@@ -38,7 +38,7 @@ _TRAINING_STYLES = (
 )
 
 
-def draw_sweep(path: Path, result: SweepResult) -> None:
+def _draw_sweep(path: Path, result: SweepResult) -> None:
     """Write the plot of one sweep: an example of each level above rate and error."""
     levels = _all_levels(result)
     with plot_style.open_chart(path, figsize=(2.2 * len(levels), 5.0)) as figure:
@@ -48,8 +48,8 @@ def draw_sweep(path: Path, result: SweepResult) -> None:
             _draw_example(axes, level.example)
             axes.set_title(_example_title(level))
         rate_axes, error_axes = below.subplots(1, 2)
-        draw_detection_rates(rate_axes, result)
-        draw_ekf_errors(error_axes, result)
+        _draw_detection_rates(rate_axes, result)
+        _draw_ekf_errors(error_axes, result)
         for axes in (rate_axes, error_axes):
             axes.set_xlabel(result.sweep.unit)
         # The error axes have every series; the rate axes lack odometry.
@@ -57,7 +57,7 @@ def draw_sweep(path: Path, result: SweepResult) -> None:
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
 
 
-def draw_all_sweeps(path: Path, results: Sequence[SweepResult]) -> None:
+def _draw_all_sweeps(path: Path, results: Sequence[SweepResult]) -> None:
     """Write the curves of all sweeps, each a detection rate above a position error."""
     num_rows = math.ceil(len(results) / _NUM_COLUMNS)
     with plot_style.open_chart(path, figsize=(3.0 * _NUM_COLUMNS, 3.5 * num_rows)) as figure:
@@ -65,15 +65,15 @@ def draw_all_sweeps(path: Path, results: Sequence[SweepResult]) -> None:
         # The last row may have more cells than there are sweeps.
         for cell, result in zip(cells, results, strict=False):
             rate_axes, error_axes = cell.subplots(2, 1, sharex=True)
-            draw_detection_rates(rate_axes, result)
-            draw_ekf_errors(error_axes, result)
+            _draw_detection_rates(rate_axes, result)
+            _draw_ekf_errors(error_axes, result)
             rate_axes.set_title(result.sweep.name)
             error_axes.set_xlabel(result.sweep.unit)
         handles, labels = error_axes.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
 
 
-def draw_detection_rates(axes: plot_style.Axes, result: SweepResult) -> None:
+def _draw_detection_rates(axes: plot_style.Axes, result: SweepResult) -> None:
     """Draw the percentage of visible beacons detected at each level."""
     for training, colour, line, label in _TRAINING_STYLES:
         rates = [100.0 * _metrics(level, training).detection_rate for level in _all_levels(result)]
@@ -83,7 +83,7 @@ def draw_detection_rates(axes: plot_style.Axes, result: SweepResult) -> None:
     axes.set_ylabel("beacons found, %")
 
 
-def draw_ekf_errors(axes: plot_style.Axes, result: SweepResult) -> None:
+def _draw_ekf_errors(axes: plot_style.Axes, result: SweepResult) -> None:
     """Draw the filter's largest error at each level, the paper's bound, and odometry alone."""
     levels = _all_levels(result)
     for training, colour, line, label in _TRAINING_STYLES:
@@ -138,7 +138,7 @@ def _draw_markers(axes: plot_style.Axes, pixels: Sequence[Pixel], marker: str, c
         axes.plot(u, v, marker, color=colour, ms=11, mfc="none", mew=2.0)
 
 
-FORMAT_VERSION = 2
+_FORMAT_VERSION = 2
 
 _REPORT_HEADER = """\
 # What degraded images do to colour classification
@@ -169,12 +169,12 @@ def write_degradation_results(
     (output_folder / "degradation.json").write_text(text + "\n", encoding="utf-8")
     report = format_degradation_report(results, num_runs=config.num_runs)
     (output_folder / "DEGRADATION.md").write_text(report, encoding="utf-8")
-    draw_all_sweeps(output_folder / "degradation.png", results)
+    _draw_all_sweeps(output_folder / "degradation.png", results)
     for result in results:
-        draw_sweep(output_folder / f"degradation_{result.sweep.slug}.png", result)
+        _draw_sweep(output_folder / f"degradation_{result.sweep.slug}.png", result)
 
 
-def failure_levels_by_training(result: SweepResult) -> dict[str, FailureLevels]:
+def _failure_levels_by_training(result: SweepResult) -> dict[str, FailureLevels]:
     """Failing levels of a sweep for both classifiers."""
     # Both are compared with the clean result of the one classifier that has seen clean images.
     clean = result.clean.metrics[TRAINED_ON_CLEAN]
@@ -191,7 +191,7 @@ def summarize_degradation(
 ) -> dict[str, Any]:
     """All content of degradation.json."""
     return {
-        "version": FORMAT_VERSION,
+        "version": _FORMAT_VERSION,
         "num_runs": num_runs,
         "seed": seed,
         "sweeps": [_summarize_sweep(result) for result in results],
@@ -213,7 +213,7 @@ def _summarize_sweep(result: SweepResult) -> dict[str, Any]:
         ],
         "failure_levels": {
             training: asdict(levels)
-            for training, levels in failure_levels_by_training(result).items()
+            for training, levels in _failure_levels_by_training(result).items()
         },
     }
 
@@ -247,7 +247,7 @@ def failure_table(results: Sequence[SweepResult]) -> str:
     """Table of the first failing level of each sweep."""
     rows = []
     for result in results:
-        by_training = failure_levels_by_training(result)
+        by_training = _failure_levels_by_training(result)
         clean, retrained = by_training[TRAINED_ON_CLEAN], by_training[TRAINED_ON_DEGRADED]
         failures = (
             clean.detection_below_90_percent,

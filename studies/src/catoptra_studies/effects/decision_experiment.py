@@ -185,7 +185,7 @@ def _neighbours(cell: tuple[int, int], shape: tuple[int, ...]) -> Iterator[tuple
             yield i, j
 
 
-ROBOT = "p2at_omni_real"
+_ROBOT = "p2at_omni_real"
 # Of the camera; the place is the tick.
 _CAMERA_KEY = (1, 2)
 _NOTHING_M = np.float32(np.inf)
@@ -223,7 +223,7 @@ class TrialWorld:
         self._name = name
         self._startup = _read_world(name)
         robot = self._startup.robots[0]
-        assert robot.omni_camera is not None, f"{ROBOT} has a mirror camera"
+        assert robot.omni_camera is not None, f"{_ROBOT} has a mirror camera"
         omni = robot.omni_camera
         if width_px is not None:
             omni = replace(omni, camera=_resize(omni.camera, width_px))
@@ -277,7 +277,7 @@ def _follows_frame(decision: EffectDecision) -> bool:
 
 def _read_world(name: str) -> StartupConfig:
     return read_startup_config(
-        [find_configuration("robots", ROBOT)], find_configuration("worlds", name)
+        [find_configuration("robots", _ROBOT)], find_configuration("worlds", name)
     )
 
 
@@ -341,18 +341,18 @@ def run_decision_study(
     """
     tasks = [(study, world, number) for world in study.worlds for number in range(study.num_places)]
     if study.num_processes == 1:
-        return _collect(map(run_place, tasks), on_place)
+        return _collect(map(_run_place, tasks), on_place)
     # Spawned: a forked process would share the locks of a library's threads.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(study.num_processes, mp_context=context) as pool:
         try:
-            return _collect(pool.map(run_place, tasks), on_place)
+            return _collect(pool.map(_run_place, tasks), on_place)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def run_place(task: tuple[DecisionStudy, str, int]) -> Sequence[TrialDecision]:
+def _run_place(task: tuple[DecisionStudy, str, int]) -> Sequence[TrialDecision]:
     """Decisions at one place of a world, in all motions."""
     study, world, number = task
     trial_world = _keep_world(study, world)

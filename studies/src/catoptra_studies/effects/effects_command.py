@@ -35,7 +35,7 @@ from catoptra_studies.reports import replace_block
 
 EXIT_FAILURE = 2
 # Decisions that differ from the truth too often.
-EXIT_WRONG = 1
+_EXIT_WRONG = 1
 _PARTS = ("pages", "decisions", "sweeps")
 # Places in each of the worlds, in four motions each: 960 situations.
 _NUM_PLACES = 40
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if results:
         print_line(failure_table(results))
     print_line(f"written: {parsed.output}")
-    return 0 if are_right else EXIT_WRONG
+    return 0 if are_right else _EXIT_WRONG
 
 
 def _write_pages(folder: Path, progress: ProgressDisplay) -> None:

@@ -41,7 +41,7 @@ from catoptra_studies.progress_display import (
     print_table,
 )
 
-EXIT_FAILURE = 1
+_EXIT_FAILURE = 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -54,8 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (CatoptraError, OSError) as error:
         # The first word stays: container tests and scripts look for it.
         print_error(f"experiment: {error}")
-        return EXIT_FAILURE
-    return 0 if all(claim.is_confirmed for claim in claims) else EXIT_FAILURE
+        return _EXIT_FAILURE
+    return 0 if all(claim.is_confirmed for claim in claims) else _EXIT_FAILURE
 
 
 def _run(config: ExperimentConfig, figure_source: FigureSource) -> list[Claim]:

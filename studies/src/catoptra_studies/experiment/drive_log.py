@@ -57,7 +57,7 @@ class LandmarkMeasurement:
 
 
 # Measure landmarks after a step, from the true pose.
-MeasurementFunction = Callable[[Waypoint], tuple[LandmarkMeasurement, ...]]
+_MeasurementFunction = Callable[[Waypoint], tuple[LandmarkMeasurement, ...]]
 
 
 def measurements_in_range(detections: Sequence[Detection]) -> tuple[LandmarkMeasurement, ...]:
@@ -98,7 +98,7 @@ def manual_measurement(
     height_m: float,
     landmarks: tuple[Landmark, ...],
     noise: Mapping[str, np.random.Generator],
-) -> MeasurementFunction:
+) -> _MeasurementFunction:
     """Measurement of the true landmarks with noise, as by hand in recorded frames.
 
     Args:
@@ -242,7 +242,7 @@ def log_drive(
 def drive_route(
     setup: ExperimentSetup,
     robot: RobotClient,
-    measure: MeasurementFunction,
+    measure: _MeasurementFunction,
     on_step: StepCallback = lambda robot, step: None,
 ) -> tuple[DriveStep, ...]:
     """Drive a spawned robot along the set-up's route and measure after every step."""
@@ -262,7 +262,7 @@ def drive_route(
     return tuple(steps)
 
 
-def _detector_measurement(images: ImageClient, detector: Detector) -> MeasurementFunction:
+def _detector_measurement(images: ImageClient, detector: Detector) -> _MeasurementFunction:
     """Measurement by detecting landmarks in a new frame; the true pose is not used."""
 
     def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:

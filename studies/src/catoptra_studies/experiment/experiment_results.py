@@ -58,7 +58,7 @@ def write_experiment_results(
         Path of the report, and the claims with their evaluation.
     """
     summary = summarize_experiment(config, results)
-    drive_figures = draw_drive_figures(config, results)
+    drive_figures = _draw_drive_figures(config, results)
     if snapshot is not None:
         _draw_overview(config, results, snapshot)
     # Times in objects of their own: two runs with equal seeds differ there alone.
@@ -131,7 +131,7 @@ def _claim_entry(claim: Claim) -> dict[str, Any]:
     }
 
 
-def draw_drive_figures(
+def _draw_drive_figures(
     config: ExperimentConfig, results: Sequence[SetupResult]
 ) -> list[ReportFigure]:
     """Draw trajectories and errors of the median run of each set-up, and the ensembles."""

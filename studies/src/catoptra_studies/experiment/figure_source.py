@@ -76,10 +76,10 @@ def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> Ca
         case FigureSource.NONE:
             # The report then has an empty section, and summary.json no metrics of the camera.
             return CameraFigures()
-    return read_camera_figures(config.output_folder)
+    return _read_camera_figures(config.output_folder)
 
 
-def read_camera_figures(folder: Path) -> CameraFigures:
+def _read_camera_figures(folder: Path) -> CameraFigures:
     """Read figures.json of a folder."""
     index = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
     return CameraFigures(

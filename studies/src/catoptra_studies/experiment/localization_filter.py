@@ -232,7 +232,7 @@ def note_from_filter_step(step: FilterStep) -> dict[str, object]:
     return {
         **belief_entries(step.belief),
         "detections": [_note_detection(*measured) for measured in measurements],
-        "text": describe_filter_step(step),
+        "text": _describe_filter_step(step),
     }
 
 
@@ -241,7 +241,7 @@ def belief_entries(belief: Belief) -> dict[str, object]:
     return {"pose": belief.mean, "covariance": belief.covariance.ravel()}
 
 
-def describe_filter_step(step: FilterStep) -> str:
+def _describe_filter_step(step: FilterStep) -> str:
     """Error of the belief, its standard deviations, and what the gate decided."""
     truth, mean = step.drive_step.truth, step.belief.mean
     error_m = math.hypot(mean[0] - truth.x_m, mean[1] - truth.y_m)

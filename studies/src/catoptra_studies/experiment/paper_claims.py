@@ -78,7 +78,7 @@ def pool_shares(shares: Iterable[RunShare]) -> RunShare:
 
 
 # Metrics of one run by the name of the filter, as in summary.json.
-RunByFilter = Mapping[str, Mapping[str, Any]]
+_RunByFilter = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ class Statement:
     criterion: str
     """The condition on a run, in numbers."""
 
-    is_satisfied: Callable[[RunByFilter], bool]
+    is_satisfied: Callable[[_RunByFilter], bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,34 +131,34 @@ def evaluate_statements(statements: Iterable[Statement], setups: Mapping[str, An
             statement.key,
             f"{statement.setup}: {statement.text}",
             statement.criterion,
-            count_runs(map(statement.is_satisfied, runs_by_filter(setups[statement.setup]))),
+            count_runs(map(statement.is_satisfied, _runs_by_filter(setups[statement.setup]))),
         )
         for statement in statements
         if statement.setup in setups
     ]
 
 
-def runs_by_filter(setup: Mapping[str, Any]) -> list[RunByFilter]:
+def _runs_by_filter(setup: Mapping[str, Any]) -> list[_RunByFilter]:
     """Metrics of all filters for each run of a set-up."""
     filters = setup["filters"]
     columns = [filters[name]["runs"] for name in filters]
     return [dict(zip(filters, runs, strict=True)) for runs in zip(*columns, strict=True)]
 
 
-def _odometry_diverges(run: RunByFilter) -> bool:
+def _odometry_diverges(run: _RunByFilter) -> bool:
     # "Several" timesteps: three at least.
     return bool(run[PAPER_FILTER.name]["odometry_steps_above_1m"] >= 3)
 
 
-def _filter_stays_within_paper_bound(run: RunByFilter) -> bool:
+def _filter_stays_within_paper_bound(run: _RunByFilter) -> bool:
     return bool(run[PAPER_FILTER.name]["ekf_max_m"] < PAPER_EKF_ERROR_M)
 
 
-def _sim_filter_stays_within_paper_bound(run: RunByFilter) -> bool:
+def _sim_filter_stays_within_paper_bound(run: _RunByFilter) -> bool:
     return bool(run[PAPER_FILTER.name]["ekf_max_m"] < PAPER_SIM_EKF_ERROR_M)
 
 
-def _zero_covariance_rejects_landmarks(run: RunByFilter) -> bool:
+def _zero_covariance_rejects_landmarks(run: _RunByFilter) -> bool:
     zero, consistent = (
         run[settings.name]["accepted_steps_1_to_22"]
         for settings in (PAPER_FILTER, CONSISTENT_FILTER)
@@ -167,17 +167,17 @@ def _zero_covariance_rejects_landmarks(run: RunByFilter) -> bool:
     return zero is not None and consistent is not None and bool(zero < consistent)
 
 
-def _error_falls_after_corner(run: RunByFilter) -> bool:
+def _error_falls_after_corner(run: _RunByFilter) -> bool:
     metrics = run[PAPER_FILTER.name]
     # "Significantly lowers": to less than half.
     return bool(metrics["ekf_mean_steps_31_to_60_m"] < 0.5 * metrics["ekf_mean_steps_9_to_23_m"])
 
 
-def _first_landmark_passes(run: RunByFilter) -> bool:
+def _first_landmark_passes(run: _RunByFilter) -> bool:
     return run[PAPER_FILTER.name]["accepts_first_measurements"] is True
 
 
-def _filter_starts_worse(run: RunByFilter) -> bool:
+def _filter_starts_worse(run: _RunByFilter) -> bool:
     return run[PAPER_FILTER.name]["ekf_worse_in_first_5_steps"] is True
 
 
@@ -266,16 +266,16 @@ def list_differences(setups: Mapping[str, Any]) -> list[Difference]:
     return differences
 
 
-def _rejects_most_before_corner(run: RunByFilter) -> bool:
+def _rejects_most_before_corner(run: _RunByFilter) -> bool:
     rate = run[PAPER_FILTER.name]["accepted_steps_9_to_22"]
     return rate is not None and bool(rate < 0.5)
 
 
-def _rejects_all_for_five_steps(run: RunByFilter) -> bool:
+def _rejects_all_for_five_steps(run: _RunByFilter) -> bool:
     return run[PAPER_FILTER.name]["relock_step"] is not None
 
 
-def _error_grows_again(run: RunByFilter) -> bool:
+def _error_grows_again(run: _RunByFilter) -> bool:
     return bool(run[PAPER_FILTER.name]["ekf_max_steps_61_to_84_m"] > _VISIBLE_ERROR_M)
 
 

@@ -43,21 +43,21 @@ def draw_trajectories(
     with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 6.0)) as figure:
         row = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
         for axes, (title, drive_log, filter_run) in zip(row, panels, strict=True):
-            draw_field(axes, landmarks)
-            draw_paths(axes, drive_log, filter_run)
+            _draw_field(axes, landmarks)
+            _draw_paths(axes, drive_log, filter_run)
             axes.set_title(title)
             axes.set_xlabel("y, m")
         row[0].set_ylabel("x, m")
         # After all fields, since each sets the common limits.
         for axes, (_, _, filter_run) in zip(row, panels, strict=True):
-            widen_to_path(axes, filter_run.odometry)
+            _widen_to_path(axes, filter_run.odometry)
         handles, labels = row[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="lower center", ncols=3)
         # The automatic layout counts neither legend nor titles of axes of equal scale.
         figure.get_layout_engine().set(rect=(0.0, 0.12, 1.0, 0.84))
 
 
-def draw_paths(axes: plot_style.Axes, drive_log: DriveLog, filter_run: FilterRun) -> None:
+def _draw_paths(axes: plot_style.Axes, drive_log: DriveLog, filter_run: FilterRun) -> None:
     """Draw true path, odometry and estimate of one drive."""
     truth, odometry, estimate = true_positions(drive_log), filter_run.odometry, filter_run.estimate
     # Columns swapped: the axes are (y, x), as seen from above with x forward.
@@ -86,7 +86,7 @@ def _draw_direction_of_travel(axes: plot_style.Axes, truth: Positions) -> None:
         axes.annotate("", head, tail, arrowprops=style, zorder=5)
 
 
-def draw_field(axes: plot_style.Axes, landmarks: Sequence[Landmark]) -> None:
+def _draw_field(axes: plot_style.Axes, landmarks: Sequence[Landmark]) -> None:
     """Draw the field from above: its lines, and every landmark in its colours."""
     # The pitch of the 2006 four-legged league: 5.4 x 3.6 m.
     axes.plot([-1.8, 1.8, 1.8, -1.8, -1.8], [-2.7, -2.7, 2.7, 2.7, -2.7], color=_LINE_COLOUR, lw=1)
@@ -112,7 +112,7 @@ def draw_field(axes: plot_style.Axes, landmarks: Sequence[Landmark]) -> None:
     axes.set_ylim(-3.3, 3.5)
 
 
-def widen_to_path(axes: plot_style.Axes, odometry: Floats) -> None:
+def _widen_to_path(axes: plot_style.Axes, odometry: Floats) -> None:
     """Move the limits where odometry leaves the surroundings of the field."""
     for (low, high), move, values in (
         (axes.get_xlim(), axes.set_xlim, odometry[:, 1]),
@@ -234,7 +234,7 @@ def draw_classifier_output(
     """
     with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 3.6)) as figure:
         left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.55))
-        draw_bearings(left.subplots(), rgb, detector, stages)
+        _draw_bearings(left.subplots(), rgb, detector, stages)
         above, below = right.subplots(2, 1)
         above.imshow(stages.cylinder)
         above.set_title("cylinder unwarped from the frame")
@@ -245,7 +245,7 @@ def draw_classifier_output(
             _set_azimuth_ticks(axes, stages.cylinder.shape[1], detector)
 
 
-def draw_bearings(
+def _draw_bearings(
     axes: plot_style.Axes, rgb: UInt8Array, detector: Detector, stages: DetectionStages
 ) -> None:
     """Draw a frame with a ray towards each detected landmark."""
@@ -348,11 +348,11 @@ def draw_overview(
     drive_log, filter_run = logged_run
     with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 4.2)) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-        draw_bearings(left, rgb, detector, stages)
+        _draw_bearings(left, rgb, detector, stages)
         left.set_title("frame of the mirror camera, with the landmarks found")
-        draw_field(right, detector.landmarks)
-        draw_paths(right, drive_log, filter_run)
-        widen_to_path(right, filter_run.odometry)
+        _draw_field(right, detector.landmarks)
+        _draw_paths(right, drive_log, filter_run)
+        _widen_to_path(right, filter_run.odometry)
         right.set_title("localized by them on a drive of 100 steps")
         # The figure is shown small; the axes in metres are those of trajectories.png.
         right.set_xticks([])

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 from catoptra_protocol.optics.numerics import wrap_angle
 
-HALF_LENGTH_M = 2.3
-HALF_WIDTH_M = 1.5
-STEP_LENGTH_M = 0.2
-NUM_DIAGONAL_STEPS = 15
+_HALF_LENGTH_M = 2.3
+_HALF_WIDTH_M = 1.5
+_STEP_LENGTH_M = 0.2
+_NUM_DIAGONAL_STEPS = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,27 +46,27 @@ class Waypoint:
 
 def clockwise_route() -> tuple[Waypoint, ...]:
     """Start and 100 waypoints of the paper's real drive, clockwise from the lower left corner."""
-    return _build_route(Waypoint(-HALF_LENGTH_M, -HALF_WIDTH_M, 0.0), turn_sign=1.0)
+    return _build_route(Waypoint(-_HALF_LENGTH_M, -_HALF_WIDTH_M, 0.0), turn_sign=1.0)
 
 
 def counter_clockwise_route() -> tuple[Waypoint, ...]:
     """Start and 100 waypoints of the simulated drive, from the other end and the other way."""
-    return _build_route(Waypoint(HALF_LENGTH_M, -HALF_WIDTH_M, math.pi), turn_sign=-1.0)
+    return _build_route(Waypoint(_HALF_LENGTH_M, -_HALF_WIDTH_M, math.pi), turn_sign=-1.0)
 
 
 def _build_route(start: Waypoint, *, turn_sign: float) -> tuple[Waypoint, ...]:
     # 23 + 2 + 15 + 2 steps, twice, then the turn and 15 across: 100 in all.
     route = [start]
-    for side_m in (2 * HALF_LENGTH_M, 2 * HALF_WIDTH_M) * 2:
-        for _ in range(round(side_m / STEP_LENGTH_M)):
-            route.append(route[-1].advance(STEP_LENGTH_M))
+    for side_m in (2 * _HALF_LENGTH_M, 2 * _HALF_WIDTH_M) * 2:
+        for _ in range(round(side_m / _STEP_LENGTH_M)):
+            route.append(route[-1].advance(_STEP_LENGTH_M))
         for _ in range(2):
             route.append(route[-1].turn(turn_sign * math.pi / 4))
-    route.append(route[-1].turn(turn_sign * math.atan2(HALF_WIDTH_M, HALF_LENGTH_M)))
-    diagonal_m = 2 * math.hypot(HALF_LENGTH_M, HALF_WIDTH_M)
+    route.append(route[-1].turn(turn_sign * math.atan2(_HALF_WIDTH_M, _HALF_LENGTH_M)))
+    diagonal_m = 2 * math.hypot(_HALF_LENGTH_M, _HALF_WIDTH_M)
     # Steps of 0.37 m across, twice as long as along the sides, to make 100 in all.
-    for _ in range(NUM_DIAGONAL_STEPS):
-        route.append(route[-1].advance(diagonal_m / NUM_DIAGONAL_STEPS))
+    for _ in range(_NUM_DIAGONAL_STEPS):
+        route.append(route[-1].advance(diagonal_m / _NUM_DIAGONAL_STEPS))
     return tuple(route)
 
 

@@ -112,7 +112,7 @@ def _seed_table(results: Sequence[SeedResult]) -> str:
     return markdown_table(("seed", *keys, "status"), rows)
 
 
-EXIT_FAILURE = 1
+_EXIT_FAILURE = 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -131,9 +131,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         results = _run_seeds(config, range(max(1, parsed.seeds)), max(1, parsed.processes))
     except (CatoptraError, OSError) as error:
         print_error(f"seeds: {error}")
-        return EXIT_FAILURE
+        return _EXIT_FAILURE
     _write_report(config, results)
-    return EXIT_FAILURE if any(result.status for result in results) else 0
+    return _EXIT_FAILURE if any(result.status for result in results) else 0
 
 
 def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:

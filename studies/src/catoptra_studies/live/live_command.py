@@ -16,7 +16,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.live.live_drive import open_live_drive
 from catoptra_studies.progress_display import print_error, print_line
 
-EXIT_FAILURE = 1
+_EXIT_FAILURE = 1
 # A shell's status of a process that a signal ends is 128 and the signal's number: 130 for Ctrl-C.
 _EXIT_SIGNAL = 128
 
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _EXIT_SIGNAL + int(number)
     except (CatoptraError, OSError) as error:
         print_error(f"live: {error}")
-        return EXIT_FAILURE
+        return _EXIT_FAILURE
     return 0
 
 

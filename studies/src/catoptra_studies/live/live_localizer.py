@@ -46,7 +46,7 @@ from catoptra_studies.experiment.route import Waypoint
 # frames measures 136, and one of 12 or of the 30 random poses of `demo` 141.
 NUM_TRAINING_FRAMES = 6
 # The consistent filter, which no wrong belief locks out for good: viewers move the robot.
-LIVE_FILTER = replace(CONSISTENT_FILTER, name="live", has_recovery=True)
+_LIVE_FILTER = replace(CONSISTENT_FILTER, name="live", has_recovery=True)
 
 
 class LiveLocalizer:
@@ -90,14 +90,14 @@ class LiveLocalizer:
         truth = _waypoint(_require_pose(frame))
         if self.latest is None:
             start = DriveStep(truth, odometry, ())
-            self.latest = begin_filter(start, LIVE_FILTER, heading_error_rad=0.0)
+            self.latest = begin_filter(start, _LIVE_FILTER, heading_error_rad=0.0)
         else:
             measurements = measurements_in_range(detect(self._detector, frame.rgb))
             step = DriveStep(truth, odometry, measurements)
-            self.latest = advance_filter(self.latest, step, LIVE_FILTER, self._map)
+            self.latest = advance_filter(self.latest, step, _LIVE_FILTER, self._map)
         note = note_from_filter_step(self.latest)
         since = control_from_odometry(odometry, newest_odometry)
-        now = predict(self.latest.belief, since, noise=LIVE_FILTER.motion_noise)
+        now = predict(self.latest.belief, since, noise=_LIVE_FILTER.motion_noise)
         return note | belief_entries(now)
 
     def _train(self, frame: Frame) -> dict[str, object]:
