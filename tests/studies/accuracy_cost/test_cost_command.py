@@ -8,12 +8,13 @@ import cv2
 import pytest
 
 from catoptra_studies.accuracy_cost import frame_plots
-from catoptra_studies.accuracy_cost.cost_command import EXIT_FAILURE, main
+from catoptra_studies.accuracy_cost.cost_command import main
 from catoptra_studies.accuracy_cost.cost_results import (
     CostResults,
     read_cost_results,
     write_cost_results,
 )
+from catoptra_studies.commands import EXIT_FAILURE
 from helpers.configs import FIELD, OMNI_ROBOT, REPOSITORY
 
 FILES = ("--robot", str(OMNI_ROBOT), "--world", str(FIELD))

@@ -26,12 +26,12 @@ from catoptra_studies.accuracy_cost.localization_study import (
     summarize_localization,
     write_robot_file,
 )
+from catoptra_studies.commands import open_progress
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, LandmarkMeasurement
 from catoptra_studies.experiment.experiment_runner import SetupResult
 from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.experiment.localization_filter import FilterRun
 from catoptra_studies.experiment.route import Waypoint
-from catoptra_studies.progress_display import open_progress
 from helpers.configs import FIELD, OMNI_ROBOT
 
 

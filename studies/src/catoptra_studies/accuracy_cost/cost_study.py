@@ -35,8 +35,8 @@ from catoptra_studies.camera_figures.frame_rates import (
     measure_frame_rates,
 )
 from catoptra_studies.camera_figures.polygon_figures import measure_polygon_error
+from catoptra_studies.commands import ProgressDisplay
 from catoptra_studies.paper_values import PAPER_SIZE_PX
-from catoptra_studies.progress_display import ProgressDisplay
 from catoptra_studies.study_subject import (
     REFERENCE_SAMPLES,
     StudySubject,

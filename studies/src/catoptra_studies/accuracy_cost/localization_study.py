@@ -22,6 +22,7 @@ from catoptra_studies.accuracy_cost.cost_results import (
     LocalizationRow,
 )
 from catoptra_studies.accuracy_cost.cost_study import CostStudyConfig
+from catoptra_studies.commands import ProgressDisplay
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,
     SetupResult,
@@ -36,7 +37,6 @@ from catoptra_studies.experiment.experiment_setups import (
 )
 from catoptra_studies.experiment.localization_filter import FilterRun
 from catoptra_studies.experiment.metrics import detection_rate, rms_errors
-from catoptra_studies.progress_display import ProgressDisplay
 
 # A nearer beacon is at least 5 px wide in an image of 360 px: a miss is not due to its size.
 _NEAR_RANGE_M = 1.5

@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_studies.camera_figures.figure_spec import (
@@ -32,14 +31,14 @@ from catoptra_studies.camera_figures.polygon_figures import (
 from catoptra_studies.camera_figures.radius_figures import draw_eq2, draw_rings
 from catoptra_studies.camera_figures.space_figures import draw_cube, draw_meshes
 from catoptra_studies.camera_figures.viewpoint_figure import draw_viewpoint
-from catoptra_studies.progress_display import (
+from catoptra_studies.commands import (
     ProgressDisplay,
+    add_output,
+    make_parser,
     open_progress,
-    print_error,
     print_line,
+    run_study,
 )
-
-EXIT_FAILURE = 2
 
 # In the order of the report. Widths up to PAGE_WIDTH_PX fill its column at half their pixels.
 FIGURES = (
@@ -71,21 +70,20 @@ def write_figures(inputs: FigureInputs, folder: Path, progress: ProgressDisplay)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw the figures; return 0, or 2 after one line about the reason."""
-    parsed = _make_parser().parse_args(arguments)
-    try:
-        robot_file = find_configuration("robots", parsed.robot)
-        world_file = find_configuration("worlds", parsed.world)
-        rings_file = find_configuration("worlds", parsed.rings_world)
-        with (
-            open_figure_inputs(
-                robot_file, world_file, rings_file, pose=_planar_pose(parsed.pose)
-            ) as inputs,
-            open_progress() as progress,
-        ):
-            write_figures(inputs, parsed.output, progress)
-    except (CatoptraError, OSError) as error:
-        print_error(f"catoptra-studies figures: {error}")
-        return EXIT_FAILURE
+    return run_study("catoptra-studies figures", _make_parser().parse_args(arguments), _run)
+
+
+def _run(parsed: argparse.Namespace) -> int:
+    robot_file = find_configuration("robots", parsed.robot)
+    world_file = find_configuration("worlds", parsed.world)
+    rings_file = find_configuration("worlds", parsed.rings_world)
+    with (
+        open_figure_inputs(
+            robot_file, world_file, rings_file, pose=_planar_pose(parsed.pose)
+        ) as inputs,
+        open_progress() as progress,
+    ):
+        write_figures(inputs, parsed.output, progress)
     print_line(f"{len(FIGURES)} figures in {parsed.output}")
     return 0
 
@@ -98,9 +96,8 @@ def _planar_pose(numbers: Sequence[float] | None) -> PlanarPose | None:
 
 
 def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies figures",
-        description="Draw the figures of the camera: frame, faces, cube, rings, mirror meshes.",
+    parser = make_parser(
+        "figures", "Draw the figures of the camera: frame, faces, cube, rings, mirror meshes."
     )
     add = parser.add_argument
     add("--robot", default="p2at_omni", metavar="FILE",
@@ -109,8 +106,7 @@ def _make_parser() -> argparse.ArgumentParser:
         help="world ini or name (default four_legged_2006)")  # fmt: skip
     add("--rings-world", default="incidence_rings", metavar="FILE",
         help="world with a circle every 5 degrees (default incidence_rings)")  # fmt: skip
-    add("--output", type=Path, default=Path("out/figures"), metavar="DIR",
-        help="folder for the PNG files and figures.json (default out/figures)")  # fmt: skip
+    add_output(parser, "out/figures", "folder for the PNG files and figures.json")
     add("--pose", type=float, nargs=3, metavar=("X", "Y", "YAW_DEG"),
         help="robot's pose: metres, degrees clockwise (default: near the first start)")  # fmt: skip
     return parser

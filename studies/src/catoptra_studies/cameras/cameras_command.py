@@ -35,7 +35,7 @@ from catoptra_studies.cameras.camera_stage import (
     open_stage,
     stage_cameras,
 )
-from catoptra_studies.progress_display import open_progress, print_error, print_line
+from catoptra_studies.commands import open_progress, print_error, print_line
 from catoptra_studies.reports import Cell, ReportFigure, figure_element, format_number, html_table
 
 RING_SPACING_DEG = 30

@@ -33,6 +33,7 @@ from catoptra_studies.cameras.camera_stage import (
     open_stage,
     stage_cameras,
 )
+from catoptra_studies.commands import open_progress, print_error, print_line
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,
     SetupResult,
@@ -40,7 +41,6 @@ from catoptra_studies.experiment.experiment_runner import (
     train_classifier,
 )
 from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER, PAPER_FILTER, SIM
-from catoptra_studies.progress_display import open_progress, print_error, print_line
 from catoptra_studies.reports import format_number, markdown_table
 
 _FLOOR_DISTANCE_M = 3.0

@@ -17,9 +17,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
 
-from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.commands import (
+    add_output,
+    make_parser,
+    open_progress,
+    print_line,
+    print_table,
+    run_study,
+)
 from catoptra_studies.experiment.experiment_results import summarize_experiment
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,
@@ -35,7 +41,6 @@ from catoptra_studies.experiment.paper_claims import (
     evaluate_statements,
     pool_shares,
 )
-from catoptra_studies.progress_display import open_progress, print_error, print_line, print_table
 from catoptra_studies.reports import markdown_table, wrap_paragraph
 
 
@@ -118,6 +123,10 @@ _EXIT_FAILURE = 1
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run all seeds; return 0 where every claim is confirmed with every seed, otherwise 1."""
     parsed = _make_parser().parse_args(arguments)
+    return run_study("seeds", parsed, _run, exit_failure=_EXIT_FAILURE)
+
+
+def _run(parsed: argparse.Namespace) -> int:
     config = ExperimentConfig(
         config_folder=None,
         output_folder=parsed.output,
@@ -126,12 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         seed=0,
         num_training_frames=max(1, parsed.training_frames),
     )
-    try:
-        config.output_folder.mkdir(parents=True, exist_ok=True)
-        results = _run_seeds(config, range(max(1, parsed.seeds)), max(1, parsed.processes))
-    except (CatoptraError, OSError) as error:
-        print_error(f"seeds: {error}")
-        return _EXIT_FAILURE
+    results = _run_seeds(config, range(max(1, parsed.seeds)), max(1, parsed.processes))
     _write_report(config, results)
     return _EXIT_FAILURE if any(result.status for result in results) else 0
 
@@ -204,15 +208,14 @@ def _write_report(config: ExperimentConfig, results: Sequence[SeedResult]) -> No
 
 
 def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies seeds",
-        description="Evaluate the claims of demo with the seeds 0, 1, ..., without pictures. Fifty "
+    parser = make_parser(
+        "seeds",
+        "Evaluate the claims of demo with the seeds 0, 1, ..., without pictures. Fifty "
         "seeds of 20 runs take about 20 minutes on two cores. Writes seeds.md and the numbers of "
         "each seed.",
     )
     add = parser.add_argument
-    add("--output", type=Path, default=Path("out/experiment-seeds"), metavar="DIR",
-        help="folder for seeds.md and a folder a seed (default out/experiment-seeds)")  # fmt: skip
+    add_output(parser, "out/experiment-seeds", "folder for seeds.md and a folder a seed")
     add("--seeds", type=int, default=50, help="number of seeds, from 0 (default 50)")
     add("--runs", type=int, default=20, help="drives for each set-up and seed (default 20)")
     add("--training-frames", type=int, default=30, help="frames for the classifier (default 30)")

@@ -1,14 +1,18 @@
-"""Progress bars and messages of the studies on a terminal; the only user of Rich.
+"""What the commands of all studies share: their parser, their end, progress bars and messages.
 
-Results go to stdout; bars and errors go to stderr, so that output can be piped.
+A command parses its options, makes the folder of `--output`, runs, and ends with one line about the
+reason where the study could not be done. Results go to stdout; bars and errors go to stderr, so
+that output can be piped. This is the only module that imports Rich.
 """
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import (
@@ -20,6 +24,49 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+
+from catoptra_protocol.errors import CatoptraError
+
+EXIT_FAILURE = 2
+
+
+def make_parser(name: str, description: str) -> argparse.ArgumentParser:
+    """Parser of the options of `catoptra-studies <name>`."""
+    return argparse.ArgumentParser(prog=f"catoptra-studies {name}", description=description)
+
+
+def add_output(parser: argparse.ArgumentParser, folder: str, content: str) -> None:
+    """Declare `--output`, the folder that `run_study` makes."""
+    parser.add_argument(
+        "--output", type=Path, default=Path(folder), metavar="DIR",
+        help=f"{content} (default {folder})",
+    )  # fmt: skip
+
+
+def run_study(
+    name: str,
+    parsed: argparse.Namespace,
+    run: Callable[[argparse.Namespace], int],
+    *,
+    exit_failure: int = EXIT_FAILURE,
+) -> int:
+    """Make the folder of `--output` and run a study.
+
+    Args:
+        name: First word of the line about a failure.
+        parsed: Options, among them `output`.
+        run: Runs the study and returns its exit status.
+        exit_failure: Status of a study that could not be done.
+
+    Returns:
+        The exit status of the command.
+    """
+    try:
+        parsed.output.mkdir(parents=True, exist_ok=True)
+        return run(parsed)
+    except (CatoptraError, OSError) as error:
+        print_error(f"{name}: {error}")
+        return exit_failure
 
 
 @dataclass(frozen=True, slots=True)

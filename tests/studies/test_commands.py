@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_studies.progress_display import open_progress, print_error, print_line, print_table
+from catoptra_studies.commands import open_progress, print_error, print_line, print_table
 
 
 def test_line_when_printed_keeps_brackets(capsys: pytest.CaptureFixture[str]) -> None:
