@@ -1,13 +1,13 @@
 """The command `catoptra-studies cameras`: a gallery of camera models in one world.
 
-Gallery of cameras: a picture with rings of incidence and a plot of resolution for each.
+Each camera has a picture with rings of equal angle, a plot of its resolution by angle, and a row of
+numbers that follow from the model alone; only the milliseconds are measured.
 """
 
 from __future__ import annotations
 
 import argparse
 import html
-import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,12 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.camera_rays import near_limit_m
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.config.bundled_files import find_configuration
-from catoptra_server.config.camera_file import read_camera_files
 from catoptra_studies import plot_style
 from catoptra_studies.cameras.camera_metrics import (
     covered_sphere,
@@ -32,13 +29,20 @@ from catoptra_studies.cameras.camera_metrics import (
 from catoptra_studies.cameras.camera_stage import (
     CameraStage,
     StagedCamera,
-    open_stage,
-    stage_cameras,
+    add_camera_options,
+    open_requested_stage,
 )
-from catoptra_studies.commands import open_progress, print_error, print_line
-from catoptra_studies.reports import Cell, ReportFigure, figure_element, format_number, html_table
+from catoptra_studies.commands import add_output, make_parser, print_line, run_study
+from catoptra_studies.reports import (
+    Cell,
+    ReportFigure,
+    figure_element,
+    format_number,
+    html_table,
+    write_json,
+)
 
-RING_SPACING_DEG = 30
+_RING_SPACING_DEG = 30
 _IMAGE_PX = 640
 # Across the radius the resolution is infinite at the antipode: plots end a degree before.
 _MAX_PLOTTED_RAD = math.radians(179.0)
@@ -49,6 +53,25 @@ _HEADER = (
     "camera", "covered sphere", "rim, deg", "domain, deg", "first fold, deg",
     "central beyond, m", "ms a frame",
 )  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw the gallery; return 0, or 2 after one line about the reason."""
+    parser = make_parser(
+        "cameras",
+        "Draw all camera models in one world, with circles of equal angle, covered sphere, "
+        "resolution by angle, domain, first fold and milliseconds a frame.",
+    )
+    add_camera_options(parser, size_px=640)
+    add_output(parser, "out/cameras", "folder for index.html, cameras.json and pictures")
+    return run_study("catoptra-studies cameras", parser.parse_args(arguments), _run)
+
+
+def _run(parsed: argparse.Namespace) -> int:
+    with open_requested_stage(parsed) as (stage, on_camera):
+        page = draw_gallery(stage, parsed.output, num_timed=parsed.frames, on_camera=on_camera)
+    print_line(f"written: {page}")
+    return 0
 
 
 def draw_gallery(
@@ -65,15 +88,14 @@ def draw_gallery(
     Returns:
         Path of the page.
     """
-    frame_ms = stage.time_frames(num_timed, lambda: None)
+    frame_ms = stage.time_frames(num_timed)
     rows = [describe_camera(c, ms) for c, ms in zip(stage.cameras, frame_ms, strict=True)]
     for index, staged in enumerate(stage.cameras):
         path = folder / f"{staged.file.name}.png"
         with plot_style.open_page(path, 740) as page:
             _draw_camera(page, staged, stage.render_frame(index))
         on_camera()
-    text = json.dumps(rows, indent=2, allow_nan=False)
-    (folder / "cameras.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / "cameras.json", rows)
     path = folder / "index.html"
     path.write_text(_format_page(folder, stage, rows), encoding="utf-8")
     return path
@@ -113,7 +135,7 @@ def _draw_camera(page: plot_style.Page, staged: StagedCamera, image: plot_style.
     width = round(_IMAGE_PX * min(1.0, image.shape[1] / image.shape[0]))
     axes = plot_style.show_image(page, image, 20, 60, width)
     plot_style.add_text(page, 20, 14, staged.file.title, fontsize=10, fontweight="bold")
-    for degrees in range(RING_SPACING_DEG, 180, RING_SPACING_DEG):
+    for degrees in range(_RING_SPACING_DEG, 180, _RING_SPACING_DEG):
         # On the rim itself rounding would make a dashed line.
         if math.radians(degrees) > camera.rim_rad - _RIM_MARGIN_RAD:
             break
@@ -136,7 +158,7 @@ def _draw_resolution(page: plot_style.Page, camera: OmniCamera) -> None:
     # Scales near an antipode would flatten all other parts of the curves.
     shown = theta <= _MAX_SCALED_RAD
     highest = 1.1 * float(np.maximum(radial, tangential)[shown].max())
-    axes.set(xlim=(0, 180), ylim=(0, highest), xticks=range(0, 181, RING_SPACING_DEG),
+    axes.set(xlim=(0, 180), ylim=(0, highest), xticks=range(0, 181, _RING_SPACING_DEG),
              xlabel="angle from the axis, degrees")  # fmt: skip
     axes.axvline(90.0, color=plot_style.RED, linewidth=0.8)
     axes.set_title(f"px per degree, image of {camera.width_px} x {camera.height_px} px")
@@ -161,7 +183,7 @@ def _format_page(folder: Path, stage: CameraStage, rows: list[dict[str, Any]]) -
 
 _INTRODUCTION = (
     "All cameras at one place in one world, looking down, forward at the top. Circles are angles "
-    f"from the axis, every {RING_SPACING_DEG} degrees, red at 90. The domain is that of the "
+    f"from the axis, every {_RING_SPACING_DEG} degrees, red at 90. The domain is that of the "
     "formula; at its first fold the image radius turns back. Beyond the distance in the table the "
     "central approximation holds; 0 for central cameras. Milliseconds are processor time, medians."
 )
@@ -188,44 +210,3 @@ def _figure(staged: StagedCamera, row: dict[str, Any]) -> ReportFigure:
         f"{row['covered_sphere']:.1%} of the sphere.",
         f"Image of the camera {file.name} with circles of equal angle, and its resolution by angle",
     )
-
-
-_EXIT_FAILURE = 2
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the gallery; return 0, or 2 after one line about the reason."""
-    parsed = _make_parser().parse_args(arguments)
-    try:
-        parsed.output.mkdir(parents=True, exist_ok=True)
-        files = read_camera_files(parsed.cameras.split(",") if parsed.cameras else ())
-        cameras = stage_cameras(files, parsed.output, size_px=parsed.size)
-        world_file = find_configuration("worlds", parsed.world)
-        with open_progress() as progress, open_stage(cameras, world_file) as stage:
-            on_camera = progress.add_task("cameras", len(cameras))
-            page = draw_gallery(stage, parsed.output, num_timed=parsed.frames, on_camera=on_camera)
-    except (CatoptraError, OSError) as error:
-        print_error(f"catoptra-studies cameras: {error}")
-        return _EXIT_FAILURE
-    print_line(f"written: {page}")
-    return 0
-
-
-def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies cameras",
-        description="Draw all camera models in one world, with circles of equal angle, covered "
-        "sphere, resolution by angle, domain, first fold and milliseconds a frame.",
-    )
-    add = parser.add_argument
-    add("--cameras", default="", metavar="A,B",
-        help="camera files or bundled names (default: all of configs/cameras)")  # fmt: skip
-    add("--world", default="four_legged_2006", metavar="FILE",
-        help="world ini, or a bundled name (default four_legged_2006)")  # fmt: skip
-    add("--output", type=Path, default=Path("out/cameras"), metavar="DIR",
-        help="folder for index.html, cameras.json and pictures (default out/cameras)")  # fmt: skip
-    add("--size", type=int, default=640, metavar="N",
-        help="side of images, but of cameras calibrated in pixels (default 640)")  # fmt: skip
-    add("--frames", type=int, default=9, metavar="N",
-        help="frames of each camera that are timed (default 9)")  # fmt: skip
-    return parser

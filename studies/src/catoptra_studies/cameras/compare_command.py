@@ -1,18 +1,14 @@
 """The command `catoptra-studies compare`: which camera for a task, as a table and a picture.
 
-Comparison of cameras for a task: resolution, floor, localization and cost of each.
-
-Every camera is on the same robot, at the same place. The drives are the paper's simulated ones,
-over sockets: a detector trained with the camera's own frames finds the landmarks.
-
-Table and picture of a comparison: Markdown for the terminal, CSV, JSON and PNG.
+Every camera is on the same robot, at the same place. Resolution and floor follow from the camera
+model; the drives are the paper's simulated ones, over sockets: a detector trained with the camera's
+own frames finds the landmarks. The table is Markdown on the terminal, CSV and JSON in files.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -20,20 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.config.bundled_files import find_configuration
-from catoptra_server.config.camera_file import read_camera_files
 from catoptra_studies import plot_style
 from catoptra_studies.cameras.camera_metrics import covered_sphere, floor_view, resolution_at
 from catoptra_studies.cameras.camera_stage import (
     CameraStage,
     StagedCamera,
-    open_stage,
-    stage_cameras,
+    add_camera_options,
+    open_requested_stage,
 )
-from catoptra_studies.commands import open_progress, print_error, print_line
+from catoptra_studies.commands import add_output, make_parser, print_line, run_study
 from catoptra_studies.experiment.experiment_runner import (
     ExperimentConfig,
     SetupResult,
@@ -41,10 +33,39 @@ from catoptra_studies.experiment.experiment_runner import (
     train_classifier,
 )
 from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER, PAPER_FILTER, SIM
-from catoptra_studies.reports import format_number, markdown_table
+from catoptra_studies.reports import format_number, markdown_table, replace_non_finite, write_json
 
 _FLOOR_DISTANCE_M = 3.0
 _NUM_TRAINING_FRAMES = 20
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Compare cameras; return 0, or 2 after one line about the reason."""
+    parser = make_parser(
+        "compare",
+        "Compare cameras on the same robot: resolution on the floor and at the horizon, blind "
+        "zone, localization on the paper's route, and milliseconds a frame.",
+    )
+    add_camera_options(parser, size_px=360)
+    add_output(parser, "out/compare", "folder for comparison.csv, .json and .png")
+    add = parser.add_argument
+    add("--runs", type=int, default=3, metavar="N",
+        help="drives with each camera, 0 for none (default 3)")  # fmt: skip
+    add("--seed", type=int, default=0,
+        help="seed of all random numbers: all results but the times follow from it")  # fmt: skip
+    return run_study("catoptra-studies compare", parser.parse_args(arguments), _run)
+
+
+def _run(parsed: argparse.Namespace) -> int:
+    plan = DrivePlan(parsed.runs, parsed.seed, parsed.output.resolve())
+    with open_requested_stage(parsed) as (stage, on_camera):
+        rows = compare_cameras(stage, plan, num_timed=parsed.frames, on_camera=on_camera)
+    write_comparison(rows, parsed.output)
+    print_line(format_comparison(rows))
+    if not stage.landmarks:
+        print_line(f"{stage.world_file} has no landmarks: nothing to localize by, so no drives")
+    print_line(f"written: {parsed.output}")
+    return 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +96,7 @@ class CameraRow:
     covered_sphere: float
 
     floor_radial: float
-    """Pixels per degree along the image radius at FLOOR_DISTANCE_M on the floor."""
+    """Pixels per degree along the image radius at 3 m on the floor."""
 
     floor_tangential: float
     horizon_radial: float
@@ -96,9 +117,8 @@ class CameraRow:
 class DrivePlan:
     """Extent of the drives."""
 
-    world_file: Path
-    landmarks: tuple[Landmark, ...]
     num_runs: int
+    """Drives with each camera; 0 for none."""
     seed: int
     folder: Path
 
@@ -110,15 +130,15 @@ def compare_cameras(
 
     Args:
         stage: World with the cameras.
-        plan: Drives with each; none without runs or landmarks.
+        plan: Drives with each; none in a world without landmarks.
         num_timed: Frames of each camera that are timed.
         on_camera: Called after each camera.
     """
-    frame_ms = stage.time_frames(num_timed, lambda: None)
+    has_drives = plan.num_runs > 0 and stage.landmarks
+    frame_ms = stage.time_frames(num_timed)
     rows = []
     for staged, ms in zip(stage.cameras, frame_ms, strict=True):
-        has_drives = plan.num_runs > 0 and plan.landmarks
-        drives = _summarize_drives(_drive_with_camera(staged, plan)) if has_drives else NO_DRIVES
+        drives = _drive_with_camera(stage, staged, plan) if has_drives else NO_DRIVES
         rows.append(make_row(staged, drives, ms))
         on_camera()
     return tuple(rows)
@@ -144,8 +164,8 @@ def make_row(staged: StagedCamera, drives: DriveMetrics, frame_ms: float) -> Cam
     )
 
 
-def _drive_with_camera(staged: StagedCamera, plan: DrivePlan) -> SetupResult:
-    """Train a detector with the camera's frames and drive every run."""
+def _drive_with_camera(stage: CameraStage, staged: StagedCamera, plan: DrivePlan) -> DriveMetrics:
+    """Train a detector with the camera's frames, drive every run and summarize."""
     folder = plan.folder / staged.file.name
     folder.mkdir(parents=True, exist_ok=True)
     setup = replace(SIM, name=staged.file.name, robot_file=str(staged.robot_file))
@@ -157,10 +177,10 @@ def _drive_with_camera(staged: StagedCamera, plan: DrivePlan) -> SetupResult:
         seed=plan.seed,
         num_training_frames=_NUM_TRAINING_FRAMES,
         server_arguments=("--renderer", "trace"),
-        other_world=(plan.world_file.resolve(), plan.landmarks),
+        other_world=(stage.world_file.resolve(), stage.landmarks),
     )
     classifier, _ = train_classifier(config, lambda _: None)
-    return run_setup(config, setup, classifier, lambda _: None)
+    return _summarize_drives(run_setup(config, setup, classifier, lambda _: None))
 
 
 def _summarize_drives(result: SetupResult) -> DriveMetrics:
@@ -228,14 +248,8 @@ def write_comparison(rows: Sequence[CameraRow], folder: Path) -> None:
         writer = csv.DictWriter(file, ["camera", *_COLUMNS])
         writer.writeheader()
         writer.writerows(flat)
-    document = [{key: _finite_or_none(value) for key, value in row.items()} for row in flat]
-    text = json.dumps(document, indent=2, allow_nan=False)
-    (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / "comparison.json", replace_non_finite(flat))
     _draw_comparison(flat, folder / "comparison.png")
-
-
-def _finite_or_none(value: str | float) -> str | float | None:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _draw_comparison(flat: Sequence[dict[str, str | float]], path: Path) -> None:
@@ -258,55 +272,3 @@ def _draw_comparison(flat: Sequence[dict[str, str | float]], path: Path) -> None
             axes.grid(visible=False, axis="y")
         # Shared by all panels: the first camera is at the top.
         axes.invert_yaxis()
-
-
-_EXIT_FAILURE = 2
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Compare cameras; return 0, or 2 after one line about the reason."""
-    parsed = _make_parser().parse_args(arguments)
-    try:
-        parsed.output.mkdir(parents=True, exist_ok=True)
-        files = read_camera_files(parsed.cameras.split(",") if parsed.cameras else ())
-        cameras = stage_cameras(files, parsed.output, size_px=parsed.size)
-        world_file = find_configuration("worlds", parsed.world)
-        with open_progress() as progress, open_stage(cameras, world_file) as stage:
-            plan = DrivePlan(
-                world_file, stage.landmarks, parsed.runs, parsed.seed, parsed.output.resolve()
-            )
-            on_camera = progress.add_task("cameras", len(cameras))
-            rows = compare_cameras(stage, plan, num_timed=parsed.frames, on_camera=on_camera)
-        write_comparison(rows, parsed.output)
-    except (CatoptraError, OSError) as error:
-        print_error(f"catoptra-studies compare: {error}")
-        return _EXIT_FAILURE
-    print_line(format_comparison(rows))
-    if not plan.landmarks:
-        print_line(f"{world_file} has no landmarks: nothing to localize by, so no drives")
-    print_line(f"written: {parsed.output}")
-    return 0
-
-
-def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies compare",
-        description="Compare cameras on the same robot: resolution on the floor and at the "
-        "horizon, blind zone, localization on the paper's route, and milliseconds a frame.",
-    )
-    add = parser.add_argument
-    add("--cameras", default="", metavar="A,B",
-        help="camera files or bundled names (default: all of configs/cameras)")  # fmt: skip
-    add("--world", default="four_legged_2006", metavar="FILE",
-        help="world ini, or a bundled name (default four_legged_2006)")  # fmt: skip
-    add("--output", type=Path, default=Path("out/compare"), metavar="DIR",
-        help="folder for comparison.csv, .json and .png (default out/compare)")  # fmt: skip
-    add("--size", type=int, default=360, metavar="N",
-        help="side of images, but of cameras calibrated in pixels (default 360)")  # fmt: skip
-    add("--runs", type=int, default=3, metavar="N",
-        help="drives with each camera, 0 for none (default 3)")  # fmt: skip
-    add("--frames", type=int, default=9, metavar="N",
-        help="frames of each camera that are timed (default 9)")  # fmt: skip
-    add("--seed", type=int, default=0,
-        help="seed of all random numbers: all results but the times follow from it")  # fmt: skip
-    return parser
