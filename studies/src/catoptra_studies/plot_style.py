@@ -176,6 +176,14 @@ def draw_border(axes: Axes) -> None:
     axes.spines[:].set(visible=True, color=LIGHT_GREY)
 
 
+def add_legend(figure: Page, *axes: Axes, **options: Any) -> None:
+    """Draw one legend of a figure for the series of several axes."""
+    pairs = [one.get_legend_handles_labels() for one in axes]
+    handles = [handle for pair in pairs for handle in pair[0]]
+    labels = [label for pair in pairs for label in pair[1]]
+    figure.legend(handles, labels, **options)
+
+
 def add_text(page: Page, left: float, top: float, text: str, **options: Any) -> None:
     """Write text whose upper left corner is (left, top), unless `options` aligns otherwise."""
     page_width, page_height = page.get_size_inches() * _DPI

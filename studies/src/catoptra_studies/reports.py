@@ -1,19 +1,20 @@
-"""Elements of an HTML report in one file: embedded figures and tables, escaped.
+"""Parts of the studies' reports: an HTML page of one file, Markdown, JSON and marked blocks.
 
-Markdown tables and paragraphs, aligned in their source so that they read well unrendered.
-
-A generated block in a hand-written file, between two marks.
+Texts are escaped and figures embedded here, so that no study has to remember. Markdown is aligned
+in its source and reads well unrendered. A marked block is a generated part of a hand-written file.
 """
 
 from __future__ import annotations
 
 import base64
 import html
+import json
 import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
 
@@ -129,6 +130,21 @@ def wrap_bullet(text: str) -> str:
         subsequent_indent="  ",
         break_on_hyphens=False,
     )
+
+
+def write_json(path: Path, content: object, *, ensure_ascii: bool = True) -> None:
+    """Write numbers for programs: indented JSON without NaN, which readers reject."""
+    text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=ensure_ascii)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def replace_non_finite(value: Any) -> Any:
+    """None for inf and nan, within maps and lists, too: no JSON reader but Python's has them."""
+    if isinstance(value, dict):
+        return {key: replace_non_finite(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [replace_non_finite(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def replace_block(path: Path, name: str, text: str) -> None:

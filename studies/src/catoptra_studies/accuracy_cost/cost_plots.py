@@ -140,11 +140,9 @@ def _draw_pareto(page: plot_style.Page, levels: Sequence[LevelCost]) -> None:
     _list_front_levels(
         page, image_front, lambda level: f"RMSE {format_number(level.rmse, 2)}", left=790
     )
-    handles, labels = axes.get_legend_handles_labels()
-    page.legend(
-        handles, labels, loc="upper center", ncols=4, fontsize=6.5, handletextpad=0.1,
-        columnspacing=1.0,
-    )  # fmt: skip
+    plot_style.add_legend(
+        page, axes, loc="upper center", ncols=4, fontsize=6.5, handletextpad=0.1, columnspacing=1.0
+    )
 
 
 def _draw_panel_pareto_plot(

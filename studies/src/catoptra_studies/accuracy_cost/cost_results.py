@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.camera_figures.frame_rates import FrameRate
+from catoptra_studies.reports import replace_non_finite, write_json
 
 # 2: all fields renamed. An older file is rejected, not translated: `make cost` writes a new one.
 FORMAT_VERSION = 2
@@ -184,17 +185,7 @@ class CostResults:
 
 def write_cost_results(results: CostResults, path: Path) -> None:
     """Write cost.json; null stands for inf and nan."""
-    text = json.dumps({"version": FORMAT_VERSION, **_replace_non_finite(asdict(results))}, indent=2)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def _replace_non_finite(value: Any) -> Any:
-    # JSON has neither: Python would write words that no other reader accepts.
-    if isinstance(value, dict):
-        return {key: _replace_non_finite(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_replace_non_finite(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    write_json(path, {"version": FORMAT_VERSION, **replace_non_finite(asdict(results))})
 
 
 def read_cost_results(path: Path) -> CostResults:

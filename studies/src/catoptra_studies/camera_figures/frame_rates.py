@@ -287,8 +287,7 @@ def draw_frame_rate_panels(page: plot_style.Page, rows: Sequence[FrameRate]) -> 
         # One scale for all worlds; only the first panel has numbers on it.
         axes.set_ylim(0.0, 1.12 * max_fps)
         axes.tick_params(labelleft=index == 0)
-    handles, labels = axes.get_legend_handles_labels()
-    page.legend(handles, labels, loc="upper right", ncols=2)
+    plot_style.add_legend(page, axes, loc="upper right", ncols=2)
 
 
 def _draw_panel(axes: plot_style.Axes, rows: Sequence[FrameRate], world: str) -> None:

@@ -1,8 +1,8 @@
-"""Detection rates, measurement errors and position errors over recorded drives.
+"""Metrics of one detector over recorded drives, an example frame, and the levels that fail.
 
-One frame of a drive to look at, with its detected, missed and false beacons.
-
-The levels of a sweep at which colour classification and the filter fail.
+Detections are compared with the landmarks that the stream reports as visible. A level fails where
+the detector finds too few of the beacons that it finds in clean images, or where the paper's filter
+errs too much.
 """
 
 from __future__ import annotations
@@ -205,7 +205,8 @@ def select_example(drive: RecordedDrive, detections: DriveDetections) -> Example
     """Select the first of the frames with the most visible beacons within range."""
     evaluations = list(evaluate_drive(drive, detections))
     # The same frame at every level: visibility is the same there, since the seeds are.
-    index = _argmax_visible_beacons(evaluations)
+    counts = [len(evaluation.visible_beacons) for evaluation in evaluations]
+    index = counts.index(max(counts))
     frame, evaluation = drive.frames[index], evaluations[index]
     pixels = {p.landmark.name: p.pixel for p in frame.landmarks if p.pixel is not None}
     # Visible and within range: beacons out of range are neither detected nor missed.
@@ -226,12 +227,6 @@ def rms_difference(degraded: ExampleFrame, clean: ExampleFrame) -> float:
     """Root mean square difference of two frames at the same pose, in grey levels."""
     difference = degraded.rgb.astype(np.float64) - clean.rgb
     return float(np.sqrt(np.mean(np.square(difference))))
-
-
-def _argmax_visible_beacons(evaluations: Sequence[FrameEvaluation]) -> int:
-    """Index of the first frame with the most visible beacons."""
-    counts = [len(evaluation.visible_beacons) for evaluation in evaluations]
-    return counts.index(max(counts))
 
 
 @dataclass(frozen=True, slots=True)

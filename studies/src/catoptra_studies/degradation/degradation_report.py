@@ -1,11 +1,10 @@
 """Report of the degraded images: degradation.json, DEGRADATION.md and the plots.
 
-Plots of the sweeps: example frames, detection rates and position errors by level.
+The plot of a sweep has an example frame of each level above detection rates and position errors.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -29,7 +28,7 @@ from catoptra_studies.degradation.degradation_study import (
 )
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.paper_values import PAPER_EKF_ERROR_M
-from catoptra_studies.reports import markdown_table, wrap_paragraph
+from catoptra_studies.reports import markdown_table, wrap_paragraph, write_json
 
 _NUM_COLUMNS = 4
 _TRAINING_STYLES = (
@@ -53,8 +52,7 @@ def _draw_sweep(path: Path, result: SweepResult) -> None:
         for axes in (rate_axes, error_axes):
             axes.set_xlabel(result.sweep.unit)
         # The error axes have every series; the rate axes lack odometry.
-        handles, labels = error_axes.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        plot_style.add_legend(figure, error_axes, loc="outside lower center", ncols=3)
 
 
 def _draw_all_sweeps(path: Path, results: Sequence[SweepResult]) -> None:
@@ -69,8 +67,7 @@ def _draw_all_sweeps(path: Path, results: Sequence[SweepResult]) -> None:
             _draw_ekf_errors(error_axes, result)
             rate_axes.set_title(result.sweep.name)
             error_axes.set_xlabel(result.sweep.unit)
-        handles, labels = error_axes.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        plot_style.add_legend(figure, error_axes, loc="outside lower center", ncols=3)
 
 
 def _draw_detection_rates(axes: plot_style.Axes, result: SweepResult) -> None:
@@ -164,9 +161,8 @@ def write_degradation_results(
 ) -> None:
     """Write degradation.json, DEGRADATION.md, degradation.png and a plot for each sweep."""
     summary = summarize_degradation(results, num_runs=config.num_runs, seed=config.seed)
-    # A metric without values is None, so a nan here is a bug and has to raise.
-    text = json.dumps(summary, indent=2, allow_nan=False)
-    (output_folder / "degradation.json").write_text(text + "\n", encoding="utf-8")
+    # A metric without values is None; nan is a bug, and raises.
+    write_json(output_folder / "degradation.json", summary)
     report = format_degradation_report(results, num_runs=config.num_runs)
     (output_folder / "DEGRADATION.md").write_text(report, encoding="utf-8")
     _draw_all_sweeps(output_folder / "degradation.png", results)

@@ -1,11 +1,8 @@
 """One drive round the field over the sockets: poses, odometry and landmark measurements.
 
 The log has everything that a filter needs, so that filters can be compared on the same drive.
-
-Landmark measurements of one step: from detections in a frame, or by hand with their noise.
-
-The real set-up of the paper measured by hand in recorded frames. Here these measurements are the
-truth with noise, since the robot is simulated.
+Landmarks are measured by detection in frames, or by hand: the paper's real set-up measured by hand
+in recorded frames. Here the robot is simulated, so such a measurement is the truth with noise.
 """
 
 from __future__ import annotations
@@ -217,12 +214,7 @@ def log_drive(
     # All noise of a drive follows from the seed and this name, in the server and here.
     robot_name = f"Run{run}"
     with RobotClient.connect(address.host, address.control_port) as robot:
-        robot.spawn(
-            ROBOT_CLASS,
-            name=robot_name,
-            location_m=(start.x_m, start.y_m, 0.0),
-            rotation_rad=(0.0, 0.0, start.yaw_rad),
-        )
+        spawn_robot(robot, start, robot_name)
         camera, height_m = robot.get_camera_and_height()
         with ImageClient.connect(address.host, address.image_port) as images:
             if setup.measurement_source is MeasurementSource.DETECTOR:
@@ -237,6 +229,16 @@ def log_drive(
                 noise = manual_noise_sources(seed, robot_name, landmarks)
                 measure = manual_measurement(setup, camera, height_m, landmarks, noise)
             return DriveLog(setup.name, run, drive_route(setup, robot, measure, on_step))
+
+
+def spawn_robot(robot: RobotClient, start: Waypoint, name: str | None = None) -> None:
+    """Spawn a robot on the floor, of the class of all robots of the experiment."""
+    robot.spawn(
+        ROBOT_CLASS,
+        name=name,
+        location_m=(start.x_m, start.y_m, 0.0),
+        rotation_rad=(0.0, 0.0, start.yaw_rad),
+    )
 
 
 def drive_route(

@@ -1,8 +1,7 @@
 """The experiment's report: one HTML file with its figures inside.
 
-Every number of the report is also in summary.json.
-
-The experiment's own numbers, which the paper does not give, as a table of the report.
+Every number of a drive is also in summary.json. The table of parameters has the numbers that the
+paper does not give and that were chosen here.
 """
 
 from __future__ import annotations

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -30,7 +29,7 @@ from catoptra_studies.experiment.report_figures import (
     draw_position_errors,
     draw_trajectories,
 )
-from catoptra_studies.reports import ReportFigure
+from catoptra_studies.reports import ReportFigure, write_json
 
 
 def write_experiment_results(
@@ -68,9 +67,8 @@ def write_experiment_results(
         "camera_timings": camera_figures.timings,
         "timing_s": timing_s,
     }
-    # nan is no JSON; a metric without values is null instead, and anything else is a bug.
-    text = json.dumps(document, indent=2, allow_nan=False)
-    (config.output_folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    # A metric without values is None; nan is a bug, and raises.
+    write_json(config.output_folder / "summary.json", document)
     claims = evaluate_claims(summary["setups"])
     report = write_html_report(
         config.output_folder,

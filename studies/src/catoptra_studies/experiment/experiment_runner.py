@@ -1,11 +1,8 @@
 """Work of the experiment without any output: train, drive every run, replay the filters.
 
-Servers that run elsewhere, such as in another container: parsing and waiting for addresses.
-
-Such a server must have been started like those of `run_server`: lockstep, raw images, the
-set-up's robot and the experiment's seed. Then the logs of its drives are the same.
-
-The detector's classifier, trained from a server's frames, and one frame with its detections.
+Each set-up has a server: a process that ends with its drives, or one that runs elsewhere, such as
+in another container. The latter must have been started like those of `run_server`: lockstep, raw
+images, the set-up's robot and the experiment's seed. Then the logs of its drives are the same.
 """
 
 from __future__ import annotations
@@ -34,10 +31,10 @@ from catoptra_client.localization import make_landmark_map
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
 from catoptra_client.server_process import PageCallback, run_server
-from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
+from catoptra_client.training_frames import capture_training_frames
 from catoptra_protocol.errors import ConnectionLostError, DomainError
 from catoptra_protocol.landmarks import Landmark, read_landmarks
-from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, log_drive
+from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, log_drive, spawn_robot
 from catoptra_studies.experiment.experiment_setups import (
     FILTERS,
     PAPER_FILTER,
@@ -54,62 +51,7 @@ from catoptra_studies.experiment.localization_filter import (
     replay_filter,
     summarize_filter_steps,
 )
-
-_DEFAULT_CONTROL_PORT = 3000
-_DEFAULT_IMAGE_PORT = 5003
-_SERVER_PATTERN = re.compile(r"(\w+)=([^\s:=]+)(?::(\d{1,5}))?(?::(\d{1,5}))?", re.ASCII)
-# A container's name resolves a moment after its start, so early attempts fail at once.
-_POLL_INTERVAL_S = 0.2
-
-
-def parse_server_address(text: str) -> tuple[str, ServerAddress]:
-    """Parse `sim=host`, `sim=host:3000` or `sim=host:3000:5003`.
-
-    Returns:
-        The name of the set-up and the address.
-
-    Raises:
-        DomainError: The text has another form.
-    """
-    match = _SERVER_PATTERN.fullmatch(text)
-    if match is None:
-        raise DomainError(f"a server is NAME=HOST[:CONTROL[:IMAGE]], sim=localhost, not {text!r}")
-    control, image = match[3] or _DEFAULT_CONTROL_PORT, match[4] or _DEFAULT_IMAGE_PORT
-    return match[1], ServerAddress(match[2], int(control), int(image))
-
-
-def wait_for_server(
-    address: ServerAddress,
-    *,
-    timeout_s: float,
-    clock: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> ServerAddress:
-    """Wait until a server's control port accepts a connection and sends its greeting.
-
-    Args:
-        address: Server to wait for.
-        timeout_s: Longest wait.
-        clock: Source of the time in seconds.
-        sleep: Function that pauses for a number of seconds.
-
-    Returns:
-        The address as given.
-
-    Raises:
-        ConnectionLostError: The server did not accept a connection in time.
-    """
-    deadline_s = clock() + timeout_s
-    while True:
-        try:
-            # Waits for the greeting: a proxy may accept before the server behind listens.
-            RobotClient.connect(address.host, address.control_port).close()
-            return address
-        except ConnectionLostError:
-            if clock() >= deadline_s:
-                raise
-        sleep(_POLL_INTERVAL_S)
-
+from catoptra_studies.experiment.route import Waypoint
 
 # Receives the name of the task that has advanced by one.
 ProgressCallback = Callable[[str], None]
@@ -282,8 +224,64 @@ def open_server(
     )
 
 
-# Metres and radians: from here two beacons and a goal are within 2.5 m.
-_SNAPSHOT_POSE = (1.0, -0.6, 0.5)
+_DEFAULT_CONTROL_PORT = 3000
+_DEFAULT_IMAGE_PORT = 5003
+_SERVER_PATTERN = re.compile(r"(\w+)=([^\s:=]+)(?::(\d{1,5}))?(?::(\d{1,5}))?", re.ASCII)
+# A container's name resolves a moment after its start, so early attempts fail at once.
+_POLL_INTERVAL_S = 0.2
+
+
+def parse_server_address(text: str) -> tuple[str, ServerAddress]:
+    """Parse `sim=host`, `sim=host:3000` or `sim=host:3000:5003`.
+
+    Returns:
+        The name of the set-up and the address.
+
+    Raises:
+        DomainError: The text has another form.
+    """
+    match = _SERVER_PATTERN.fullmatch(text)
+    if match is None:
+        raise DomainError(f"a server is NAME=HOST[:CONTROL[:IMAGE]], sim=localhost, not {text!r}")
+    control, image = match[3] or _DEFAULT_CONTROL_PORT, match[4] or _DEFAULT_IMAGE_PORT
+    return match[1], ServerAddress(match[2], int(control), int(image))
+
+
+def wait_for_server(
+    address: ServerAddress,
+    *,
+    timeout_s: float,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> ServerAddress:
+    """Wait until a server's control port accepts a connection and sends its greeting.
+
+    Args:
+        address: Server to wait for.
+        timeout_s: Longest wait.
+        clock: Source of the time in seconds.
+        sleep: Function that pauses for a number of seconds.
+
+    Returns:
+        The address as given.
+
+    Raises:
+        ConnectionLostError: The server did not accept a connection in time.
+    """
+    deadline_s = clock() + timeout_s
+    while True:
+        try:
+            # Waits for the greeting: a proxy may accept before the server behind listens.
+            RobotClient.connect(address.host, address.control_port).close()
+            return address
+        except ConnectionLostError:
+            if clock() >= deadline_s:
+                raise
+        sleep(_POLL_INTERVAL_S)
+
+
+# From here two beacons and a goal are within 2.5 m.
+_SNAPSHOT_POSE = Waypoint(1.0, -0.6, 0.5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -311,30 +309,37 @@ def train_classifier(
     """
     setup = next(s for s in config.setups if s.measurement_source is MeasurementSource.DETECTOR)
     with open_server(config, setup) as address:
-        frames = capture_training_frames(
-            address,
-            landmarks=config.landmarks,
-            num_frames=config.num_training_frames,
-            # Not the seed of the drives: their frames must not be those of the training.
-            seed=config.seed + 1,
-            on_frame=lambda: on_progress("train"),
-        )
-        classifier = train(frames)
+        classifier = train_on_server(config, address, lambda: on_progress("train"))
         # For the user, too: catoptra-client bearings --classifier shows its detections live.
         save_classifier(classifier, config.output_folder / "classifier.npz")
         return classifier, _take_snapshot(config, address, classifier)
 
 
+def train_on_server(
+    config: ExperimentConfig, address: ServerAddress, on_frame: Callable[[], None]
+) -> ColourClassifier:
+    """Train a classifier from the frames of one server."""
+    return train(
+        capture_training_frames(
+            address,
+            landmarks=config.landmarks,
+            num_frames=config.num_training_frames,
+            # Not the seed of the drives: their frames must not be those of the training.
+            seed=config.seed + 1,
+            on_frame=on_frame,
+        )
+    )
+
+
 def _take_snapshot(
     config: ExperimentConfig, address: ServerAddress, classifier: ColourClassifier
 ) -> DetectorSnapshot:
-    x_m, y_m, yaw_rad = _SNAPSHOT_POSE
     with (
         RobotClient.connect(address.host, address.control_port) as robot,
         ImageClient.connect(address.host, address.image_port) as images,
     ):
         # Without a name: the noise of every drive follows from its robot's name and stays the same.
-        robot.spawn(ROBOT_CLASS, location_m=(x_m, y_m, 0.0), rotation_rad=(0.0, 0.0, yaw_rad))
+        spawn_robot(robot, _SNAPSHOT_POSE)
         camera, height_m = robot.get_camera_and_height()
         detector = make_detector(
             camera, classifier, landmarks=config.landmarks, viewpoint=Viewpoint(height_m)

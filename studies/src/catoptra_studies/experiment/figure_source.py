@@ -1,12 +1,11 @@
-"""Figures of the camera for the report, drawn here with the server's code or by another program.
+"""Frames and figures of the camera for the report, drawn here or by another program.
 
-Where the server is not installed, as in the client's container, another program draws them into the
-output folder. figures.json is written last and is the sign that all figures are there.
+Where the server is not installed, as in the client's container, another program draws the figures
+into the output folder. figures.json is written last and is the sign that all figures are there.
 
-One view with and without the degradations of a real camera: the paper's Figure 11.
-
-The paper shows a recorded image beside a simulated one. No recorded image exists here: the robot
-p2at_omni_real, which simulates what the paper says that real cameras suffer from, stands for it.
+The paper's Figure 11 shows a recorded image beside a simulated one. No recorded image exists here:
+the robot p2at_omni_real, which simulates what the paper says that real cameras suffer from, stands
+for it.
 """
 
 from __future__ import annotations
@@ -25,10 +24,11 @@ from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_process import can_start_server, run_server
-from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.experiment.drive_log import spawn_robot
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.experiment.experiment_setups import SIM
+from catoptra_studies.experiment.route import Waypoint
 from catoptra_studies.reports import ReportFigure
 
 
@@ -127,8 +127,8 @@ def _wait_for_file(
 
 
 _DEGRADED_ROBOT_FILE = "p2at_omni_real.ini"
-# Metres and radians: beside the first corner of the simulated drive.
-_START = (1.6, -1.2, 2.6)
+# Near the first corner of the simulated drive.
+_START = Waypoint(1.6, -1.2, 2.6)
 # A turn to the left at about a radian a second, as an operator drives: it shows as motion blur.
 _WHEEL_SPEEDS_RAD_S = (-2.5, 2.5)
 _DURATION_S = 0.5
@@ -157,7 +157,6 @@ def capture_frame_comparison(config: ExperimentConfig) -> FrameComparison | None
 
 def _capture_turning(config: ExperimentConfig, robot_file: str) -> UInt8Array:
     """Frame of a robot that turns on the spot."""
-    x_m, y_m, yaw_rad = _START
     with (
         run_server(
             config.robot_file(robot_file),
@@ -170,9 +169,7 @@ def _capture_turning(config: ExperimentConfig, robot_file: str) -> UInt8Array:
         # The first frame with all effects takes a second, and many on a busy machine.
         ImageClient.connect(address.host, address.image_port, config.timeout_s) as images,
     ):
-        robot.spawn(
-            ROBOT_CLASS, name="Run0", location_m=(x_m, y_m, 0.0), rotation_rad=(0.0, 0.0, yaw_rad)
-        )
+        spawn_robot(robot, _START, "Run0")
         robot.drive(*_WHEEL_SPEEDS_RAD_S)
         robot.step(_DURATION_S)
         return images.get_frame().rgb

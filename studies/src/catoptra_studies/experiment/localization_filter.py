@@ -1,12 +1,8 @@
-"""The experiment's filter, one step at a time: odometry, then every landmark. Pure functions.
+"""The experiment's filter over a drive: its steps, its results, and its note for viewers.
 
-A drive is followed while the robot drives, or replayed from its log, by the same functions.
-
-A filter run over a logged drive: beliefs, accepted measurements, errors. Pure functions.
-
-The note that shows a filter's belief to the viewers of its robot, such as the live page.
-
-SPEC.md 9.7 lists the keys that viewers draw.
+A drive is followed while the robot drives, or replayed from its log, by the same functions: first
+odometry, then every landmark. All are pure. The note shows a belief to the viewers of the robot,
+such as the live page; SPEC.md 9.7 lists the keys that viewers draw.
 """
 
 from __future__ import annotations

@@ -1,12 +1,7 @@
-"""The paper's Figure 12: true path, odometry alone and the filter's estimate on the field.
+"""Figures of the drives and of the detector, each written to one PNG file.
 
-The paper's Figure 13: distance between true and estimated position, of one run and of all.
-
-Stages of the detector: frame, cylinder, colour labels, and the detected landmarks.
-
-Two omnidirectional frames beside each other, pixel by pixel.
-
-The experiment in one figure: a frame with the detected landmarks, and the localized path.
+Trajectories are the paper's Figure 12, position errors its Figure 13, of one run and of all. The
+detector is shown in its stages: frame, cylinder, colour labels, landmarks found.
 """
 
 from __future__ import annotations
@@ -31,6 +26,8 @@ from catoptra_studies.paper_values import PAPER_EKF_ERROR_M, PAPER_ODOMETRY_ERRO
 # Title, drive and a filter's results over the drive.
 TrajectoryPanel = tuple[str, DriveLog, FilterRun]
 
+_ESTIMATE_LABEL = "the paper's filter (EKF)"
+_BELOW = "outside lower center"
 _LINE_COLOUR = "#c4c9d0"
 # Steps near the middle of the four sides and of the diagonal.
 _ARROW_STEPS = (11, 32, 53, 74, 89)
@@ -51,8 +48,7 @@ def draw_trajectories(
         # After all fields, since each sets the common limits.
         for axes, (_, _, filter_run) in zip(row, panels, strict=True):
             _widen_to_path(axes, filter_run.odometry)
-        handles, labels = row[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="lower center", ncols=3)
+        plot_style.add_legend(figure, row[0], loc="lower center", ncols=3)
         # The automatic layout counts neither legend nor titles of axes of equal scale.
         figure.get_layout_engine().set(rect=(0.0, 0.12, 1.0, 0.84))
 
@@ -64,7 +60,7 @@ def _draw_paths(axes: plot_style.Axes, drive_log: DriveLog, filter_run: FilterRu
     for path, colour, width, label in (
         (truth, plot_style.TRUTH, 1.6, "true path"),
         (odometry, plot_style.ODOMETRY, 1.3, "odometry alone"),
-        (estimate, plot_style.ESTIMATE, 1.3, "the paper's filter (EKF)"),
+        (estimate, plot_style.ESTIMATE, 1.3, _ESTIMATE_LABEL),
     ):
         axes.plot(path[:, 1], path[:, 0], color=colour, lw=width, label=label)
     # Gaps between the dots are steps in which the gate let nothing pass.
@@ -128,9 +124,6 @@ def _first_label(landmark: Landmark, landmarks: Sequence[Landmark]) -> str | Non
     return texts[landmark.kind] if landmark is first else None
 
 
-_ESTIMATE_LABEL = "the paper's filter (EKF)"
-
-
 def draw_position_errors(path: Path, panels: Sequence[tuple[str, FilterRun]]) -> None:
     """Write the errors of one run for each (title, run), above the decisions of the gate."""
     with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 3.7)) as figure:
@@ -153,7 +146,7 @@ def draw_position_errors(path: Path, panels: Sequence[tuple[str, FilterRun]]) ->
         grid[0, 0].set_ylabel("position error, m")
         grid[1, 0].set_ylabel("landmarks")
         _set_integer_ticks(grid[1, 0])
-        _draw_legend(figure, grid[0, 0], grid[1, 0])
+        plot_style.add_legend(figure, grid[0, 0], grid[1, 0], loc=_BELOW, ncols=4)
 
 
 def _set_integer_ticks(axes: plot_style.Axes) -> None:
@@ -196,7 +189,7 @@ def draw_error_ensemble(path: Path, panels: Sequence[tuple[str, Sequence[FilterR
             _draw_paper_limits(axes, title)
             axes.set_xlabel("step")
         row[0].set_ylabel("position error, m")
-        _draw_legend(figure, row[0])
+        plot_style.add_legend(figure, row[0], loc=_BELOW, ncols=4)
 
 
 def _draw_paper_limits(axes: plot_style.Axes, title: str) -> None:
@@ -211,14 +204,6 @@ def _draw_paper_limits(axes: plot_style.Axes, title: str) -> None:
     axes.set_title(title)
     # Half a step beyond the last, so that the bar of step 100 is drawn whole.
     axes.set_xlim(0, 100.5)
-
-
-def _draw_legend(figure: plot_style.Page, *axes: plot_style.Axes) -> None:
-    """Draw one legend for several axes below the figure."""
-    pairs = [one.get_legend_handles_labels() for one in axes]
-    handles = [handle for pair in pairs for handle in pair[0]]
-    labels = [label for pair in pairs for label in pair[1]]
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
 
 
 def draw_classifier_output(

@@ -1,13 +1,9 @@
-"""The route round the field: along the edges, then across, in 100 steps as in the paper.
+"""The route round the field in 100 steps as in the paper, and the wheel speeds that drive it.
 
 A rectangle of 4.6 x 3.0 m in steps of 0.2 m, long side first, each corner in two turns of 45
 degrees; then a turn towards the opposite corner and the diagonal in 15 steps. World frame: SAE, x
-along the field, y to its right.
-
-Wheel speeds from the robot's true pose to a waypoint.
-
-The controller stands for the people who drove the paper's robots. It reads the true pose, which the
-filter never does.
+along the field, y to its right. The controller stands for the people who drove the paper's robots:
+it reads the true pose, which the filter never does.
 """
 
 from __future__ import annotations

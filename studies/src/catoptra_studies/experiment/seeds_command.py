@@ -1,15 +1,13 @@
 """The command `catoptra-studies seeds`: the claims of `demo` with many seeds, without pictures.
 
 Each seed trains, drives and filters as `demo --seed` does, and so has the same numbers; only live
-page and figures are left out. Seeds run in parallel processes, each with servers of its own.
-
-The report of `catoptra-studies seeds`: shares over all runs, and the status of each seed.
+page and figures are left out. Seeds run in parallel processes, each with servers of its own. The
+report has the shares over all runs, and the status that `demo` ends with for each seed.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import signal
 import sys
@@ -41,7 +39,7 @@ from catoptra_studies.experiment.paper_claims import (
     evaluate_statements,
     pool_shares,
 )
-from catoptra_studies.reports import markdown_table, wrap_paragraph
+from catoptra_studies.reports import markdown_table, wrap_paragraph, write_json
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,8 +149,7 @@ def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     folder.mkdir(exist_ok=True)
     seeded = replace(config, seed=seed, output_folder=folder)
     summary = summarize_experiment(seeded, _drive_all_setups(seeded))
-    text = json.dumps(summary, indent=2, allow_nan=False)
-    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / "summary.json", summary)
     setups = summary["setups"]
     return SeedResult(
         seed,

@@ -23,7 +23,6 @@ from catoptra_client.localization import OdometryPose
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
 from catoptra_client.server_process import connect_stream
-from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError, DeadlineExceededError
 from catoptra_protocol.optics.numerics import angle_difference
 from catoptra_protocol.stream.requests import ImageEncoding
@@ -31,6 +30,7 @@ from catoptra_protocol.usarsim.reports import GroundTruthReading, OdometryReadin
 from catoptra_studies.experiment.drive_log import (
     read_chassis,
     read_true_pose,
+    spawn_robot,
 )
 from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.experiment.localization_filter import NOTE_NAME
@@ -215,19 +215,13 @@ def open_live_drive(
     Raises:
         CatoptraError: No such server, no robot of that class, or a world without landmarks.
     """
-    start = route[0]
     with (
         connect_stream(address, timeout_s=_TIMEOUT_S) as stream,
         connect_stream(address, timeout_s=_TIMEOUT_S) as frames,
         RobotClient.connect(address.host, address.control_port, _TIMEOUT_S) as robot,
         ThreadPoolExecutor(1, "frames") as pool,
     ):
-        robot.spawn(
-            ROBOT_CLASS,
-            name=ROBOT_NAME,
-            location_m=(start.x_m, start.y_m, 0.0),
-            rotation_rad=(0.0, 0.0, start.yaw_rad),
-        )
+        spawn_robot(robot, route[0], ROBOT_NAME)
         robot.wait_for_report(GroundTruthReading)
         # A connection of its own, for one thread.
         get_frame = partial(frames.get_frame, robot=ROBOT_NAME, encoding=ImageEncoding.RAW)

@@ -3,10 +3,8 @@
 Each frame carries the pose of its exposure. In the training it labels the pixels; afterwards it is
 the truth that the note compares the belief with, and no filter reads it.
 
-Odometry at the time of an exposure, between two readings of the sensor.
-
 A frame arrives tens of milliseconds after its exposure, on a busy machine a second, and in the
-turns of the route 50 ms are 4 degrees.
+turns of the route 50 ms are 4 degrees. So odometry is interpolated to the time of the exposure.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
-"""Driving the route round and round in real time, from wherever the robot is. Pure functions.
+"""Driving the route round and round in real time, and whose turn it is to drive. Pure functions.
 
 The experiment's controller plans one arc a step and waits for its end. Here the pose is read a few
 times a second, each time a command is computed anew, and viewers may have moved the robot.
 
-Whose turn it is to drive a robot that viewers may drive, too. Pure functions.
-
-The server executes the newest command of anyone. The wheel speeds that it reports are compared
-with those commanded here: other ones are a viewer's.
+The server executes the newest command of anyone. The wheel speeds in its reports are compared with
+those commanded here: other ones are a viewer's.
 """
 
 from __future__ import annotations
