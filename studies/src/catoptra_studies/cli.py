@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 EXIT_USAGE = 2
 # As shells report a process that SIGINT ended.
-EXIT_INTERRUPTED = 130
+_EXIT_INTERRUPTED = 130
 
 _USAGE = """\
 usage: catoptra-studies {demo,seeds,live,cost,effects,cameras,compare,figures} [options]
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(words)
     except KeyboardInterrupt:
         print("catoptra-studies: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
+        return _EXIT_INTERRUPTED
     except ModuleNotFoundError as error:
         # Any other missing module is a broken installation and deserves its traceback.
         if (error.name or "").partition(".")[0] != "catoptra_server":

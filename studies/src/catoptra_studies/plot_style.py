@@ -3,11 +3,16 @@
 A page is laid out in device pixels from its top left corner, so that a rendered image can be shown
 pixel by pixel. A chart is laid out by Matplotlib and has any size in inches. Both set Matplotlib's
 settings for their own block only.
+
+Colours of errors on a logarithmic scale: white for none, through yellow and red to black.
+
+The errors of a sweep span decades, so a linear scale would show the coarsest level alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -72,8 +77,8 @@ _SETTINGS = {
 
 
 @contextmanager
-def open_page(width_px: int, height_px: int) -> Iterator[Page]:
-    """Yield an empty page of exact size; draw inside the block and end with `save_page`."""
+def open_page(path: Path, height_px: int, width_px: int = PAGE_WIDTH_PX) -> Iterator[Page]:
+    """Yield an empty page of exact size, written to a file when the block ends."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -84,9 +89,10 @@ def open_page(width_px: int, height_px: int) -> Iterator[Page]:
         page = Figure(figsize=size, dpi=_DPI, facecolor=BACKGROUND)
         FigureCanvasAgg(page)
         yield page
+        _save_page(page, path)
 
 
-def save_page(page: Page, path: Path) -> None:
+def _save_page(page: Page, path: Path) -> None:
     """Write a page as PNG, with 256 colours where the file would be too large otherwise."""
     from PIL import Image as PillowImage
 
@@ -163,6 +169,21 @@ def show_image(page: Page, image: Image, left: int, top: int, width: int) -> Axe
     return axes
 
 
+def draw_border(axes: Axes) -> None:
+    """Draw a thin border around an image that is white where no error is."""
+    axes.axis("on")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set(visible=True, color=LIGHT_GREY)
+
+
+def add_legend(figure: Page, *axes: Axes, **options: Any) -> None:
+    """Draw one legend of a figure for the series of several axes."""
+    pairs = [one.get_legend_handles_labels() for one in axes]
+    handles = [handle for pair in pairs for handle in pair[0]]
+    labels = [label for pair in pairs for label in pair[1]]
+    figure.legend(handles, labels, **options)
+
+
 def add_text(page: Page, left: float, top: float, text: str, **options: Any) -> None:
     """Write text whose upper left corner is (left, top), unless `options` aligns otherwise."""
     page_width, page_height = page.get_size_inches() * _DPI
@@ -213,3 +234,73 @@ def show_skewed_image(axes: Axes, image: Image, data_from_unit: Floats) -> None:
     # Resampling leaves a ragged edge, which the clip path cuts along the parallelogram.
     corners = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]) @ data_from_unit.T
     artist.set_clip_path(Polygon(corners, transform=axes.transData))
+
+
+# Brightness falls from stop to stop, so that the order survives printing in grey.
+_COLOUR_STOPS = np.array(
+    [(255, 255, 255), (255, 236, 160), (250, 160, 60), (209, 41, 61), (110, 10, 70), (20, 8, 30)],
+    dtype=np.float64,
+)
+
+
+def map_error_colours(errors: Floats, min_error: float, max_error: float) -> Image:
+    """Colour of each error.
+
+    Args:
+        errors: (...) errors >= 0.
+        min_error: Error at and below which all is white, > 0.
+        max_error: Error at and above which all is black.
+
+    Returns:
+        (..., 3) uint8 RGB.
+    """
+    decades = math.log(max_error / min_error)
+    # 0 at min_error, 1 at max_error. Zero has no logarithm, so small errors are raised first.
+    fraction = np.log(np.maximum(errors, min_error) / min_error) / decades
+    stops = np.linspace(0.0, 1.0, len(_COLOUR_STOPS))
+    channels = [np.interp(fraction, stops, channel) for channel in _COLOUR_STOPS.T]
+    colours: Image = np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
+    return colours
+
+
+def colour_bar(width_px: int, height_px: int, min_error: float, max_error: float) -> Image:
+    """Image of the scale itself, from left to right."""
+    errors = np.geomspace(min_error, max_error, width_px)
+    return np.repeat(map_error_colours(errors, min_error, max_error)[None], height_px, axis=0)
+
+
+def draw_colour_bar(
+    page: Page,
+    limits: tuple[float, float],
+    *,
+    left: int,
+    top: int,
+    width: int,
+    ticks: Sequence[float],
+    title: str,
+) -> None:
+    """Draw the scale of `map_error_colours`.
+
+    Args:
+        page: Page to draw on.
+        limits: Errors at the left and the right end.
+        left: Device pixels from the page's left edge to the bar.
+        top: Device pixels from the page's upper edge to the bar.
+        width: Device pixels of the bar.
+        ticks: Errors with a number below the bar.
+        title: Text to the left of the bar.
+    """
+    bar = show_image(page, colour_bar(width, 22, *limits), left, top, width)
+    # show_image hides the axes, but here they are the scale.
+    bar.axis("on")
+    bar.set_yticks([])
+    bar.grid(visible=False)
+    bar.set_xticks(
+        [_bar_position(tick, limits, width) for tick in ticks], [f"{tick:g}" for tick in ticks]
+    )
+    add_text(page, left - 14, top + 11, title, ha="right", va="center")
+
+
+def _bar_position(error: float, limits: tuple[float, float], width: int) -> float:
+    min_error, max_error = limits
+    return width * math.log(error / min_error) / math.log(max_error / min_error)

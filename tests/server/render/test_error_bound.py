@@ -41,7 +41,7 @@ from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_studies.camera_figures.polygon_displacement import displacement_px
+from catoptra_studies.camera_figures.polygon_figures import displacement_px
 from helpers.displacement_targets import (
     DisplacementTargets,
     max_displacement_px,

@@ -12,7 +12,7 @@ from catoptra_studies.accuracy_cost.cost_results import (
     PolygonRow,
     StudyConditions,
 )
-from catoptra_studies.camera_figures.render_timing import FrameRate
+from catoptra_studies.camera_figures.frame_rates import FrameRate
 
 
 def make_level(

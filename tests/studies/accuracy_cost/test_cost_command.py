@@ -7,14 +7,14 @@ from pathlib import Path
 import cv2
 import pytest
 
-from catoptra_studies.accuracy_cost import cost_plots
-from catoptra_studies.accuracy_cost.cost_command import EXIT_FAILURE, main
+from catoptra_studies.accuracy_cost import frame_plots
+from catoptra_studies.accuracy_cost.cost_command import main
 from catoptra_studies.accuracy_cost.cost_results import (
     CostResults,
     read_cost_results,
     write_cost_results,
 )
-from catoptra_studies.accuracy_cost.plots import polygon_plot
+from catoptra_studies.commands import EXIT_FAILURE
 from helpers.configs import FIELD, OMNI_ROBOT, REPOSITORY
 
 FILES = ("--robot", str(OMNI_ROBOT), "--world", str(FIELD))
@@ -27,8 +27,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     arguments = ("--size", "64", "--quick", "--no-drives", "--output", str(output))
     with pytest.MonkeyPatch.context() as patch:
         # Figures of the paper's size with one ray a pixel: no test here looks at their edges.
-        patch.setattr(cost_plots, "FIGURE_SAMPLES", 1)
-        patch.setattr(polygon_plot, "FIGURE_SAMPLES", 1)
+        patch.setattr(frame_plots, "FIGURE_SAMPLES", 1)
         assert main([*FILES, *arguments]) == 0
     return output
 

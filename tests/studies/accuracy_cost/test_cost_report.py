@@ -3,7 +3,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from catoptra_studies.accuracy_cost.cost_report import format_cost_report, format_summary_table
+import pytest
+
+from catoptra_studies.accuracy_cost.cost_report import (
+    format_cost_report,
+    format_frame_rates,
+    format_localization,
+    format_summary_table,
+)
 from catoptra_studies.accuracy_cost.cost_results import CostResults
 
 
@@ -57,3 +64,58 @@ def test_short_table_has_a_row_for_each_key_level(results: CostResults) -> None:
     assert len(rows) == 2 + len(results.levels)
     assert "90%" in rows[2]
     assert rows[3].count(" - |") == 3  # not driven by
+
+
+def with_times(results: CostResults, **cpu_ms: float) -> CostResults:
+    rows = tuple(
+        replace(row, cpu_ms=cpu_ms.get(f"n{row.payload}", row.cpu_ms))
+        for row in results.frame_rates
+    )
+    return replace(results, frame_rates=rows)
+
+
+@pytest.mark.parametrize(
+    ("times", "expected"),
+    [
+        ({"n4096": 6.5}, "it does not depend, within 10%, as the paper found"),
+        ({"n16": 5.0}, "within 10%, but for the part of the mirror that is left empty"),
+        ({"n4096": 8.0}, "it depends by more than 10%"),
+    ],
+)
+def test_conclusion_follows_from_the_processor_times(
+    results: CostResults, times: dict[str, float], expected: str
+) -> None:
+    text = " ".join(format_frame_rates(with_times(results, **times)).split())
+    assert expected in text
+
+
+def test_section_has_the_cost_of_camera_and_scanner(results: CostResults) -> None:
+    text = " ".join(format_frame_rates(results).split())
+    assert "The camera with 1024 polygons takes 4.0 ms, the scanner 0.2." in text
+
+
+def test_section_compares_the_camera_model_with_the_finest_mesh(
+    results: CostResults,
+) -> None:
+    text = " ".join(format_frame_rates(results).split())
+    assert "2.5 ms for the mirror and 5.0 ms a frame, where 256 polygons take 4.5 and 7.0" in text
+
+
+def test_section_when_nothing_was_measured_is_empty(results: CostResults) -> None:
+    assert format_frame_rates(replace(results, frame_rates=())) == ""
+
+
+def test_section_has_a_row_for_each_key_level_with_its_time(results: CostResults) -> None:
+    text = format_localization(results)
+    (row,) = (line for line in text.splitlines() if line.startswith("| 256 polygons"))
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert cells[1:5] == ["7.0", "90%", "40%", "0.86"]
+
+
+def test_section_names_the_coarsest_sufficient_level(results: CostResults) -> None:
+    text = " ".join(format_localization(results).split())
+    assert "within a centimetre of the best, 256 polygons (uv), 2x2 is enough" in text
+
+
+def test_section_when_not_measured_is_empty(results: CostResults) -> None:
+    assert format_localization(replace(results, localization=None)) == ""

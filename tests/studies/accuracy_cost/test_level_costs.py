@@ -1,12 +1,22 @@
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
+from catoptra_server.render.renderer import Image
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel
-from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel, measure_levels
+from catoptra_studies.accuracy_cost.level_costs import (
+    MeasuredLevel,
+    compute_image_error,
+    measure_levels,
+    psnr_db,
+    ssim_map,
+)
 from catoptra_studies.study_subject import open_study_subject
 from helpers.configs import FIELD, OMNI_ROBOT
 
@@ -48,3 +58,58 @@ def test_exact_level_when_measured_is_on_the_front_with_stage_times(
     assert levels["exact"].cost.is_on_pareto_front
     assert all(one.cost.stage_ms["trace"] > 0.0 for one in levels.values())
     assert levels["one"].frame.shape == (60, 60, 3)
+
+
+EVERYWHERE = np.ones((32, 32), dtype=np.bool_)
+
+
+def grey(value: int) -> Image:
+    return np.full((32, 32, 3), value, dtype=np.uint8)
+
+
+def checks(low: int, high: int) -> Image:
+    board = np.indices((32, 32)).sum(axis=0) % 2
+    return np.repeat(np.where(board, high, low)[..., None], 3, axis=-1).astype(np.uint8)
+
+
+def test_ssim_when_two_greys_are_flat_is_the_brightness_term_alone() -> None:
+    # By hand: (2 100 120 + C1) / (100^2 + 120^2 + C1) with C1 = 2.55^2; no structure differs.
+    expected = (2 * 100 * 120 + 6.5025) / (100**2 + 120**2 + 6.5025)
+    assert ssim_map(grey(100), grey(120)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_ssim_when_a_pattern_is_inverted_is_the_negative_contrast_term() -> None:
+    # Means 110 each; variances 100 each and covariance -100 where the window sees both halves
+    # alike: (-200 + C2) / (200 + C2) with C2 = 7.65^2. The Gaussian's halves differ by 1e-9.
+    middle = ssim_map(checks(100, 120), checks(120, 100))[16, 16]
+    assert middle == pytest.approx((-200 + 58.5225) / (200 + 58.5225), abs=1e-4)
+
+
+def test_ssim_when_pictures_are_the_same_is_one() -> None:
+    assert ssim_map(checks(0, 255), checks(0, 255)) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_rmse_when_one_channel_is_off_counts_all_three() -> None:
+    off = grey(100).copy()
+    off[..., 0] += 30
+    error = compute_image_error([(off, grey(100))], EVERYWHERE)
+    assert error.rmse == pytest.approx(30 / math.sqrt(3))
+
+
+def test_error_when_pixels_are_not_counted_is_of_the_others() -> None:
+    off = grey(100).copy()
+    off[:16] = 255
+    lower = np.zeros((32, 32), dtype=np.bool_)
+    lower[16:] = True
+    assert compute_image_error([(off, grey(100))], lower).rmse == 0.0
+
+
+def test_rmse_of_several_pairs_is_that_of_all_their_pixels() -> None:
+    pairs = [(grey(100), grey(100)), (grey(110), grey(100))]
+    assert compute_image_error(pairs, EVERYWHERE).rmse == pytest.approx(10 / math.sqrt(2))
+
+
+def test_psnr_is_20_db_a_decade_and_endless_for_equal_pictures() -> None:
+    assert psnr_db(255.0) == 0.0
+    assert psnr_db(2.55) == pytest.approx(40.0)
+    assert psnr_db(0.0) == math.inf

@@ -10,12 +10,11 @@ import pytest
 
 from catoptra_studies.camera_figures.figure_spec import FigureInputs
 from catoptra_studies.camera_figures.figures_command import (
-    EXIT_FAILURE,
     FIGURES,
     main,
     write_figures,
 )
-from catoptra_studies.progress_display import open_progress
+from catoptra_studies.commands import EXIT_FAILURE, open_progress
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"

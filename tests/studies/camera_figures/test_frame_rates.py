@@ -4,8 +4,14 @@ import pytest
 
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_studies.camera_figures.frame_rates import frame_time_spread, measure_frame_rates
-from catoptra_studies.camera_figures.render_timing import FrameRate
+from catoptra_studies.camera_figures.frame_rates import (
+    NUM_WARM_UP_ROUNDS,
+    DrawFunction,
+    FrameRate,
+    frame_time_spread,
+    measure_frame_rates,
+    time_round_robin,
+)
 from catoptra_studies.study_subject import open_study_subject
 from helpers.configs import FIELD, OMNI_ROBOT
 
@@ -31,3 +37,33 @@ def test_payloads_are_those_of_the_papers_figure_and_4096_polygons() -> None:
     assert [row.num_polygons for row in rows] == [0, 16, 64, 256, 1024, 4096, 0, 0]
     assert rows[-1].stage_ms.keys() == {"perspective", "scanner"}
     assert all(row.fps == pytest.approx(1e3 / row.wall_ms) for row in rows)
+
+
+def test_draws_take_turns_and_know_their_round() -> None:
+    calls: list[tuple[str, int]] = []
+
+    def named(name: str) -> DrawFunction:
+        def draw(number: int) -> dict[str, float]:
+            calls.append((name, number))
+            return {}
+
+        return draw
+
+    time_round_robin([named("a"), named("b")], num_rounds=2, on_round=lambda: None)
+    expected = [(name, n) for n in range(NUM_WARM_UP_ROUNDS + 2) for name in "ab"]
+    assert calls == expected
+
+
+def test_stages_are_medians_without_the_warm_up() -> None:
+    times = iter([*(1000.0,) * NUM_WARM_UP_ROUNDS, 1.0, 9.0, 2.0])
+    (took,) = time_round_robin(
+        [lambda _: {"trace": next(times)}], num_rounds=3, on_round=lambda: None
+    )
+    assert took.stage_ms == {"trace": 2.0}
+    assert took.wall_ms >= 0.0
+
+
+def test_every_round_is_told() -> None:
+    rounds: list[int] = []
+    time_round_robin([lambda _: {}], num_rounds=4, on_round=lambda: rounds.append(1))
+    assert len(rounds) == NUM_WARM_UP_ROUNDS + 4

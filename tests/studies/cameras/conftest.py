@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.config.camera_file import read_camera_files
-from catoptra_studies.cameras.camera_stage import CameraStage, open_stage, stage_cameras
+from catoptra_studies.cameras.camera_stage import CameraStage, open_stage
 from helpers.configs import FIELD
 
 
@@ -16,5 +16,5 @@ from helpers.configs import FIELD
 def stage(tmp_path: Path) -> Iterator[CameraStage]:
     """The paper's mirror and a fish-eye lens."""
     files = read_camera_files(["paper", "equidistant_220"])
-    with open_stage(stage_cameras(files, tmp_path, size_px=60), FIELD) as opened:
+    with open_stage(files, FIELD, tmp_path, size_px=60) as opened:
         yield opened

@@ -23,6 +23,6 @@ def test_frame_has_the_size_of_its_camera_and_content(stage: CameraStage) -> Non
 
 
 def test_every_camera_is_timed(stage: CameraStage) -> None:
-    times_ms = stage.time_frames(1, lambda: None)
+    times_ms = stage.time_frames(1)
     assert len(times_ms) == 2
     assert min(times_ms) > 0.0

@@ -1,20 +1,34 @@
-"""Evaluation of detections, and metrics over drives, against a truth made by hand."""
+"""Metrics of drives against a truth made by hand; the example frame, the level that fails."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from catoptra_client.landmarks import Detection
 from catoptra_studies.degradation.degradation_metrics import (
     DegradationMetrics,
+    FailureLevels,
     compute_degradation_metrics,
     evaluate_drive,
+    find_failure_levels,
+    rms_difference,
+    select_example,
 )
 from catoptra_studies.experiment.experiment_setups import SIM
-from helpers.recorded_drives import FAR, FIELD, NEAR, SIDE, make_detection, make_drive, make_frame
+from helpers.recorded_drives import (
+    CAMERA,
+    FAR,
+    FIELD,
+    NEAR,
+    SIDE,
+    make_detection,
+    make_drive,
+    make_frame,
+)
 
 # The filter starts at the true pose.
 SETUP = replace(SIM, initial_heading_error_rad=0.0)
@@ -100,3 +114,64 @@ def test_rate_when_nothing_was_visible_is_zero() -> None:
         [make_drive(make_frame())], [((),)], setup=SETUP, landmarks=FIELD
     )
     assert (metrics.num_visible, metrics.detection_rate) == (0, 0.0)
+
+
+def test_example_is_the_first_frame_with_the_most_visible_beacons() -> None:
+    drive = make_drive(make_frame(NEAR), make_frame(NEAR, SIDE), make_frame(NEAR, SIDE))
+    detections = [(), (make_detection("near", 1.0, 0.0), make_detection("aside", 2.0, 20.0)), ()]
+    example = select_example(drive, detections)
+    assert example.rgb is drive.frames[1].rgb
+    assert example.detected_px == ((NEAR.x_m, NEAR.y_m),)
+    assert example.missed_px == ((SIDE.x_m, SIDE.y_m),)
+    assert example.false_bearings_rad == (math.radians(20.0),)
+    assert example.centre_px == CAMERA.centre_px
+
+
+def test_difference_is_the_rms_of_all_channels_whichever_is_brighter() -> None:
+    clean = select_example(make_drive(make_frame(NEAR)), [()])
+    frame = clean.rgb.copy()
+    frame[0, 0] = 200
+    worse = replace(clean, rgb=frame)
+    rms = pytest.approx(200.0 / np.sqrt(40 * 40))
+    assert rms_difference(worse, clean) == rms_difference(clean, worse) == rms
+    assert rms_difference(clean, clean) == 0.0
+
+
+def make_metrics(num_detected: int, ekf_max_m: float) -> DegradationMetrics:
+    return DegradationMetrics(100, 100, num_detected, 0.0, 0.1, 0.02, ekf_max_m, 0.05, 2.0)
+
+
+CLEAN = make_metrics(80, 0.2)
+
+
+def test_rates_are_relative_to_those_of_clean_images() -> None:
+    levels = [
+        ("a", make_metrics(73, 0.2)),
+        ("b", make_metrics(71, 0.2)),
+        ("c", make_metrics(39, 0.2)),
+    ]
+    assert find_failure_levels(CLEAN, levels) == FailureLevels(
+        detection_below_90_percent="b",
+        detection_below_50_percent="c",
+        ekf_error_above_twice_clean=None,
+        ekf_error_above_paper=None,
+    )
+
+
+def test_errors_are_compared_with_clean_ones_and_the_papers_bound() -> None:
+    levels = [
+        ("a", make_metrics(80, 0.4)),
+        ("b", make_metrics(80, 0.41)),
+        ("c", make_metrics(80, 0.61)),
+    ]
+    assert find_failure_levels(CLEAN, levels) == FailureLevels(
+        detection_below_90_percent=None,
+        detection_below_50_percent=None,
+        ekf_error_above_twice_clean="b",
+        ekf_error_above_paper="c",
+    )
+
+
+def test_first_level_counts_when_a_later_one_is_better() -> None:
+    levels = [("a", make_metrics(10, 0.7)), ("b", make_metrics(80, 0.1))]
+    assert find_failure_levels(CLEAN, levels) == FailureLevels("a", "a", "a", "a")

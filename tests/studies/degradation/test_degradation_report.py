@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from catoptra_studies.degradation.degradation_metrics import DegradationMetrics
+from catoptra_studies.degradation.degradation_metrics import DegradationMetrics, ExampleFrame
 from catoptra_studies.degradation.degradation_report import (
     failure_table,
     format_degradation_report,
@@ -20,7 +20,6 @@ from catoptra_studies.degradation.degradation_study import (
     SweepResult,
 )
 from catoptra_studies.degradation.degradation_sweeps import DegradationLevel, DegradationSweep
-from catoptra_studies.degradation.example_frame import ExampleFrame
 
 SWEEP = DegradationSweep(
     "Too dark",

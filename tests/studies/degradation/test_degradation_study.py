@@ -10,6 +10,7 @@ import pytest
 
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects.effect import EffectMode
+from catoptra_studies.commands import EXIT_FAILURE
 from catoptra_studies.degradation.degradation_report import write_degradation_results
 from catoptra_studies.degradation.degradation_study import num_drives, run_degradation_study
 from catoptra_studies.degradation.degradation_sweeps import (
@@ -20,7 +21,7 @@ from catoptra_studies.degradation.degradation_sweeps import (
     clean_robot_ini,
     degraded_robot_ini,
 )
-from catoptra_studies.effects.effects_command import EXIT_FAILURE, main
+from catoptra_studies.effects.effects_command import main
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.experiment.experiment_setups import SIM
 from helpers.configs import REPOSITORY

@@ -4,12 +4,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+from catoptra_studies.effects.decision_experiment import TrialDecision
 from catoptra_studies.effects.decision_report import (
     DecisionReport,
     evaluate_decisions,
     write_decision_report,
 )
-from catoptra_studies.effects.decision_trial import TrialDecision
 
 ON = TrialDecision(
     world="field",

@@ -6,7 +6,12 @@ import cv2
 import pytest
 
 from catoptra_server.effects import EFFECT_TYPES
+from catoptra_studies.effects.effect_cases import EFFECT_CASES
 from catoptra_studies.effects.effect_pages import write_effect_pages
+
+
+def test_cases_when_listed_have_one_of_every_effect_in_optical_order() -> None:
+    assert [case.effect.name for case in EFFECT_CASES] == [kind.name for kind in EFFECT_TYPES]
 
 
 @pytest.fixture(scope="module")

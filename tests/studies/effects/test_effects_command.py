@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_studies.effects import effects_command
-from catoptra_studies.reports.marked_block import replace_block
+from catoptra_studies.reports import replace_block
 from helpers.configs import REPOSITORY
 from studies.degradation.test_degradation_report import RESULT
 

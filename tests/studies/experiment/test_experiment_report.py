@@ -1,21 +1,26 @@
-"""The report is one file: figures inside, every claim with its evaluation, text escaped."""
+"""The report is one file: figures inside, every claim, the parameters' table, text escaped."""
 
 from __future__ import annotations
 
 import base64
 import re
+from configparser import ConfigParser
 
 import cv2
 import numpy as np
 import pytest
 
-from catoptra_studies.experiment.ensemble import summarize_runs
-from catoptra_studies.experiment.experiment_report import write_html_report
-from catoptra_studies.experiment.paper_claims import Claim
-from catoptra_studies.experiment.paper_differences import Difference
-from catoptra_studies.experiment.run_share import RunShare
-from catoptra_studies.reports.html_page import ReportFigure
-from studies.experiment.test_ensemble import make_filter_run
+from catoptra_studies.experiment.experiment_report import (
+    ODOMETRY_ERRORS,
+    parameter_table,
+    write_html_report,
+)
+from catoptra_studies.experiment.experiment_setups import SETUPS
+from catoptra_studies.experiment.metrics import summarize_runs
+from catoptra_studies.experiment.paper_claims import Claim, Difference, RunShare
+from catoptra_studies.reports import ReportFigure
+from helpers.configs import REPOSITORY
+from studies.experiment.test_metrics import make_filter_run
 
 NOTHING = {
     "measurements": 0,
@@ -84,3 +89,20 @@ def test_report_shows_statistics_and_missing_values(report):
 def test_report_explains_its_terms_before_it_uses_them(report, term):
     text, _ = report
     assert text.index(f"<dt>{term}</dt>") < text.index("<h2>Claims of the paper</h2>")
+
+
+@pytest.mark.parametrize("setup", SETUPS, ids=lambda setup: setup.name)
+def test_odometry_errors_are_those_of_the_robot_file(setup):
+    file = ConfigParser(inline_comment_prefixes=";")
+    file.optionxform = str  # type: ignore[assignment,method-assign]
+    assert file.read(REPOSITORY / "configs" / "robots" / setup.robot_file)
+    errors = {key: float(text) for key, text in file["USARBot.OdometrySensor"].items()}
+    assert errors == ODOMETRY_ERRORS[setup.name]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["sim 1.0°, real −5.2°", "0.40 m of the range, 2.5°", "10% of the distance, 1.32° a metre"],
+)
+def test_table_has_the_numbers_of_setups_and_filters(text):
+    assert text in parameter_table()

@@ -1,9 +1,11 @@
-"""The experiment over real sockets and processes, one run of each set-up."""
+"""The experiment over real sockets and processes, and the addresses of running servers."""
 
 from __future__ import annotations
 
 import json
+import socket
 import threading
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -15,20 +17,22 @@ import pytest
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.localization import make_landmark_map
 from catoptra_client.server_process import connect_stream, run_server
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.errors import CatoptraError, ConnectionLostError, DomainError
 from catoptra_protocol.landmarks import read_landmarks
-from catoptra_studies.experiment.classifier_training import train_classifier
 from catoptra_studies.experiment.experiment_results import write_experiment_results
 from catoptra_studies.experiment.experiment_runner import (
     PUBLISHED_FILTER,
     ExperimentConfig,
+    parse_server_address,
     run_setup,
+    train_classifier,
+    wait_for_server,
 )
 from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, REAL, SETUPS, SIM
-from catoptra_studies.experiment.figure_source import CameraFigures
-from catoptra_studies.experiment.filter_replay import replay_filter
-from catoptra_studies.experiment.frame_comparison import capture_frame_comparison
-from catoptra_studies.experiment.measurement_metrics import true_range_bearing
+from catoptra_studies.experiment.figure_source import CameraFigures, capture_frame_comparison
+from catoptra_studies.experiment.localization_filter import replay_filter
+from catoptra_studies.experiment.metrics import true_range_bearing
+from client.scripted_server import ScriptedControlPeer, serve_script, wait_for_close
 from helpers.server_process import DEADLINE_S
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -178,3 +182,51 @@ def test_server_that_cannot_start_is_reported_with_the_end_of_its_log(tmp_path):
         run_server(missing, missing, seed=0, log_file=tmp_path / "log"),
     ):
         pass
+
+
+@pytest.fixture
+def closed_address() -> Iterator[ServerAddress]:
+    """An address that rejects connections: the port is bound but not listening."""
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        yield ServerAddress("127.0.0.1", held.getsockname()[1], 5003)
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("sim=there", ServerAddress("there", 3000, 5003)),
+        ("sim=127.0.0.1:3100", ServerAddress("127.0.0.1", 3100, 5003)),
+        ("sim=there:3100:5100", ServerAddress("there", 3100, 5100)),
+    ],
+)
+def test_address_when_valid_is_parsed(text: str, address: ServerAddress) -> None:
+    assert parse_server_address(text) == ("sim", address)
+
+
+@pytest.mark.parametrize("text", ["there", "sim=", "sim=there:", "sim=there:x", "=there"])
+def test_address_when_invalid_is_rejected_with_an_example(text: str) -> None:
+    with pytest.raises(DomainError, match="sim=localhost"):
+        parse_server_address(text)
+
+
+def test_server_when_it_greets_is_returned() -> None:
+    def greet(connection: socket.socket) -> None:
+        ScriptedControlPeer(connection)
+        wait_for_close(connection)
+
+    with serve_script(greet) as port:
+        address = ServerAddress("127.0.0.1", port, 5003)
+        assert wait_for_server(address, timeout_s=0.0) == address
+
+
+def test_server_when_it_never_answers_times_out(closed_address: ServerAddress) -> None:
+    now, pauses = [0.0], []
+
+    def sleep(time_s: float) -> None:
+        pauses.append(time_s)
+        now[0] += time_s
+
+    with pytest.raises(ConnectionLostError, match="no control server at 127"):
+        wait_for_server(closed_address, timeout_s=1.0, clock=lambda: now[0], sleep=sleep)
+    assert 1.0 <= sum(pauses) < 1.5

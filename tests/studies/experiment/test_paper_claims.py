@@ -1,15 +1,61 @@
-"""Each claim holds for runs like the paper's, and fails where its own metric is changed."""
+"""Shares of runs, claims of the paper and differences from it.
+
+Wilson intervals are checked against published values. Each claim holds for runs like the paper's
+and fails where its own metric is changed. Differences have the numbers of the runs.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from typing import Any
 
 import pytest
 
-from catoptra_studies.experiment.ensemble import compute_run_metrics
-from catoptra_studies.experiment.paper_claims import STATEMENTS, evaluate_claims
-from studies.experiment.test_ensemble import make_filter_run
+from catoptra_studies.experiment.metrics import compute_run_metrics
+from catoptra_studies.experiment.paper_claims import (
+    STATEMENTS,
+    UNTYPICAL_STATEMENTS,
+    RunShare,
+    count_runs,
+    evaluate_claims,
+    evaluate_statements,
+    list_differences,
+    pool_shares,
+)
+from studies.experiment.test_metrics import make_filter_run
+
+
+# Newcombe 1998, Table I: method 3, the score interval without continuity correction.
+@pytest.mark.parametrize(
+    ("satisfying", "runs", "low", "high"),
+    [
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ],
+)
+def test_interval_is_that_of_newcombes_table(satisfying, runs, low, high):
+    assert RunShare(satisfying, runs).interval == pytest.approx((low, high), abs=5e-5)
+
+
+def test_interval_of_all_runs_mirrors_that_of_none():
+    low, high = RunShare(20, 20).interval
+    assert (1.0 - high, 1.0 - low) == pytest.approx(RunShare(0, 20).interval, abs=1e-15)
+    assert high == 1.0
+
+
+def test_share_of_no_runs_confirms_nothing():
+    assert math.isnan(RunShare(0, 0).share)
+    assert RunShare(0, 0).interval == (0.0, 1.0)
+
+
+def test_runs_are_counted_and_pooled():
+    assert count_runs([True, False, True]) == RunShare(2, 3)
+    assert pool_shares([RunShare(2, 3), RunShare(4, 5)]) == RunShare(6, 8)
+    assert str(RunShare(15, 20)) == "15 of 20 runs (53% to 89%)"
+
 
 # A run of the paper's filter as the paper describes it.
 PAPER_RUN = {
@@ -82,3 +128,64 @@ def test_claims_about_a_setup_that_was_not_driven_are_left_out():
     claims = evaluate_claims({"sim": make_setups()["sim"]})
     assert claims
     assert all(claim.text.startswith("sim: ") for claim in claims)
+
+
+STATISTICS = {
+    "ekf_max_steps_61_to_84_m": {"median": 0.03, "p05": 0.02, "p95": 0.05},
+    "ekf_mean_on_diagonal_m": {"median": 0.0349, "p05": 0.02, "p95": 0.05},
+}
+MEASUREMENTS = {"range_error_m": {"rms": 0.013}, "bearing_error_deg": {"rms": 0.05}}
+
+
+def make_summary(**changes):
+    setups = make_setups(**changes)
+    for setup in setups.values():
+        setup["filters"]["paper"]["statistics"] = STATISTICS
+        setup["measurements"] = MEASUREMENTS
+    return setups
+
+
+@pytest.mark.parametrize(
+    ("changed", "key"),
+    [
+        ({"accepted_steps_9_to_22": 0.49}, "real_most_rejected"),
+        ({"relock_step": 24}, "real_all_rejected"),
+        ({"ekf_max_steps_61_to_84_m": 0.31}, "real_second_growth"),
+    ],
+)
+def test_untypical_statement_counts_the_runs_that_satisfy_it(changed, key):
+    setups = make_summary(num_changed=3, **changed)
+    counts = {
+        claim.key: claim.runs.num_satisfying
+        for claim in evaluate_statements(UNTYPICAL_STATEMENTS, setups)
+    }
+    # The runs that are not changed reach 0.25 m in step 84.
+    assert counts.pop(key) == 3
+    assert set(counts.values()) == {0}
+
+
+def test_differences_have_the_numbers_of_both():
+    lock_out, growth, diagonal, accuracy = list_differences(make_summary())
+    assert "step 23" in lock_out.paper
+    assert "0 of 20 runs" in lock_out.here
+    assert "0.03 m at most" in growth.here
+    assert "0.349 m" in diagonal.paper
+    assert "10 times less" in diagonal.here
+    assert "13 mm and 0.05°" in accuracy.here
+
+
+def test_lock_out_names_the_steps_in_which_landmarks_pass_again():
+    lock_out, *_ = list_differences(make_summary(num_changed=2, relock_step=25))
+    assert "step 25 to 25" in lock_out.here
+
+
+def test_differences_of_one_setup_need_no_other():
+    setups = make_summary()
+    assert len(list_differences({"sim": setups["sim"]})) == 1
+    assert len(list_differences({"real": setups["real"]})) == 2
+
+
+def test_accuracy_without_measurements_is_said():
+    setups = make_summary()
+    setups["sim"]["measurements"] = {"range_error_m": {}, "bearing_error_deg": {}}
+    assert "none was measured" in list_differences(setups)[-1].here

@@ -11,7 +11,7 @@ import pytest
 
 from catoptra_client.control_connection import ServerAddress
 from catoptra_protocol.stream.replies import RobotState, StateReply
-from catoptra_studies.experiment.filter_note import NOTE_NAME
+from catoptra_studies.experiment.localization_filter import NOTE_NAME
 from catoptra_studies.experiment.route import Waypoint
 from catoptra_studies.live.live_drive import ROBOT_NAME, open_live_drive
 from helpers.configs import ROBOTS

@@ -1,4 +1,4 @@
-"""Training on the first frames, then a filter that starts at the truth and follows odometry."""
+"""Training on the first frames, then a filter from the truth; odometry between readings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,12 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.image_port import ImageType
-from catoptra_studies.live.live_localizer import NUM_TRAINING_FRAMES, LiveLocalizer
+from catoptra_studies.live.live_localizer import (
+    NUM_TRAINING_FRAMES,
+    LiveLocalizer,
+    TimedOdometry,
+    interpolate_odometry,
+)
 
 HEIGHT_M = 0.6
 CAMERA = camera_with_inscribed_rim(
@@ -109,3 +114,41 @@ def test_perspective_camera_is_rejected_by_its_name():
     localizer, still = LiveLocalizer(FIELD, height_m=HEIGHT_M), OdometryPose(0.0, 0.0, 0.0)
     with pytest.raises(CatoptraError, match="'Omni' is no omnidirectional one"):
         localizer.follow(frame, still, still)
+
+
+READINGS = (
+    TimedOdometry(1.0, OdometryPose(0.0, 0.0, 3.0)),
+    TimedOdometry(1.2, OdometryPose(0.2, -0.1, -3.0)),
+    TimedOdometry(1.4, OdometryPose(0.4, 0.0, -2.9)),
+)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "expected"),
+    [
+        (0.5, READINGS[0].pose),
+        (1.0, READINGS[0].pose),
+        (1.2, READINGS[1].pose),
+        (1.25, OdometryPose(0.25, -0.075, -2.975)),
+        (1.4, READINGS[2].pose),
+    ],
+    ids=["before the oldest", "oldest", "at a reading", "between", "newest"],
+)
+def test_odometry_at_a_time(time_s, expected):
+    pose = interpolate_odometry(READINGS, time_s)
+    assert pose is not None
+    assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx(
+        (expected.x_m, expected.y_m, expected.yaw_rad)
+    )
+
+
+def test_yaw_turns_by_the_shorter_direction():
+    pose = interpolate_odometry(READINGS, 1.1)
+    assert pose is not None
+    # From 3 rad across pi to -3 rad.
+    assert abs(pose.yaw_rad) == pytest.approx(math.pi, abs=1e-6)
+
+
+def test_time_after_the_newest_reading_has_no_odometry():
+    assert interpolate_odometry(READINGS, 1.41) is None
+    assert interpolate_odometry((), 1.0) is None

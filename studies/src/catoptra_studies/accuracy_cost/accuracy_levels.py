@@ -17,9 +17,9 @@ from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 SQUARE_TESSELLATIONS = ((4, 4), (8, 8), (16, 16), (32, 32), (64, 64))
 WIDE_TESSELLATIONS = ((8, 2), (16, 4), (32, 8), (64, 16), (128, 32))
 # Factors on the plan's own face size, which has one texel a pixel.
-FACE_SCALES = (0.5, 1.0, 2.0)
+_FACE_SCALES = (0.5, 1.0, 2.0)
 # Samples along a pixel's side.
-SAMPLES = (1, 2, 3, 4)
+_SAMPLES = (1, 2, 3, 4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class AccuracyLevel:
 def accuracy_sweep(face_size_px: int) -> tuple[AccuracyLevel, ...]:
     """All levels, for a camera whose plan has faces of `face_size_px`."""
     return (
-        *_trace_levels(SAMPLES),
-        *_per_pixel_levels(face_size_px, FACE_SCALES, SAMPLES),
+        *_trace_levels(_SAMPLES),
+        *_per_pixel_levels(face_size_px, _FACE_SCALES, _SAMPLES),
         _supersampled_faces_level(),
         *_polygon_levels(
             (*SQUARE_TESSELLATIONS, *WIDE_TESSELLATIONS), tuple(Interpolation), (1, 2)

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.processor_count import count_processors
 from catoptra_studies.accuracy_cost.cost_plots import write_result_plots
@@ -23,23 +22,25 @@ from catoptra_studies.accuracy_cost.localization_study import (
     measure_localization,
     select_key_levels,
 )
-from catoptra_studies.progress_display import open_progress, print_error, print_line
-from catoptra_studies.reports.marked_block import replace_block
-
-EXIT_FAILURE = 2
+from catoptra_studies.commands import (
+    add_output,
+    make_parser,
+    open_progress,
+    print_line,
+    run_study,
+)
+from catoptra_studies.reports import replace_block
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study; return 0, or 2 after one line about the reason."""
-    parsed = _make_parser().parse_args(arguments)
-    try:
-        parsed.output.mkdir(parents=True, exist_ok=True)
-        if not parsed.report_only:
-            _measure(parsed)
-        _write_report(parsed)
-    except (CatoptraError, OSError) as error:
-        print_error(f"catoptra-studies cost: {error}")
-        return EXIT_FAILURE
+    return run_study("catoptra-studies cost", _make_parser().parse_args(arguments), _run)
+
+
+def _run(parsed: argparse.Namespace) -> int:
+    if not parsed.report_only:
+        _measure(parsed)
+    _write_report(parsed)
     print_line(f"report: {_report_path(parsed)}")
     return 0
 
@@ -105,10 +106,10 @@ def _processor_name() -> str:
 
 
 def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies cost",
-        description="Measure what accuracy costs in time and gains in localization, from mirrors "
-        "of 16 polygons to exact rays.",
+    parser = make_parser(
+        "cost",
+        "Measure what accuracy costs in time and gains in localization, from mirrors of 16 "
+        "polygons to exact rays.",
     )
     add = parser.add_argument
     add("--robot", default="p2at_omni", metavar="FILE",
@@ -123,8 +124,7 @@ def _make_parser() -> argparse.ArgumentParser:
         help="drive robots to measure detection and localization (default: yes)")  # fmt: skip
     add("--runs", type=int, default=10, help="drives for each key level (default 10)")
     add("--seed", type=int, default=0, help="seed of all random numbers of the drives")
-    add("--output", type=Path, default=Path("out/cost"), metavar="DIR",
-        help="folder for cost.json and plots (default out/cost)")  # fmt: skip
+    add_output(parser, "out/cost", "folder for cost.json and plots")
     add("--report", type=Path, metavar="FILE", help="report to write (default: COST.md in DIR)")
     add("--readme", type=Path, metavar="FILE", help="file whose cost block gets the short table")
     add("--machine", default="", metavar="TEXT", help="remark about the machine for the report")

@@ -1,74 +1,241 @@
-"""Plots of the study: some made of its numbers alone, others of frames rendered for them."""
+"""Plots of the study's numbers: time against error, frame rates, localization.
+
+Detection rates, measurement errors and position errors with the frames of each key level.
+
+Parts that several plots share: the style of each series, and borders.
+
+Time against error: the proved bound on the left, the image error on the right, with fronts.
+"""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies import plot_style
-from catoptra_studies.accuracy_cost.cost_results import CostResults
-from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel
-from catoptra_studies.accuracy_cost.plots import (
-    detail_plot,
-    level_plot,
-    localization_plot,
-    pareto_plot,
-    polygon_plot,
+from catoptra_studies.accuracy_cost.cost_results import (
+    MIN_GAIN,
+    CostResults,
+    LevelCost,
+    LocalizationAccuracy,
+    LocalizationRow,
+    pareto_front,
 )
-from catoptra_studies.camera_figures import frame_rate_figure
-from catoptra_studies.camera_figures.figure_spec import FIGURE_SAMPLES
-from catoptra_studies.paper_values import PAPER_SIZE_PX, POLYGON_COUNTS
-from catoptra_studies.plot_style import Image
-from catoptra_studies.study_subject import StudySubject
+from catoptra_studies.camera_figures.frame_rates import (
+    FRAME_RATES_HEIGHT_PX,
+    draw_frame_rate_panels,
+)
+from catoptra_studies.reports import format_number
+
+_LOCALIZATION_HEIGHT_PX = 620
+_LEFT_PX, _PANEL_WIDTH_PX, _GAP_PX = 380, 232, 56
+
+_RowValue = Callable[[LocalizationRow], float]
+# Title of each panel, and its series: label, colour, value of a row.
+_PANELS: tuple[tuple[str, tuple[tuple[str, str, _RowValue], ...]], ...] = (
+    ("beacons found, %", (
+        ("to 2.5 m", plot_style.BLUE, lambda row: 100.0 * row.detection_rate),
+        ("to 1.5 m", plot_style.TEAL, lambda row: 100.0 * row.near_detection_rate),
+    )),
+    ("bearing, deg rms", (("", plot_style.BLUE, lambda row: row.bearing_rms_deg),)),
+    ("range, m rms", (("", plot_style.BLUE, lambda row: row.range_rms_m),)),
+    ("position, m, mean", (
+        ("paper's filter", plot_style.BLUE, lambda row: row.ekf_mean_m),
+        ("consistent one", plot_style.TEAL, lambda row: row.consistent_ekf_mean_m),
+    )),
+)  # fmt: skip
+
+
+def _draw_localization(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
+    """Draw a row for each level, from coarse to exact, in four panels."""
+    for index, (title, series) in enumerate(_PANELS):
+        left = _LEFT_PX + index * (_PANEL_WIDTH_PX + _GAP_PX)
+        axes = plot_style.add_axes(page, left, 90, _PANEL_WIDTH_PX, 420)
+        _draw_panel(axes, localization.rows, series)
+        axes.set_title(title, loc="left", fontsize=8)
+        if index:
+            axes.set_yticklabels([])
+    _draw_odometry_note(page, localization)
+
+
+def _draw_panel(
+    axes: plot_style.Axes,
+    rows: Sequence[LocalizationRow],
+    series: Sequence[tuple[str, str, _RowValue]],
+) -> None:
+    positions = range(len(rows))
+    for label, colour, value in series:
+        values = [value(row) for row in rows]
+        axes.plot(values, positions, "o-", color=colour, markersize=4, linewidth=0.8, label=label)
+    # Downwards from coarse to exact, as in the table of COST.md.
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_yticks(positions, [row.level for row in rows])
+    # From zero: the panels compare levels, and a cut axis would make small differences large.
+    axes.set_xlim(left=0.0)
+    axes.locator_params(axis="x", nbins=3)
+    axes.tick_params(axis="x", labelsize=7)
+    if len(series) > 1:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, fontsize=6.5,
+                    handlelength=1.0, columnspacing=0.8, handletextpad=0.4)  # fmt: skip
+
+
+def _draw_odometry_note(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
+    text = (
+        f"{localization.num_runs} runs of {localization.steps_per_run} steps; odometry alone ends "
+        f"up to {localization.odometry_max_m:.2g} m off (median run)"
+    )
+    plot_style.add_text(page, 20, 20, text, color=plot_style.MUTED)
+
+
+@dataclass(frozen=True, slots=True)
+class _SeriesStyle:
+    """Style of the points of one kind of level."""
+
+    name: str
+    colour: str
+
+    marker: str
+    """Matplotlib's letter of a marker."""
+
+
+# Markers differ as well as colours, for readers who confuse two of these.
+_TRACE_STYLE = _SeriesStyle("trace, camera model in every ray", plot_style.BLUE, "D")
+_PER_PIXEL_STYLE = _SeriesStyle("raster, camera model in every pixel", plot_style.TEAL, "o")
+_UV_STYLE = _SeriesStyle("raster, polygons, UV as in the paper", plot_style.ORANGE, "s")
+_POSITION_STYLE = _SeriesStyle("raster, polygons, position", plot_style.RED, "^")
+_SERIES_STYLES = (_TRACE_STYLE, _PER_PIXEL_STYLE, _UV_STYLE, _POSITION_STYLE)
+
+
+def _series_style(level: LevelCost) -> _SeriesStyle:
+    """Style of a level's point."""
+    if level.renderer == "trace":
+        return _TRACE_STYLE
+    if not level.num_polygons:
+        return _PER_PIXEL_STYLE
+    # By the name: cost.json can be plotted without the server's types.
+    return _UV_STYLE if "(uv)" in level.name else _POSITION_STYLE
+
+
+_PARETO_HEIGHT_PX = 1150
+_TOP_PX, _PANEL_WIDTH_PX_PARETO_PLOT, _PANEL_HEIGHT_PX = 90, 600, 560
+_TICKS_MS = (2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500)
+
+_ErrorMetric = Callable[[LevelCost], float]
+
+
+def _draw_pareto(page: plot_style.Page, levels: Sequence[LevelCost]) -> None:
+    """Draw both panels, a legend, and the names of the numbered levels."""
+    _, bound_front = _draw_panel_pareto_plot(
+        page, levels, lambda level: level.bound_max_px, left=110,
+        title="geometry: limit of the displacement, px",
+    )  # fmt: skip
+    axes, image_front = _draw_panel_pareto_plot(
+        page, levels, lambda level: level.rmse, left=860,
+        title="image: RMSE against the reference, grey levels",
+    )  # fmt: skip
+    _list_front_levels(
+        page, bound_front, lambda level: f"{format_number(level.bound_max_px, 2)} px", left=40
+    )
+    _list_front_levels(
+        page, image_front, lambda level: f"RMSE {format_number(level.rmse, 2)}", left=790
+    )
+    plot_style.add_legend(
+        page, axes, loc="upper center", ncols=4, fontsize=6.5, handletextpad=0.1, columnspacing=1.0
+    )
+
+
+def _draw_panel_pareto_plot(
+    page: plot_style.Page,
+    levels: Sequence[LevelCost],
+    error: _ErrorMetric,
+    *,
+    left: int,
+    title: str,
+) -> tuple[plot_style.Axes, list[LevelCost]]:
+    """Draw all levels as points and their front as stairs; return the axes and the front."""
+    axes = plot_style.add_axes(
+        page, left, _TOP_PX + 30, _PANEL_WIDTH_PX_PARETO_PLOT, _PANEL_HEIGHT_PX
+    )
+    axes.set(xscale="log", yscale="log", xlabel="a frame, ms")
+    axes.set_title(title, loc="left", fontsize=8)
+    for style in _SERIES_STYLES:
+        series = [level for level in levels if _series_style(level) is style]
+        axes.plot(
+            [level.wall_ms for level in series], [error(level) for level in series], style.marker,
+            color=style.colour, markersize=4, alpha=0.75, label=style.name,
+        )  # fmt: skip
+    # Each panel has a front of its own: a level can be best in geometry and beaten as an image.
+    front = _pareto_levels(levels, error)
+    _label_polygon_counts(axes, levels, error)
+    _draw_front(axes, front, error)
+    _set_time_ticks(axes, [level.wall_ms for level in levels])
+    return axes, front
+
+
+def _pareto_levels(levels: Sequence[LevelCost], error: _ErrorMetric) -> list[LevelCost]:
+    points = [(level.wall_ms, error(level)) for level in levels]
+    return [levels[index] for index in pareto_front(points, min_gain=MIN_GAIN)]
+
+
+def _draw_front(axes: plot_style.Axes, front: Sequence[LevelCost], error: _ErrorMetric) -> None:
+    """Draw the front and number its levels."""
+    x, y = [level.wall_ms for level in front], [error(level) for level in front]
+    axes.plot(x, y, drawstyle="steps-post", color=plot_style.FOREGROUND, linewidth=0.9, zorder=1)
+    axes.set_ylim(bottom=0.45 * min(y))
+    circle = {
+        "boxstyle": "circle,pad=0.18", "facecolor": plot_style.FOREGROUND, "edgecolor": "none",
+    }  # fmt: skip
+    for number, point in enumerate(zip(x, y, strict=True), 1):
+        axes.annotate(
+            str(number), point, (0, -9), textcoords="offset points", fontsize=7, ha="center",
+            va="center", color=plot_style.BACKGROUND, fontweight="bold", zorder=5, bbox=circle,
+        )  # fmt: skip
+
+
+def _label_polygon_counts(
+    axes: plot_style.Axes, levels: Sequence[LevelCost], error: _ErrorMetric
+) -> None:
+    """Write the number of polygons beside each of the paper's meshes."""
+    for level in levels:
+        if level.num_polygons and level.is_key:
+            axes.annotate(
+                str(level.num_polygons), (level.wall_ms, error(level)), (5, 3),
+                textcoords="offset points", fontsize=7, color=plot_style.ORANGE,
+            )  # fmt: skip
+
+
+def _set_time_ticks(axes: plot_style.Axes, times_ms: Sequence[float]) -> None:
+    # Matplotlib labels decades only, and a study spans little more than one.
+    low, high = 0.85 * min(times_ms), 1.2 * max(times_ms)
+    ticks = [tick for tick in _TICKS_MS if low <= tick <= high]
+    axes.set_xlim(low, high)
+    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.minorticks_off()
+
+
+def _list_front_levels(
+    page: plot_style.Page,
+    front: Sequence[LevelCost],
+    format_error: Callable[[LevelCost], str],
+    *,
+    left: int,
+) -> None:
+    top = _TOP_PX + _PANEL_HEIGHT_PX + 130
+    title = "never beaten in time and this error at once"
+    plot_style.add_text(page, left, top, title, fontweight="bold", fontsize=7.5)
+    for number, level in enumerate(front, 1):
+        text = f"{number}  {level.name}: {level.wall_ms:.1f} ms, {format_error(level)}"
+        plot_style.add_text(page, left, top + 30 * number, text, fontsize=7)
 
 
 def write_result_plots(results: CostResults, folder: Path) -> None:
     """Write pareto.png, and frame_rates.png and localization.png where these were measured."""
-    with plot_style.open_page(pareto_plot.WIDTH_PX, pareto_plot.HEIGHT_PX) as page:
-        pareto_plot.draw(page, results.levels)
-        plot_style.save_page(page, folder / "pareto.png")
+    with plot_style.open_page(folder / "pareto.png", _PARETO_HEIGHT_PX) as page:
+        _draw_pareto(page, results.levels)
     if results.frame_rates:
-        with plot_style.open_page(frame_rate_figure.WIDTH_PX, frame_rate_figure.HEIGHT_PX) as page:
-            frame_rate_figure.draw_panels(page, results.frame_rates)
-            plot_style.save_page(page, folder / "frame_rates.png")
+        with plot_style.open_page(folder / "frame_rates.png", FRAME_RATES_HEIGHT_PX) as page:
+            draw_frame_rate_panels(page, results.frame_rates)
     if results.localization:
-        with plot_style.open_page(localization_plot.WIDTH_PX, localization_plot.HEIGHT_PX) as page:
-            localization_plot.draw(page, results.localization)
-            plot_style.save_page(page, folder / "localization.png")
-
-
-def write_frame_plots(
-    subject: StudySubject, levels: Sequence[MeasuredLevel], reference: Image, folder: Path
-) -> None:
-    """Write levels.png, polygons.png and detail.png.
-
-    Args:
-        subject: Camera and renderers for the frames of polygons.png and detail.png.
-        levels: Measured levels with their frames.
-        reference: Exact frame at the first pose.
-        folder: Folder for the plots.
-    """
-    with plot_style.open_page(level_plot.WIDTH_PX, level_plot.HEIGHT_PX) as page:
-        level_plot.draw(page, levels, reference, subject.camera.horizon_radius_px)
-        plot_style.save_page(page, folder / "levels.png")
-    # The paper's figures have the paper's size, of whatever size the study is.
-    paper_size = dataclasses.replace(
-        subject,
-        camera=subject.resize_camera(PAPER_SIZE_PX),
-        camera_states=subject.camera_states[:1],
-    )
-    # 4096 polygons are for detail.png alone; polygons.png ends with the paper's 1024.
-    frames = {
-        count: polygon_plot.render_polygon_frame(paper_size, tessellation_from_polygon_count(count))
-        for count in POLYGON_COUNTS
-    }
-    with plot_style.open_page(polygon_plot.WIDTH_PX, polygon_plot.HEIGHT_PX) as page:
-        polygon_plot.draw(page, paper_size.camera, frames)
-        plot_style.save_page(page, folder / "polygons.png")
-    with plot_style.open_page(detail_plot.WIDTH_PX, detail_plot.HEIGHT_PX) as page:
-        (exact,) = paper_size.render_reference(FIGURE_SAMPLES)
-        radius_px = paper_size.camera.horizon_radius_px
-        detail_plot.draw(page, frames, exact, max_radius_px=radius_px)
-        plot_style.save_page(page, folder / "detail.png")
+        with plot_style.open_page(folder / "localization.png", _LOCALIZATION_HEIGHT_PX) as page:
+            _draw_localization(page, results.localization)

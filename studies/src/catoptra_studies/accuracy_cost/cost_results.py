@@ -1,19 +1,24 @@
-"""Results of the study as data and as cost.json, the source of its report and its plots."""
+"""Results of the study as data and as cost.json, the source of its report and its plots.
+
+The Pareto front of time and error: points that no other point beats in both.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.camera_figures.render_timing import FrameRate
+from catoptra_studies.camera_figures.frame_rates import FrameRate
+from catoptra_studies.reports import replace_non_finite, write_json
 
 # 2: all fields renamed. An older file is rejected, not translated: `make cost` writes a new one.
 FORMAT_VERSION = 2
-RowT = TypeVar("RowT")
+_RowT = TypeVar("_RowT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,17 +185,7 @@ class CostResults:
 
 def write_cost_results(results: CostResults, path: Path) -> None:
     """Write cost.json; null stands for inf and nan."""
-    text = json.dumps({"version": FORMAT_VERSION, **_replace_non_finite(asdict(results))}, indent=2)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def _replace_non_finite(value: Any) -> Any:
-    # JSON has neither: Python would write words that no other reader accepts.
-    if isinstance(value, dict):
-        return {key: _replace_non_finite(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_replace_non_finite(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    write_json(path, {"version": FORMAT_VERSION, **replace_non_finite(asdict(results))})
 
 
 def read_cost_results(path: Path) -> CostResults:
@@ -227,7 +222,7 @@ def _parse_localization(entries: dict[str, Any]) -> LocalizationAccuracy:
     return _parse_row(LocalizationAccuracy, entries | {"rows": rows})
 
 
-def _parse_row(row_class: type[RowT], entry: Any) -> RowT:
+def _parse_row(row_class: type[_RowT], entry: Any) -> _RowT:
     """Make a row of a JSON object; unknown keys are ignored, missing ones raise TypeError."""
     if not isinstance(entry, dict):
         raise TypeError(f"{row_class.__name__} is {entry!r}")
@@ -240,3 +235,29 @@ def _parse_row(row_class: type[RowT], entry: Any) -> RowT:
     if "renderers" in values:
         values["renderers"] = tuple(values["renderers"])
     return row_class(**values)
+
+
+# Medians of times differ by as much from run to run, so a smaller gain in error is no reason to
+# pay for a slower level.
+MIN_GAIN = 0.05
+
+
+def pareto_front(
+    points: Sequence[tuple[float, float]], *, min_gain: float = 0.0
+) -> tuple[int, ...]:
+    """Indices of the (time, error) points on the front, from fast to exact.
+
+    A point is on the front if no other is at least as good in both and better in one; of equal
+    points the first counts.
+
+    Args:
+        points: (time, error) of each candidate.
+        min_gain: Fraction of the preceding error that a slower point must remove.
+    """
+    # Sorted by time, a point is on the front exactly if its error is below that of the last one.
+    order = sorted(range(len(points)), key=lambda index: (*points[index], index))
+    front: list[int] = []
+    for index in order:
+        if not front or points[index][1] < (1.0 - min_gain) * points[front[-1]][1]:
+            front.append(index)
+    return tuple(front)

@@ -7,7 +7,6 @@ and `timings` in the same form, which differ from run to run.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import DriveBase
 from catoptra_studies import plot_style
+from catoptra_studies.reports import write_json
 from catoptra_studies.study_subject import (
     FIGURE_RENDERERS,
     StudySubject,
@@ -123,10 +123,9 @@ def open_figure_inputs(
 
 def write_figure(figure: FigureSpec, inputs: FigureInputs, folder: Path) -> FigureCaption:
     """Draw a figure into a folder."""
-    with plot_style.open_page(figure.width_px, figure.height_px) as page:
-        caption = figure.draw(page, inputs)
-        plot_style.save_page(page, folder / figure.file)
-    return caption
+    path = folder / figure.file
+    with plot_style.open_page(path, figure.height_px, figure.width_px) as page:
+        return figure.draw(page, inputs)
 
 
 def write_figure_index(captions: Mapping[FigureSpec, FigureCaption], folder: Path) -> None:
@@ -148,5 +147,4 @@ def write_figure_index(captions: Mapping[FigureSpec, FigureCaption], folder: Pat
         if caption.timings
     }
     index = {"figures": entries, "metrics": metrics, "timings": timings}
-    text = json.dumps(index, indent=2, ensure_ascii=False)
-    (folder / "figures.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / "figures.json", index, ensure_ascii=False)

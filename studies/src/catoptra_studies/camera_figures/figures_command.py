@@ -11,23 +11,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_studies.camera_figures import (
-    cube_figure,
-    eq2_figure,
-    face_figure,
-    frame_rate_figure,
-    mesh_figure,
-    omni_frame_figure,
-    polygon_detail_figure,
-    polygon_error_figure,
-    polygon_frames_figure,
-    polygon_map_figure,
-    ring_figure,
-    viewpoint_figure,
-)
 from catoptra_studies.camera_figures.figure_spec import (
     FigureInputs,
     FigureSpec,
@@ -35,29 +20,40 @@ from catoptra_studies.camera_figures.figure_spec import (
     write_figure,
     write_figure_index,
 )
-from catoptra_studies.progress_display import (
-    ProgressDisplay,
-    open_progress,
-    print_error,
-    print_line,
+from catoptra_studies.camera_figures.frame_rates import draw_frame_rates
+from catoptra_studies.camera_figures.image_figures import draw_faces, draw_omni_frame
+from catoptra_studies.camera_figures.polygon_figures import (
+    draw_polygon_detail,
+    draw_polygon_error,
+    draw_polygon_frames,
+    draw_polygon_maps,
 )
-
-EXIT_FAILURE = 2
+from catoptra_studies.camera_figures.radius_figures import draw_eq2, draw_rings
+from catoptra_studies.camera_figures.space_figures import draw_cube, draw_meshes
+from catoptra_studies.camera_figures.viewpoint_figure import draw_viewpoint
+from catoptra_studies.commands import (
+    ProgressDisplay,
+    add_output,
+    make_parser,
+    open_progress,
+    print_line,
+    run_study,
+)
 
 # In the order of the report. Widths up to PAGE_WIDTH_PX fill its column at half their pixels.
 FIGURES = (
-    FigureSpec("omni_frame.png", "Figure 1", 1160, 1130, omni_frame_figure.draw),
-    FigureSpec("viewpoint.png", "Figure 2", 1520, 800, viewpoint_figure.draw),
-    FigureSpec("faces.png", "Figure 5", 1520, 780, face_figure.draw),
-    FigureSpec("cube.png", "Figures 4 and 6", 1520, 1120, cube_figure.draw),
-    FigureSpec("rings.png", "Figure 7", 1520, 800, ring_figure.draw),
-    FigureSpec("eq2.png", "Equation 2", 1520, 640, eq2_figure.draw),
-    FigureSpec("meshes.png", "Figure 3", 1520, 620, mesh_figure.draw),
-    FigureSpec("polygons.png", "Figure 8", 1520, 1600, polygon_frames_figure.draw),
-    FigureSpec("polygon_detail.png", "Figure 9", 1520, 440, polygon_detail_figure.draw),
-    FigureSpec("polygon_maps.png", "Figure 8", 1520, 540, polygon_map_figure.draw),
-    FigureSpec("polygon_error.png", "Section 3.1", 1520, 760, polygon_error_figure.draw),
-    FigureSpec("frame_rates.png", "Figure 10", 1520, 690, frame_rate_figure.draw),
+    FigureSpec("omni_frame.png", "Figure 1", 1160, 1130, draw_omni_frame),
+    FigureSpec("viewpoint.png", "Figure 2", 1520, 800, draw_viewpoint),
+    FigureSpec("faces.png", "Figure 5", 1520, 780, draw_faces),
+    FigureSpec("cube.png", "Figures 4 and 6", 1520, 1120, draw_cube),
+    FigureSpec("rings.png", "Figure 7", 1520, 800, draw_rings),
+    FigureSpec("eq2.png", "Equation 2", 1520, 640, draw_eq2),
+    FigureSpec("meshes.png", "Figure 3", 1520, 620, draw_meshes),
+    FigureSpec("polygons.png", "Figure 8", 1520, 1600, draw_polygon_frames),
+    FigureSpec("polygon_detail.png", "Figure 9", 1520, 440, draw_polygon_detail),
+    FigureSpec("polygon_maps.png", "Figure 8", 1520, 540, draw_polygon_maps),
+    FigureSpec("polygon_error.png", "Section 3.1", 1520, 760, draw_polygon_error),
+    FigureSpec("frame_rates.png", "Figure 10", 1520, 690, draw_frame_rates),
 )
 
 
@@ -74,21 +70,20 @@ def write_figures(inputs: FigureInputs, folder: Path, progress: ProgressDisplay)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw the figures; return 0, or 2 after one line about the reason."""
-    parsed = _make_parser().parse_args(arguments)
-    try:
-        robot_file = find_configuration("robots", parsed.robot)
-        world_file = find_configuration("worlds", parsed.world)
-        rings_file = find_configuration("worlds", parsed.rings_world)
-        with (
-            open_figure_inputs(
-                robot_file, world_file, rings_file, pose=_planar_pose(parsed.pose)
-            ) as inputs,
-            open_progress() as progress,
-        ):
-            write_figures(inputs, parsed.output, progress)
-    except (CatoptraError, OSError) as error:
-        print_error(f"catoptra-studies figures: {error}")
-        return EXIT_FAILURE
+    return run_study("catoptra-studies figures", _make_parser().parse_args(arguments), _run)
+
+
+def _run(parsed: argparse.Namespace) -> int:
+    robot_file = find_configuration("robots", parsed.robot)
+    world_file = find_configuration("worlds", parsed.world)
+    rings_file = find_configuration("worlds", parsed.rings_world)
+    with (
+        open_figure_inputs(
+            robot_file, world_file, rings_file, pose=_planar_pose(parsed.pose)
+        ) as inputs,
+        open_progress() as progress,
+    ):
+        write_figures(inputs, parsed.output, progress)
     print_line(f"{len(FIGURES)} figures in {parsed.output}")
     return 0
 
@@ -101,9 +96,8 @@ def _planar_pose(numbers: Sequence[float] | None) -> PlanarPose | None:
 
 
 def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies figures",
-        description="Draw the figures of the camera: frame, faces, cube, rings, mirror meshes.",
+    parser = make_parser(
+        "figures", "Draw the figures of the camera: frame, faces, cube, rings, mirror meshes."
     )
     add = parser.add_argument
     add("--robot", default="p2at_omni", metavar="FILE",
@@ -112,8 +106,7 @@ def _make_parser() -> argparse.ArgumentParser:
         help="world ini or name (default four_legged_2006)")  # fmt: skip
     add("--rings-world", default="incidence_rings", metavar="FILE",
         help="world with a circle every 5 degrees (default incidence_rings)")  # fmt: skip
-    add("--output", type=Path, default=Path("out/figures"), metavar="DIR",
-        help="folder for the PNG files and figures.json (default out/figures)")  # fmt: skip
+    add_output(parser, "out/figures", "folder for the PNG files and figures.json")
     add("--pose", type=float, nargs=3, metavar=("X", "Y", "YAW_DEG"),
         help="robot's pose: metres, degrees clockwise (default: near the first start)")  # fmt: skip
     return parser

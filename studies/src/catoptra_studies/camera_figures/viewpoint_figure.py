@@ -42,7 +42,7 @@ _PLANE_FROM_FRAME = PerspectiveGeometry(
 _T_STEP = 1e-5
 
 
-def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+def draw_viewpoint(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the section with its rays, and the two images made of a frame.
 
     Raises:

@@ -44,7 +44,7 @@ class FloorView:
     """Distance to which it shows the floor; inf if it shows the horizon, 0 if no floor."""
 
 
-def visible_fraction(camera: OmniCamera, theta_rad: Floats) -> Floats:
+def _visible_fraction(camera: OmniCamera, theta_rad: Floats) -> Floats:
     """Fractions of the azimuths at which the image shows an angle; shaped like the angles."""
     azimuth = 2.0 * math.pi * (np.arange(_NUM_AZIMUTHS) + 0.5) / _NUM_AZIMUTHS
     theta = np.asarray(theta_rad)[..., None]
@@ -78,7 +78,7 @@ def covered_sphere(camera: OmniCamera) -> float:
     """Fraction of the sphere of directions that the image shows."""
     # Rings that end at the rim exactly: the sum has no error where the image shows the whole rim.
     edges = np.linspace(min_angle_rad(camera), camera.rim_rad, _NUM_RINGS + 1)
-    fraction = visible_fraction(camera, 0.5 * (edges[1:] + edges[:-1]))
+    fraction = _visible_fraction(camera, 0.5 * (edges[1:] + edges[:-1]))
     return float(fraction @ -np.diff(np.cos(edges))) / 2.0
 
 
@@ -96,7 +96,7 @@ def resolution_at(camera: OmniCamera, theta_rad: float) -> Resolution:
     """Resolution at an angle from the axis; nan where no azimuth of it is in the image."""
     if not min_angle_rad(camera) <= theta_rad <= camera.rim_rad:
         return Resolution(math.nan, math.nan)
-    if not float(visible_fraction(camera, np.array(max(theta_rad, _AXIS_RAD)))) > 0.0:
+    if not float(_visible_fraction(camera, np.array(max(theta_rad, _AXIS_RAD)))) > 0.0:
         return Resolution(math.nan, math.nan)
     radial, tangential = resolution_curve(camera, np.array([theta_rad]))
     return Resolution(float(radial[0]), float(tangential[0]))
@@ -127,14 +127,14 @@ def floor_view(camera: OmniCamera, height_m: float) -> FloorView:
     """
     grid = np.radians(np.arange(0.0, 90.01, 0.5))
     grid[0] = _AXIS_RAD
-    seen = visible_fraction(camera, grid) == 1.0
+    seen = _visible_fraction(camera, grid) == 1.0
     if not seen.any():
         return FloorView(math.inf, 0.0)
     first = int(np.argmax(seen))
     last = first + int(np.argmin(np.append(seen[first:], False))) - 1
 
     def sees_angle(theta_rad: float) -> bool:
-        return float(visible_fraction(camera, np.array(theta_rad))) == 1.0
+        return float(_visible_fraction(camera, np.array(theta_rad))) == 1.0
 
     low = 0.0 if first == 0 else _bisect(sees_angle, inside=grid[first], outside=grid[first - 1])
     if last == len(grid) - 1:

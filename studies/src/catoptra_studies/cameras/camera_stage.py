@@ -1,7 +1,12 @@
-"""One world in which every camera renders from the same place: frames, and milliseconds each."""
+"""One world in which every camera renders from the same place: frames, and milliseconds each.
+
+Each camera is given to a robot of its own, which carries the viewpoint of all at one height. The
+commands `cameras` and `compare` declare their cameras, world and sizes here.
+"""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +15,8 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.config.camera_file import CameraFile, carry_camera
+from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.camera_file import CameraFile, carry_camera, read_camera_files
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.explicit_plan import plan_from_settings
@@ -20,7 +26,8 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_studies.camera_figures.render_timing import time_round_robin
+from catoptra_studies.camera_figures.frame_rates import time_round_robin
+from catoptra_studies.commands import open_progress
 from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import study_poses
 
@@ -50,6 +57,7 @@ class CameraStage:
     """A world and its trace renderer, which is exact for every camera."""
 
     renderer: Renderer
+    world_file: Path
     landmarks: tuple[Landmark, ...]
     """Landmarks of the world."""
 
@@ -65,7 +73,7 @@ class CameraStage:
         finally:
             view.close()
 
-    def time_frames(self, num_rounds: int, on_round: Callable[[], None]) -> tuple[float, ...]:
+    def time_frames(self, num_rounds: int) -> tuple[float, ...]:
         """Processor time of a frame of each camera in milliseconds: medians over rounds."""
         views = [self._prepare(index) for index in range(len(self.cameras))]
         try:
@@ -74,7 +82,7 @@ class CameraStage:
                 lambda _, view=view, state=state: view.render(state).stage_ms
                 for view, state in zip(views, self.states, strict=True)
             ]
-            timings = time_round_robin(draw, num_rounds=num_rounds, on_round=on_round)
+            timings = time_round_robin(draw, num_rounds=num_rounds, on_round=lambda: None)
         finally:
             for view in views:
                 view.close()
@@ -87,33 +95,50 @@ class CameraStage:
         return self.renderer.prepare(camera, plan)
 
 
-def stage_cameras(
-    files: Sequence[CameraFile], folder: Path, *, size_px: int | None
-) -> tuple[StagedCamera, ...]:
-    """Give each camera to a robot, whose file is written into a folder.
-
-    Args:
-        files: Cameras.
-        folder: Folder for a robot file of each camera.
-        size_px: Width and height of images, of cameras that have no size of their own.
-    """
-    staged = []
-    for file in files:
-        robot_file = folder.resolve() / f"robot_{file.name}.ini"
-        description = carry_camera(file, robot_file, size_px=size_px)
-        above_chassis_m = -float(description.robot_from_mirror.translation[2])
-        ride_height_m = read_robot(robot_file)[0].drive.ride_height_m
-        staged.append(StagedCamera(file, robot_file, description, ride_height_m + above_chassis_m))
-    return tuple(staged)
+def add_camera_options(parser: argparse.ArgumentParser, *, size_px: int) -> None:
+    """Declare the options that `open_requested_stage` reads, and the number of timed frames."""
+    add = parser.add_argument
+    add("--cameras", default="", metavar="A,B",
+        help="camera files or bundled names (default: all of configs/cameras)")  # fmt: skip
+    add("--world", default="four_legged_2006", metavar="FILE",
+        help="world ini, or a bundled name (default four_legged_2006)")  # fmt: skip
+    add("--size", type=int, default=size_px, metavar="N",
+        help="side of images, but of cameras calibrated in pixels "
+        f"(default {size_px})")  # fmt: skip
+    add("--frames", type=int, default=9, metavar="N",
+        help="frames of each camera that are timed (default 9)")  # fmt: skip
 
 
 @contextmanager
-def open_stage(cameras: Sequence[StagedCamera], world_file: Path) -> Iterator[CameraStage]:
+def open_requested_stage(
+    parsed: argparse.Namespace,
+) -> Iterator[tuple[CameraStage, Callable[[], None]]]:
+    """Open the stage of a command line, and a progress bar that each camera advances."""
+    files = read_camera_files(parsed.cameras.split(",") if parsed.cameras else ())
+    world_file = find_configuration("worlds", parsed.world)
+    with (
+        open_progress() as progress,
+        open_stage(files, world_file, parsed.output, size_px=parsed.size) as stage,
+    ):
+        yield stage, progress.add_task("cameras", len(files))
+
+
+@contextmanager
+def open_stage(
+    files: Sequence[CameraFile], world_file: Path, folder: Path, *, size_px: int | None
+) -> Iterator[CameraStage]:
     """Start the renderer of a world, with all cameras at the first pose of the studies.
 
+    Args:
+        files: Cameras.
+        world_file: World to show.
+        folder: Folder for a robot file of each camera.
+        size_px: Width and height of images, of cameras that have no size of their own.
+
     Raises:
-        ConfigError: The world cannot be read.
+        ConfigError: The world or a camera cannot be read.
     """
+    cameras = tuple(_give_to_robot(file, folder, size_px) for file in files)
     world, _ = read_world(world_file)
     pose = study_poses(world)[0]
     renderer = choose_renderer(RendererKind.TRACE.value, build_scene(world), world).renderer
@@ -123,6 +148,14 @@ def open_stage(cameras: Sequence[StagedCamera], world_file: Path) -> Iterator[Ca
             for camera in cameras
             for mirror in (camera.description.robot_from_mirror,)
         )
-        yield CameraStage(renderer, world.landmarks, tuple(cameras), states)
+        yield CameraStage(renderer, world_file, world.landmarks, cameras, states)
     finally:
         renderer.close()
+
+
+def _give_to_robot(file: CameraFile, folder: Path, size_px: int | None) -> StagedCamera:
+    robot_file = folder.resolve() / f"robot_{file.name}.ini"
+    description = carry_camera(file, robot_file, size_px=size_px)
+    above_chassis_m = -float(description.robot_from_mirror.translation[2])
+    ride_height_m = read_robot(robot_file)[0].drive.ride_height_m
+    return StagedCamera(file, robot_file, description, ride_height_m + above_chassis_m)

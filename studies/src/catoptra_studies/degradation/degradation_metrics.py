@@ -1,29 +1,36 @@
-"""Detection rates, measurement errors and position errors over recorded drives."""
+"""Metrics of one detector over recorded drives, an example frame, and the levels that fail.
+
+Detections are compared with the landmarks that the stream reports as visible. A level fails where
+the detector finds too few of the beacons that it finds in clean images, or where the paper's filter
+errs too much.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_client.landmarks import Detection
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.localization import make_landmark_map
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_studies.degradation.recorded_drive import RecordedDrive, add_measurements
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, PAPER_FILTER, ExperimentSetup
-from catoptra_studies.experiment.filter_replay import FilterRun, replay_filter
-from catoptra_studies.experiment.measurement_metrics import (
+from catoptra_studies.experiment.localization_filter import FilterRun, replay_filter
+from catoptra_studies.experiment.metrics import (
     RangeBearingPair,
     rms_range_bearing,
     true_range_bearing,
 )
+from catoptra_studies.paper_values import PAPER_EKF_ERROR_M
 
 # Two sigmas of the bearing noise in the paper's filter: a detection farther off is of another
 # object.
-MATCH_TOLERANCE_RAD = math.radians(5.0)
+_MATCH_TOLERANCE_RAD = math.radians(5.0)
 
 # Detections in each frame of a drive.
 DriveDetections = Sequence[Sequence[Detection]]
@@ -120,10 +127,10 @@ def evaluate_drive(drive: RecordedDrive, detections: DriveDetections) -> Iterato
         visible = {p.landmark.name: p.landmark for p in frame.landmarks if p.visible}
         truth = {name: true_range_bearing(step, landmark) for name, landmark in visible.items()}
         beacons = {name for name, landmark in visible.items() if landmark.kind == "beacon"}
-        yield evaluate_frame(truth, beacons, found)
+        yield _evaluate_frame(truth, beacons, found)
 
 
-def evaluate_frame(
+def _evaluate_frame(
     range_bearing: dict[str, RangeBearingPair],
     beacons: set[str],
     detections: Sequence[Detection],
@@ -144,7 +151,7 @@ def evaluate_frame(
             false_detections.append(detection)
             continue
         error_rad = wrap_angle(detection.bearing_rad - truth[1])
-        if abs(error_rad) > MATCH_TOLERANCE_RAD:
+        if abs(error_rad) > _MATCH_TOLERANCE_RAD:
             false_detections.append(detection)
         # A correct detection beyond the range in use is neither a success nor a failure.
         elif detection.name in visible:
@@ -168,3 +175,106 @@ def _run_filter(
 
 def _median(values: Sequence[float]) -> float:
     return float(np.median(values))
+
+
+# Position (u, v) in the image.
+Pixel = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExampleFrame:
+    """A frame with its evaluated detections."""
+
+    rgb: UInt8Array
+    """(h, w, 3) image."""
+
+    detected_px: tuple[Pixel, ...]
+    """True positions of the visible beacons that were detected."""
+
+    missed_px: tuple[Pixel, ...]
+    """True positions of the visible beacons that were not."""
+
+    false_bearings_rad: tuple[float, ...]
+    """Bearings of detections that match no visible landmark."""
+
+    centre_px: Pixel
+    """Centre of the mirror's image."""
+
+
+def select_example(drive: RecordedDrive, detections: DriveDetections) -> ExampleFrame:
+    """Select the first of the frames with the most visible beacons within range."""
+    evaluations = list(evaluate_drive(drive, detections))
+    # The same frame at every level: visibility is the same there, since the seeds are.
+    counts = [len(evaluation.visible_beacons) for evaluation in evaluations]
+    index = counts.index(max(counts))
+    frame, evaluation = drive.frames[index], evaluations[index]
+    pixels = {p.landmark.name: p.pixel for p in frame.landmarks if p.pixel is not None}
+    # Visible and within range: beacons out of range are neither detected nor missed.
+    missed = evaluation.visible_beacons - set(evaluation.detection_errors)
+    # Sorted by name: sets have no order, and the plots of two equal runs must be equal.
+    return ExampleFrame(
+        rgb=frame.rgb,
+        detected_px=tuple(pixels[name] for name in sorted(evaluation.detection_errors)),
+        missed_px=tuple(pixels[name] for name in sorted(missed)),
+        false_bearings_rad=tuple(
+            detection.bearing_rad for detection in evaluation.false_detections
+        ),
+        centre_px=drive.camera.centre_px,
+    )
+
+
+def rms_difference(degraded: ExampleFrame, clean: ExampleFrame) -> float:
+    """Root mean square difference of two frames at the same pose, in grey levels."""
+    difference = degraded.rgb.astype(np.float64) - clean.rgb
+    return float(np.sqrt(np.mean(np.square(difference))))
+
+
+@dataclass(frozen=True, slots=True)
+class FailureLevels:
+    """Labels of the first levels that fail in four ways; None where all levels pass."""
+
+    detection_below_90_percent: str | None
+    """Detection rate below nine tenths of that in clean images."""
+
+    detection_below_50_percent: str | None
+    """Detection rate below half of that in clean images."""
+
+    ekf_error_above_twice_clean: str | None
+    """Largest position error more than twice that with clean images."""
+
+    ekf_error_above_paper: str | None
+    """Largest position error above the paper's bound."""
+
+
+def find_failure_levels(
+    clean: DegradationMetrics, levels: Sequence[tuple[str, DegradationMetrics]]
+) -> FailureLevels:
+    """Find the first failing level of a sweep.
+
+    Args:
+        clean: Metrics of clean images.
+        levels: Label and metrics of each level, from slight to hopeless.
+    """
+    # Relative to clean images, in which the detector does not find every beacon either.
+    return FailureLevels(
+        detection_below_90_percent=_first_level(
+            levels, lambda metrics: metrics.detection_rate < 0.9 * clean.detection_rate
+        ),
+        detection_below_50_percent=_first_level(
+            levels, lambda metrics: metrics.detection_rate < 0.5 * clean.detection_rate
+        ),
+        ekf_error_above_twice_clean=_first_level(
+            levels, lambda metrics: metrics.ekf_max_m > 2.0 * clean.ekf_max_m
+        ),
+        ekf_error_above_paper=_first_level(
+            levels, lambda metrics: metrics.ekf_max_m > PAPER_EKF_ERROR_M
+        ),
+    )
+
+
+def _first_level(
+    levels: Sequence[tuple[str, DegradationMetrics]],
+    condition: Callable[[DegradationMetrics], bool],
+) -> str | None:
+    # The first one, even if a later level passes again: a detector must not be trusted beyond.
+    return next((label for label, metrics in levels if condition(metrics)), None)

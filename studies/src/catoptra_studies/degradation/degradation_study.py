@@ -12,25 +12,29 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from catoptra_client.landmarks import ColourClassifier, train
-from catoptra_client.training_frames import capture_training_frames
+from catoptra_client.landmarks import ColourClassifier
 from catoptra_studies.degradation.degradation_metrics import (
     DegradationMetrics,
+    ExampleFrame,
     compute_degradation_metrics,
+    select_example,
 )
 from catoptra_studies.degradation.degradation_sweeps import (
     DegradationSweep,
     clean_robot_ini,
     degraded_robot_ini,
 )
-from catoptra_studies.degradation.example_frame import ExampleFrame, select_example
 from catoptra_studies.degradation.recorded_drive import (
     RecordedDrive,
     detect_beacons,
     make_drive_detector,
     record_drive,
 )
-from catoptra_studies.experiment.experiment_runner import ExperimentConfig, open_server
+from catoptra_studies.experiment.experiment_runner import (
+    ExperimentConfig,
+    open_server,
+    train_on_server,
+)
 
 TRAINED_ON_CLEAN = "clean"
 TRAINED_ON_DEGRADED = "degraded"
@@ -147,15 +151,8 @@ def _record_drives(
     # The name makes the server's log file, so levels that run together need different ones.
     setup = replace(config.setups[0], name=name, robot_file=str(robot_file))
     with open_server(config, setup) as address:
-        frames = capture_training_frames(
-            address,
-            landmarks=config.landmarks,
-            num_frames=config.num_training_frames,
-            seed=config.seed + 1,
-            on_frame=lambda: None,
-        )
         # On the same server, hence on images degraded in the same way as those of the drives.
-        classifier = train(frames)
+        classifier = train_on_server(config, address, lambda: None)
         drives = []
         for run in range(config.num_runs):
             drives.append(record_drive(setup, run, address))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-SIM_ROBOT = "p2at_omni_sim.ini"
+_SIM_ROBOT = "p2at_omni_sim.ini"
 REAL_ROBOT = "p2at_omni_real.ini"
 _CAMERA_SECTION = "[Catoptra.OmniCaptureCamera]"
 # One ray a pixel: half the time of the experiment's four, and 99 % of the beacons are still found.
@@ -55,7 +55,7 @@ class DegradationSweep:
     ini_keys: str = ""
     """Keys that all levels share, with `|` between lines."""
 
-    base_robot: str = SIM_ROBOT
+    base_robot: str = _SIM_ROBOT
     """Robot file on which the levels are based."""
 
     @property
@@ -79,7 +79,7 @@ def degraded_robot_ini(sweep: DegradationSweep, level: DegradationLevel, robot_f
 
 def clean_robot_ini(robot_folder: Path) -> str:
     """Robot file of clean images."""
-    return _robot_ini(robot_folder / SIM_ROBOT, _ONE_SAMPLE)
+    return _robot_ini(robot_folder / _SIM_ROBOT, _ONE_SAMPLE)
 
 
 def _robot_ini(base_robot: Path, ini_keys: str) -> str:

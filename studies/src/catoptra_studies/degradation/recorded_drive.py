@@ -22,19 +22,17 @@ from catoptra_client.landmarks import (
 )
 from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.robot_client import RobotClient
-from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_studies.experiment.drive_log import (
     DriveLog,
+    LandmarkMeasurement,
     drive_route,
+    measurements_in_range,
+    spawn_robot,
 )
 from catoptra_studies.experiment.experiment_setups import ExperimentSetup
-from catoptra_studies.experiment.landmark_measurement import (
-    LandmarkMeasurement,
-    measurements_in_range,
-)
 from catoptra_studies.experiment.route import Waypoint
 
 # Two servers and other programs may delay a frame; an hour of drives must not end by that.
@@ -88,12 +86,7 @@ def record_drive(setup: ExperimentSetup, seed: int, address: ServerAddress) -> R
         ImageClient.connect(address.host, address.image_port, _TIMEOUT_S) as images,
         StreamClient.connect(address.host, address.stream_port, _TIMEOUT_S) as stream,
     ):
-        robot.spawn(
-            ROBOT_CLASS,
-            name=name,
-            location_m=(start.x_m, start.y_m, 0.0),
-            rotation_rad=(0.0, 0.0, start.yaw_rad),
-        )
+        spawn_robot(robot, start, name)
         camera, height_m = robot.get_camera_and_height()
 
         def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:

@@ -2,17 +2,318 @@
 
 Bundled worlds, places drawn by seed, motions of the shipped robot, the shipped real camera with its
 thresholds. Two processes share the places; the result depends on the seed alone.
+
+Situations of the decision experiment: worlds, places that a robot can reach, and motions.
+
+Places are cells of a grid that the robot's base can reach from a start of the world without a
+contact, at any heading. Half of them are close to an obstacle, half in the open; all are drawn from
+a seed.
+
+One trial of the decision experiment: a situation's decisions, each beside its truth.
+
+The decisions are those of the server's own view cache. The truth is measured with rays and
+references of its own (`effect_truth`), which know nothing of them but the names of the effects that
+are drawn, since each decision is about the light that reaches its effect.
 """
 
 from __future__ import annotations
 
+import math
 import multiprocessing
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from catoptra_studies.effects.decision_trial import TrialDecision, TrialWorld
-from catoptra_studies.effects.situations import WORLDS
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.noise_seed import NoiseSeed
+from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.effects.effect import DecisionBasis, Effect, EffectMode
+from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state
+from catoptra_server.frames.frame_request import ViewRequest
+from catoptra_server.frames.view_cache import ViewCache
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace.engine_choice import create_engine
+from catoptra_server.render.trace.ray_table import Float32s, omni_ray_table
+from catoptra_server.render.trace.trace_engine import assemble_grid
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.scene.obstacle_grid import (
+    GROUND_CLEARANCE_M,
+    build_obstacle_grid,
+    rectangles_intersect,
+)
+from catoptra_server.startup import StartupConfig, read_startup_config
+from catoptra_studies.effects.effect_truth import EffectTruth
+
+# All bundled worlds, so that none is chosen for the result.
+WORLDS = (
+    "corridor",
+    "four_legged_2006",
+    "incidence_rings",
+    "legacy",
+    "rescue",
+    "warehouse",
+)
+# Speeds of a P2AT: a metre a second is beyond its wheels.
+MOTIONS: Mapping[str, PlanarVelocity] = {
+    "at rest": ZERO_VELOCITY,
+    "slow": PlanarVelocity(0.05, 0.0, 0.02),
+    "driving": PlanarVelocity(0.6, 0.0, 0.1),
+    "turning": PlanarVelocity(0.2, 0.0, 1.2),
+}
+# Fine enough for the corridor's doors, which leave 9 cm on either side of a turning base.
+_CELL_M = 0.1
+_CLEARANCE_M = 0.02
+# Free ground beside the base of a place in the open.
+_OPEN_CLEARANCE_M = 0.4
+# Places that the scene's triangles are compared with at a time.
+_BATCH = 2048
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place in a world."""
+
+    world: str
+    """Name of the bundled file."""
+    number: int
+    """Index among the places of the world; seed of the noise."""
+    pose: PlanarPose
+    is_near: bool
+    """Whether an obstacle is close to the robot."""
+
+
+def choose_places(
+    world: str, startup: StartupConfig, num_places: int, *, seed: int
+) -> tuple[Place, ...]:
+    """Places of a world, near obstacles and in the open by turns.
+
+    Args:
+        world: Name of the bundled file.
+        startup: Its content, with the robot.
+        num_places: Number of places.
+        seed: Seed of cells and headings.
+    """
+    near, in_the_open = _find_cells(startup)
+    generator = np.random.default_rng((seed, *world.encode()))
+    places = []
+    for number in range(num_places):
+        # A world without obstacles, or one that is narrow everywhere, has cells of one kind alone.
+        is_near = bool(len(near)) and (number % 2 == 0 or not len(in_the_open))
+        cells = near if is_near else in_the_open
+        x_m, y_m = (
+            cells[generator.integers(len(cells))] + generator.uniform(-1.0, 1.0, 2) * _CLEARANCE_M
+        )
+        yaw_rad = float(generator.uniform(-math.pi, math.pi))
+        places.append(Place(world, number, PlanarPose(float(x_m), float(y_m), yaw_rad), is_near))
+    return tuple(places)
+
+
+def _find_cells(startup: StartupConfig) -> tuple[Floats, Floats]:
+    """(n, 2) centres of reachable cells near obstacles, and (m, 2) of those in the open."""
+    outlines = startup.scene.corners[..., :2]
+    low, high = outlines.min(axis=(0, 1)), outlines.max(axis=(0, 1))
+    columns, rows = (np.arange(a, b, _CELL_M) for a, b in zip(low, high, strict=True))
+    centres = np.stack(np.meshgrid(columns, rows, indexing="ij"), axis=-1)
+    flat = centres.reshape(-1, 2)
+    is_free = _are_free(startup, flat, _CLEARANCE_M).reshape(centres.shape[:2])
+    is_reachable = _flood(is_free, _start_cells(startup, low))
+    reachable = centres[is_reachable]
+    is_open = _are_free(startup, reachable, _OPEN_CLEARANCE_M)
+    return reachable[~is_open], reachable[is_open]
+
+
+def _start_cells(startup: StartupConfig, low: Floats) -> list[tuple[int, int]]:
+    """Cells of the world's starts; that of the origin for a world without one."""
+    locations = [start.location_m[:2] for start in startup.world.starts] or [(0.0, 0.0)]
+    cells = np.rint((np.array(locations) - low) / _CELL_M).astype(int)
+    return [(int(column), int(row)) for column, row in cells]
+
+
+def _are_free(startup: StartupConfig, places: Floats, clearance_m: float) -> Bools:
+    """(n,) whether the base of the robot has free ground around it at (n, 2) places."""
+    robot: RobotDescription = startup.robots[0]
+    length_m, width_m, height_m = robot.drive.collision_size_m
+    height_m = max(robot.max_viewpoint_height_m, height_m)
+    obstacles = build_obstacle_grid(startup.scene, low_m=GROUND_CLEARANCE_M, high_m=height_m)
+    # A square about the circle that the base turns in: free at any heading.
+    half_m = 0.5 * math.hypot(length_m, width_m) + clearance_m
+    free = np.ones(len(places), dtype=bool)
+    for begin in range(0, len(places), _BATCH):
+        batch = places[begin : begin + _BATCH]
+        middle = 0.5 * (batch.min(axis=0) + batch.max(axis=0))
+        reach_m = float(np.abs(batch - middle).max()) + half_m
+        x, y = middle.tolist()
+        triangles = obstacles.triangles_near((x, y), reach_m)
+        free[begin : begin + _BATCH] = ~rectangles_intersect(
+            triangles, batch, 0.0, half_size_m=(half_m, half_m)
+        )
+    return free
+
+
+def _flood(is_free: Bools, starts: list[tuple[int, int]]) -> Bools:
+    """(n, m) free cells that are connected with a free start."""
+    reached = np.zeros_like(is_free)
+    waiting = [cell for cell in starts if is_free[cell]]
+    for cell in waiting:
+        reached[cell] = True
+    while waiting:
+        cell = waiting.pop()
+        for neighbour in _neighbours(cell, is_free.shape):
+            if is_free[neighbour] and not reached[neighbour]:
+                reached[neighbour] = True
+                waiting.append(neighbour)
+    return reached
+
+
+def _neighbours(cell: tuple[int, int], shape: tuple[int, ...]) -> Iterator[tuple[int, int]]:
+    """Cells that share a side with a cell."""
+    for column, row in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        i, j = cell[0] + column, cell[1] + row
+        if 0 <= i < shape[0] and 0 <= j < shape[1]:
+            yield i, j
+
+
+_ROBOT = "p2at_omni_real"
+# Of the camera; the place is the tick.
+_CAMERA_KEY = (1, 2)
+_NOTHING_M = np.float32(np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class TrialDecision:
+    """Decision about one effect in one situation, and the truth."""
+
+    world: str
+    place: int
+    motion: str
+    effect: str
+    enabled: bool
+    is_measured: bool
+    """Whether the frame decided; else the bound did, before the frame."""
+    bound: float
+    """Grey levels."""
+    change: float | None
+    """Change that the renderer measured, grey levels."""
+    threshold: float
+    truth: float
+    """Largest true change of any pixel, grey levels."""
+
+
+class TrialWorld:
+    """A world with the shipped real camera: decisions by the server's code, truth by its own."""
+
+    def __init__(self, name: str, *, width_px: int | None = None) -> None:
+        """Read a bundled world.
+
+        Args:
+            width_px: Side of a square image; None for the shipped camera's own size.
+        """
+        self._name = name
+        self._startup = _read_world(name)
+        robot = self._startup.robots[0]
+        assert robot.omni_camera is not None, f"{_ROBOT} has a mirror camera"
+        omni = robot.omni_camera
+        if width_px is not None:
+            omni = replace(omni, camera=_resize(omni.camera, width_px))
+        self._robot, self._omni = robot, omni
+        self._spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
+        settings = self._omni.effects.settings
+        self._effects: tuple[Effect, ...] = tuple(
+            one.effect for one in settings if one.mode is not EffectMode.NEVER
+        )
+        scene, world = self._startup.scene, self._startup.world
+        # One thread: the pool's processes share the processors.
+        choice = choose_renderer("trace", scene, world, threads=1)
+        self._views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(scene, world))
+        self._truth = _make_truth(self._startup, self._spec)
+
+    def choose_places(self, num_places: int, *, seed: int) -> tuple[Place, ...]:
+        """Places of this world."""
+        return choose_places(self._name, self._startup, num_places, seed=seed)
+
+    def run(self, place: Place) -> Iterator[TrialDecision]:
+        """Yield the decisions at a place, in all motions."""
+        for motion, velocity in MOTIONS.items():
+            state = build_camera_state(self._robot, self._omni, place.pose, velocity)
+            state = replace(state, noise_seed=NoiseSeed(_CAMERA_KEY, place.number))
+            decisions = self._views.render(ViewRequest(self._spec, state)).effect_decisions
+            drawn = frozenset(one.effect for one in decisions if one.enabled or _follows_frame(one))
+            truths = self._truth.measure(state, self._effects, drawn)
+            for one in decisions:
+                if one.effect in truths:
+                    yield TrialDecision(
+                        self._name,
+                        place.number,
+                        motion,
+                        one.effect,
+                        one.enabled,
+                        _follows_frame(one),
+                        one.bound,
+                        one.change,
+                        self._omni.effects.threshold_grey_levels,
+                        truths[one.effect],
+                    )
+
+    def close(self) -> None:
+        """Free the renderers."""
+        self._views.close()
+
+
+def _follows_frame(decision: EffectDecision) -> bool:
+    return decision.basis is DecisionBasis.MEASURED
+
+
+def _read_world(name: str) -> StartupConfig:
+    return read_startup_config(
+        [find_configuration("robots", _ROBOT)], find_configuration("worlds", name)
+    )
+
+
+def _resize(camera: OmniCamera, width_px: int) -> OmniCamera:
+    """Same mirror in a square image."""
+    return camera_with_inscribed_rim(
+        camera.mirror, width_px=width_px, height_px=width_px, rim_rad=camera.rim_rad
+    )
+
+
+def _make_truth(startup: StartupConfig, spec: OmniCameraSpec) -> EffectTruth:
+    """Truth by rays of its own, under all lights of the world, none of them culled."""
+    plan = plan_from_settings(
+        spec.render_settings, spec.camera, kind=RendererKind.TRACE, reason="truth"
+    )
+    _, engine = create_engine(
+        "auto",
+        startup.scene,
+        startup.world,
+        threads=1,
+        scene_lights=startup.world.lights,
+        instruction_set="auto",
+    )
+    table = omni_ray_table(spec.camera, plan)
+    rays = engine.prepare(table)
+
+    def measure_ranges(state: CameraState) -> Float32s:
+        """Inverse of the mean inverse range of each pixel's samples: their discs grow with it."""
+        ranges = assemble_grid(table, rays.find_hits(state).range_m[..., None], fill=_NOTHING_M)
+        rows, columns, samples = spec.camera.height_px, spec.camera.width_px, plan.samples
+        inverse = 1.0 / ranges.astype(np.float64).reshape(rows, samples, columns, samples)
+        with np.errstate(divide="ignore"):  # a pixel that shows nothing is infinitely far away
+            return np.asarray(1.0 / inverse.mean(axis=(1, 3)), dtype=np.float32)
+
+    return EffectTruth(spec.camera, rays.render_linear, measure_ranges)
+
 
 _NUM_PROCESSES = 2
 
@@ -40,18 +341,18 @@ def run_decision_study(
     """
     tasks = [(study, world, number) for world in study.worlds for number in range(study.num_places)]
     if study.num_processes == 1:
-        return _collect(map(run_place, tasks), on_place)
+        return _collect(map(_run_place, tasks), on_place)
     # Spawned: a forked process would share the locks of a library's threads.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(study.num_processes, mp_context=context) as pool:
         try:
-            return _collect(pool.map(run_place, tasks), on_place)
+            return _collect(pool.map(_run_place, tasks), on_place)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def run_place(task: tuple[DecisionStudy, str, int]) -> Sequence[TrialDecision]:
+def _run_place(task: tuple[DecisionStudy, str, int]) -> Sequence[TrialDecision]:
     """Decisions at one place of a world, in all motions."""
     study, world, number = task
     trial_world = _keep_world(study, world)

@@ -15,14 +15,14 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from catoptra_studies.effects.decision_trial import TrialDecision
+from catoptra_studies.effects.decision_experiment import TrialDecision
 
-MAX_NEEDLESS_FRACTION = 0.03
-MIN_AGREEMENT = 0.97
+_MAX_NEEDLESS_FRACTION = 0.03
+_MIN_AGREEMENT = 0.97
 # Of the whole experiment; fewer situations have to have as many in proportion.
-MIN_MEASURED_PER_SITUATION = 3000 / 960
+_MIN_MEASURED_PER_SITUATION = 3000 / 960
 # A renderer's change is of 32-bit light and a fast encoding, the truth of 64-bit light.
-TOLERANCE_GREY_LEVELS = 0.02
+_TOLERANCE_GREY_LEVELS = 0.02
 
 _HEAD = (
     "| effect | situations | truth on | decision on | wrongly off | needless on | agreement "
@@ -31,7 +31,7 @@ _HEAD = (
 
 
 @dataclass(frozen=True, slots=True)
-class EffectScore:
+class _EffectScore:
     """Counts of one effect's situations."""
 
     effect: str
@@ -59,7 +59,7 @@ class EffectScore:
 class DecisionReport:
     """Scores of all effects, and whether the decisions are good enough."""
 
-    scores: tuple[EffectScore, ...]
+    scores: tuple[_EffectScore, ...]
     """In optical order."""
     num_situations: int
     failures: tuple[str, ...]
@@ -76,12 +76,12 @@ class DecisionReport:
         verdict = [f"* falls short: {text}" for text in self.failures] or ["All criteria are met."]
         return "\n".join((_HEAD, line, *rows, "", *verdict))
 
-    def _total(self) -> EffectScore:
+    def _total(self) -> _EffectScore:
         sums = (sum(getattr(one, name) for one in self.scores) for name in _COUNTS)
-        return EffectScore("all", *sums)
+        return _EffectScore("all", *sums)
 
 
-_COUNTS = tuple(name for name in EffectScore.__dataclass_fields__ if name != "effect")
+_COUNTS = tuple(name for name in _EffectScore.__dataclass_fields__ if name != "effect")
 
 
 def evaluate_decisions(decisions: Sequence[TrialDecision]) -> DecisionReport:
@@ -97,30 +97,30 @@ def evaluate_decisions(decisions: Sequence[TrialDecision]) -> DecisionReport:
 def is_wrongly_off(one: TrialDecision) -> bool:
     """Whether an effect is left out that changes a pixel visibly."""
     # A bound has no tolerance: it is computed in float64, and never below the truth.
-    tolerance = TOLERANCE_GREY_LEVELS if one.is_measured else 0.0
+    tolerance = _TOLERANCE_GREY_LEVELS if one.is_measured else 0.0
     return not one.enabled and one.truth > one.threshold + tolerance
 
 
-def is_needless_on(one: TrialDecision) -> bool:
+def _is_needless_on(one: TrialDecision) -> bool:
     """Whether an effect is on that changes no pixel by even half the threshold."""
     return one.enabled and one.truth < 0.5 * one.threshold
 
 
-def _score(effect: str, decisions: Sequence[TrialDecision]) -> EffectScore:
-    return EffectScore(
+def _score(effect: str, decisions: Sequence[TrialDecision]) -> _EffectScore:
+    return _EffectScore(
         effect,
         num_situations=len(decisions),
         num_truth_on=sum(one.truth > one.threshold for one in decisions),
         num_on=sum(one.enabled for one in decisions),
         num_wrongly_off=sum(map(is_wrongly_off, decisions)),
-        num_needless_on=sum(map(is_needless_on, decisions)),
+        num_needless_on=sum(map(_is_needless_on, decisions)),
         num_agreeing=sum(one.enabled == (one.truth > one.threshold) for one in decisions),
         num_proved_off=sum(not one.enabled and not one.is_measured for one in decisions),
         num_measured=sum(one.is_measured for one in decisions),
     )
 
 
-def _find_failures(scores: Sequence[EffectScore], num_situations: int) -> list[str]:
+def _find_failures(scores: Sequence[_EffectScore], num_situations: int) -> list[str]:
     failures = [
         f"{one.effect} is wrongly off in {one.num_wrongly_off} situations"
         for one in scores
@@ -128,15 +128,15 @@ def _find_failures(scores: Sequence[EffectScore], num_situations: int) -> list[s
     ]
     num_decisions = sum(one.num_situations for one in scores)
     needless = sum(one.num_needless_on for one in scores)
-    if needless > MAX_NEEDLESS_FRACTION * num_decisions:
+    if needless > _MAX_NEEDLESS_FRACTION * num_decisions:
         failures.append(f"{needless} of {num_decisions} decisions are needlessly on")
     failures += [
         f"{one.effect} follows its truth in {100 * one.agreement:.1f} % of the situations"
         for one in scores
-        if one.truth_crosses and one.agreement < MIN_AGREEMENT
+        if one.truth_crosses and one.agreement < _MIN_AGREEMENT
     ]
     measured = sum(one.num_measured for one in scores)
-    if measured < MIN_MEASURED_PER_SITUATION * num_situations:
+    if measured < _MIN_MEASURED_PER_SITUATION * num_situations:
         failures.append(f"only {measured} decisions are measured")
     return failures
 

@@ -65,16 +65,16 @@ def write_effect_pages(folder: Path, *, on_page: Callable[[], None] = lambda: No
                 f"{case.description}: {_describe_decision(required)}",
                 f"{case.negligible_case.description}: {_describe_decision(negligible)}",
             )
-            with plot_style.open_page(plot_style.PAGE_WIDTH_PX, 660) as page:
+            path = folder / f"{case.effect.name}.png"
+            with plot_style.open_page(path, 660) as page:
                 _draw_page(page, case, scene, captions)
-                plot_style.save_page(page, folder / f"{case.effect.name}.png")
             lines += [*captions, ""]
             on_page()
     (folder / "explanations.txt").write_text("\n".join(lines), encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EffectScene:
+class _EffectScene:
     """The paper's field with a robot near its centre, ready to be rendered."""
 
     summarizer: SceneSummarizer
@@ -130,7 +130,7 @@ def _near_objects(world_from_mirror: Pose, distance_m: float) -> tuple[DynamicOb
 
 
 @contextmanager
-def _open_scene() -> Iterator[EffectScene]:
+def _open_scene() -> Iterator[_EffectScene]:
     """Prepare the field for the trace renderer, 3 x 3 samples a pixel."""
     config = read_startup_config(
         [find_configuration("robots", "p2at_omni_real")],
@@ -142,7 +142,7 @@ def _open_scene() -> Iterator[EffectScene]:
     settings = RenderSettings(samples=3)
     plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="effect page")
     summarizer = SceneSummarizer(config.scene, config.world)
-    yield EffectScene(summarizer, renderer.prepare(camera, plan), config.robots[0])
+    yield _EffectScene(summarizer, renderer.prepare(camera, plan), config.robots[0])
     renderer.close()
 
 
@@ -155,7 +155,7 @@ def _paper_camera(rim_deg: float) -> OmniCamera:
     )
 
 
-def _decide_both(case: EffectCase, scene: EffectScene) -> tuple[EffectDecision, EffectDecision]:
+def _decide_both(case: EffectCase, scene: _EffectScene) -> tuple[EffectDecision, EffectDecision]:
     """Decisions of the criterion in the scene shown and in the negligible one."""
     effects = (*case.upstream_effects, case.effect)
     settings = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in effects))
@@ -172,7 +172,7 @@ def _decide_both(case: EffectCase, scene: EffectScene) -> tuple[EffectDecision, 
 
 
 def _draw_page(
-    page: plot_style.Page, case: EffectCase, scene: EffectScene, captions: tuple[str, str]
+    page: plot_style.Page, case: EffectCase, scene: _EffectScene, captions: tuple[str, str]
 ) -> None:
     without = srgb_from_linear(scene.render_linear(case, case.upstream_effects))
     with_effect = srgb_from_linear(scene.render_linear(case, (*case.upstream_effects, case.effect)))

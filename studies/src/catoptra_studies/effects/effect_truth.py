@@ -31,19 +31,19 @@ from catoptra_server.render.trace.ray_table import Float32s
 from catoptra_server.scene.twist import AT_REST
 
 # Sharp frames of an exposure.
-NUM_SHARP_FRAMES = 64
+_NUM_SHARP_FRAMES = 64
 
 # Fields of a state that a frame of a known pose and motion does not depend on any further.
 _KNOWN_BY_POSE = frozenset({"world_from_mirror", "twist", "ego_body"})
 
-RenderLinear = Callable[[CameraState], LinearImage]
+_RenderLinear = Callable[[CameraState], LinearImage]
 """Function that renders a sharp frame, (h, w, 3) linear light."""
-MeasureRanges = Callable[[CameraState], Float32s]
+_MeasureRanges = Callable[[CameraState], Float32s]
 """Function that measures the (h, w) ranges of all pixels."""
 
 
 @dataclass(frozen=True, slots=True)
-class Opening:
+class _Opening:
     """Times of an exposure."""
 
     exposure_s: float = 0.0
@@ -55,8 +55,8 @@ class EffectTruth:
     """True changes in the frames of one camera; frames of one pose are rendered once."""
 
     camera: OmniCamera
-    render_linear: RenderLinear
-    measure_ranges: MeasureRanges
+    render_linear: _RenderLinear
+    measure_ranges: _MeasureRanges
     _pose: bytes = b""
     _known: dict[Hashable, object] = field(default_factory=dict)
 
@@ -88,9 +88,9 @@ class EffectTruth:
 
     def _change_scene(
         self, state: CameraState, effects: Sequence[Effect], drawn: frozenset[str]
-    ) -> tuple[dict[str, float], CameraState, Opening]:
+    ) -> tuple[dict[str, float], CameraState, _Opening]:
         """Changes by scene effects, and the state and times with all drawn ones."""
-        truths, opening = {}, Opening()
+        truths, opening = {}, _Opening()
         for effect in effects:
             if not is_scene_effect(effect):
                 continue
@@ -109,17 +109,17 @@ class EffectTruth:
                 changed = effect.apply_to_scene(state, 0.0)
             before, after = self._expose(state, opening), self._expose(changed, changed_opening)
             truths[effect.name] = (
-                0.0 if after is before else max_change(encode(before), encode(after))
+                0.0 if after is before else _max_change(encode(before), encode(after))
             )
             if effect.name in drawn:
                 state, opening = changed, changed_opening
         return truths, state, opening
 
-    def _expose(self, state: CameraState, opening: Opening) -> Floats:
+    def _expose(self, state: CameraState, opening: _Opening) -> Floats:
         """Linear light of an exposure: the same array for the same light."""
         is_moving = state.twist != AT_REST or any(one.twist != AT_REST for one in state.objects)
         if not is_moving:
-            opening = Opening()
+            opening = _Opening()
         key = ("light", _state_key(state), opening, state.twist if is_moving else None)
         if key not in self._known:
             self._known[key] = self._render(state, opening)
@@ -127,18 +127,18 @@ class EffectTruth:
         assert isinstance(light, np.ndarray)
         return light
 
-    def _render(self, state: CameraState, opening: Opening) -> Floats:
-        if opening == Opening():
+    def _render(self, state: CameraState, opening: _Opening) -> Floats:
+        if opening == _Opening():
             return self.render_linear(state).astype(np.float64)
         rows = self.camera.height_px
         centres_s = opening.readout_s * ((np.arange(rows) + 0.5) / rows - 0.5)
         total_s = opening.exposure_s + opening.readout_s
-        edges_s = (np.arange(NUM_SHARP_FRAMES + 1) / NUM_SHARP_FRAMES - 0.5) * total_s
+        edges_s = (np.arange(_NUM_SHARP_FRAMES + 1) / _NUM_SHARP_FRAMES - 0.5) * total_s
         light = np.zeros((rows, self.camera.width_px, 3))
         for begin_s, end_s in pairwise(edges_s.tolist()):
             weights = _row_weights(centres_s, opening.exposure_s, begin_s, end_s)
             if weights.any():
-                frame = self.render_linear(advance(state, 0.5 * (begin_s + end_s)))
+                frame = self.render_linear(_advance(state, 0.5 * (begin_s + end_s)))
                 light += weights[:, None, None] * frame
         return light
 
@@ -165,13 +165,13 @@ class EffectTruth:
                 plain = next((one for one in effects if isinstance(one, Defocus)), None)
                 if plain is not None:
                     reference = encode(plain.apply(light, self.camera, context))
-            truths[effect.name] = max_change(reference, changed_encoded)
+            truths[effect.name] = _max_change(reference, changed_encoded)
             if effect.name in drawn:
                 light, encoded = changed, changed_encoded
         return truths
 
 
-def advance(state: CameraState, time_s: float) -> CameraState:
+def _advance(state: CameraState, time_s: float) -> CameraState:
     """Camera state at another time, camera and objects moved by their twists."""
     objects = (
         replace(one, world_from_object=one.twist.integrate_pose(one.world_from_object, time_s))
@@ -192,7 +192,7 @@ def encode(light: Floats) -> Floats:
     return encoded
 
 
-def max_change(before: Floats, after: Floats) -> float:
+def _max_change(before: Floats, after: Floats) -> float:
     """Largest difference of any pixel and channel."""
     return float(np.abs(after - before).max())
 

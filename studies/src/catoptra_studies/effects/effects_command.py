@@ -11,7 +11,14 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.commands import (
+    ProgressDisplay,
+    add_output,
+    make_parser,
+    open_progress,
+    print_line,
+    run_study,
+)
 from catoptra_studies.degradation.degradation_report import (
     failure_table,
     format_sweep_summary,
@@ -25,17 +32,10 @@ from catoptra_studies.degradation.degradation_study import (
 from catoptra_studies.degradation.degradation_sweeps import SWEEPS
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.experiment.experiment_setups import SIM
-from catoptra_studies.progress_display import (
-    ProgressDisplay,
-    open_progress,
-    print_error,
-    print_line,
-)
-from catoptra_studies.reports.marked_block import replace_block
+from catoptra_studies.reports import replace_block
 
-EXIT_FAILURE = 2
 # Decisions that differ from the truth too often.
-EXIT_WRONG = 1
+_EXIT_WRONG = 1
 _PARTS = ("pages", "decisions", "sweeps")
 # Places in each of the worlds, in four motions each: 960 situations.
 _NUM_PLACES = 40
@@ -51,27 +51,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = parser.parse_args(arguments)
     if parsed.page and (parsed.sweep or parsed.only not in (None, "sweeps")):
         parser.error("--page gets the table of all sweeps: leave out --sweep and --only pages")
+    return run_study("catoptra-studies effects", parsed, _run)
+
+
+def _run(parsed: argparse.Namespace) -> int:
     results: tuple[SweepResult, ...] = ()
     parts = (parsed.only,) if parsed.only else _PARTS
     are_right = True
-    try:
-        parsed.output.mkdir(parents=True, exist_ok=True)
-        with open_progress() as progress:
-            if "pages" in parts:
-                _write_pages(parsed.output, progress)
-            if "decisions" in parts:
-                are_right = _check_decisions(parsed, progress)
-            if "sweeps" in parts:
-                results = _run_sweeps(parsed, progress)
-        if parsed.page:
-            _update_page(parsed, results)
-    except (CatoptraError, OSError) as error:
-        print_error(f"catoptra-studies effects: {error}")
-        return EXIT_FAILURE
+    with open_progress() as progress:
+        if "pages" in parts:
+            _write_pages(parsed.output, progress)
+        if "decisions" in parts:
+            are_right = _check_decisions(parsed, progress)
+        if "sweeps" in parts:
+            results = _run_sweeps(parsed, progress)
+    if parsed.page:
+        _update_page(parsed, results)
     if results:
         print_line(failure_table(results))
     print_line(f"written: {parsed.output}")
-    return 0 if are_right else EXIT_WRONG
+    return 0 if are_right else _EXIT_WRONG
 
 
 def _write_pages(folder: Path, progress: ProgressDisplay) -> None:
@@ -134,17 +133,16 @@ def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
 
 
 def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies effects",
-        description="Draw each image effect where it is needed, compare decisions about effects "
+    parser = make_parser(
+        "effects",
+        "Draw each image effect where it is needed, compare decisions about effects "
         "with the truth, and find the levels of degraded images at which colour classification and "
         "localization fail.",
     )
     add = parser.add_argument
     add("--configs", type=Path, default=Path("configs"), metavar="DIR",
         help="folder with robots/, worlds/ and landmarks/ (default configs)")  # fmt: skip
-    add("--output", type=Path, default=Path("out/effects"), metavar="DIR",
-        help="folder for pages, report and plots (default out/effects)")  # fmt: skip
+    add_output(parser, "out/effects", "folder for pages, report and plots")
     add("--page", type=Path, metavar="FILE", help="file whose sweeps block gets the table")
     add("--only", choices=_PARTS, help="run one part alone")
     add("--sweep", action="append", choices=_SWEEP_SLUGS,

@@ -16,52 +16,49 @@ from pathlib import Path
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.landmarks import ColourClassifier
 from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.experiment.classifier_training import DetectorSnapshot, train_classifier
+from catoptra_studies.commands import (
+    ProgressDisplay,
+    add_output,
+    make_parser,
+    open_progress,
+    print_line,
+    print_table,
+    run_study,
+)
 from catoptra_studies.experiment.experiment_results import write_experiment_results
 from catoptra_studies.experiment.experiment_runner import (
+    DetectorSnapshot,
     ExperimentConfig,
     SetupResult,
+    parse_server_address,
     run_setup,
+    train_classifier,
 )
 from catoptra_studies.experiment.experiment_setups import SETUPS, SIM, ExperimentSetup
 from catoptra_studies.experiment.figure_source import (
     FigureSource,
+    capture_frame_comparison,
     collect_camera_figures,
     default_figure_source,
 )
-from catoptra_studies.experiment.frame_comparison import capture_frame_comparison
 from catoptra_studies.experiment.paper_claims import Claim
-from catoptra_studies.experiment.remote_server import parse_server_address
-from catoptra_studies.progress_display import (
-    ProgressDisplay,
-    open_progress,
-    print_error,
-    print_line,
-    print_table,
-)
 
-EXIT_FAILURE = 1
+_EXIT_FAILURE = 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment; return 0 where every claim is confirmed, otherwise 1."""
+    # The first word stays: container tests and scripts look for it.
     parsed = _make_parser().parse_args(arguments)
+    return run_study("experiment", parsed, _run, exit_failure=_EXIT_FAILURE)
+
+
+def _run(parsed: argparse.Namespace) -> int:
     config = _experiment_config(parsed)
-    try:
-        config.output_folder.mkdir(parents=True, exist_ok=True)
-        claims = _run(config, FigureSource(parsed.figures))
-    except (CatoptraError, OSError) as error:
-        # The first word stays: container tests and scripts look for it.
-        print_error(f"experiment: {error}")
-        return EXIT_FAILURE
-    return 0 if all(claim.is_confirmed for claim in claims) else EXIT_FAILURE
-
-
-def _run(config: ExperimentConfig, figure_source: FigureSource) -> list[Claim]:
     timing_s: dict[str, float] = {}
     results, snapshot = _run_drives(config, timing_s)
     with _measure_time("figures of the camera", timing_s):
-        camera_figures = collect_camera_figures(config, figure_source)
+        camera_figures = collect_camera_figures(config, FigureSource(parsed.figures))
         comparison = capture_frame_comparison(config)
     with _measure_time("report", timing_s):
         report, claims = write_experiment_results(
@@ -77,7 +74,7 @@ def _run(config: ExperimentConfig, figure_source: FigureSource) -> list[Claim]:
         )
     _print_claims(claims)
     print_line(f"report: {report}")
-    return claims
+    return 0 if all(claim.is_confirmed for claim in claims) else _EXIT_FAILURE
 
 
 def _run_drives(
@@ -136,16 +133,15 @@ def _measure_time(name: str, timing_s: dict[str, float]) -> Iterator[None]:
 
 
 def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies demo",
-        description="Repeat the paper's experiment: drive both set-ups, localize by landmarks, and "
+    parser = make_parser(
+        "demo",
+        "Repeat the paper's experiment: drive both set-ups, localize by landmarks, and "
         "compare the results with the paper's claims.",
     )
     add = parser.add_argument
     add("--configs", type=Path, metavar="DIR",
         help="folder with robots/, worlds/ and landmarks/ (default: bundled files)")  # fmt: skip
-    add("--output", type=Path, default=Path("out/demo"), metavar="DIR",
-        help="folder for report, figures and summary.json (default out/demo)")  # fmt: skip
+    add_output(parser, "out/demo", "folder for report, figures and summary.json")
     add("--setup", choices=["sim", "real", "both"], default="both", help="default: both")
     add("--runs", type=int, default=20, help="drives for each set-up (default 20)")
     add("--seed", type=int, default=0, help="seed of all random numbers")

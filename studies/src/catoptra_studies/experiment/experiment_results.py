@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from catoptra_studies.experiment.classifier_training import DetectorSnapshot
-from catoptra_studies.experiment.ensemble import median_run_index, summarize_runs
 from catoptra_studies.experiment.experiment_report import write_html_report
 from catoptra_studies.experiment.experiment_runner import (
+    DetectorSnapshot,
     ExperimentConfig,
     SetupResult,
 )
 from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER
-from catoptra_studies.experiment.figure_source import CameraFigures
-from catoptra_studies.experiment.frame_comparison import FrameComparison
-from catoptra_studies.experiment.measurement_metrics import compute_measurement_metrics
-from catoptra_studies.experiment.paper_claims import Claim, evaluate_claims
-from catoptra_studies.experiment.paper_differences import list_differences
-from catoptra_studies.experiment.plots.classifier_plot import draw_classifier_output
-from catoptra_studies.experiment.plots.error_plot import draw_error_ensemble, draw_position_errors
-from catoptra_studies.experiment.plots.frame_pair_plot import draw_frame_pair
-from catoptra_studies.experiment.plots.overview_plot import draw_overview
-from catoptra_studies.experiment.plots.trajectory_plot import draw_trajectories
-from catoptra_studies.reports.html_page import ReportFigure
+from catoptra_studies.experiment.figure_source import CameraFigures, FrameComparison
+from catoptra_studies.experiment.metrics import (
+    compute_measurement_metrics,
+    median_run_index,
+    summarize_runs,
+)
+from catoptra_studies.experiment.paper_claims import Claim, evaluate_claims, list_differences
+from catoptra_studies.experiment.report_figures import (
+    draw_classifier_output,
+    draw_error_ensemble,
+    draw_frame_pair,
+    draw_overview,
+    draw_position_errors,
+    draw_trajectories,
+)
+from catoptra_studies.reports import ReportFigure, write_json
 
 
 def write_experiment_results(
@@ -54,7 +57,7 @@ def write_experiment_results(
         Path of the report, and the claims with their evaluation.
     """
     summary = summarize_experiment(config, results)
-    drive_figures = draw_drive_figures(config, results)
+    drive_figures = _draw_drive_figures(config, results)
     if snapshot is not None:
         _draw_overview(config, results, snapshot)
     # Times in objects of their own: two runs with equal seeds differ there alone.
@@ -64,9 +67,8 @@ def write_experiment_results(
         "camera_timings": camera_figures.timings,
         "timing_s": timing_s,
     }
-    # nan is no JSON; a metric without values is null instead, and anything else is a bug.
-    text = json.dumps(document, indent=2, allow_nan=False)
-    (config.output_folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    # A metric without values is None; nan is a bug, and raises.
+    write_json(config.output_folder / "summary.json", document)
     claims = evaluate_claims(summary["setups"])
     report = write_html_report(
         config.output_folder,
@@ -127,7 +129,7 @@ def _claim_entry(claim: Claim) -> dict[str, Any]:
     }
 
 
-def draw_drive_figures(
+def _draw_drive_figures(
     config: ExperimentConfig, results: Sequence[SetupResult]
 ) -> list[ReportFigure]:
     """Draw trajectories and errors of the median run of each set-up, and the ensembles."""

@@ -1,7 +1,14 @@
-"""Work of the experiment without any output: train, drive every run, replay the filters."""
+"""Work of the experiment without any output: train, drive every run, replay the filters.
+
+Each set-up has a server: a process that ends with its drives, or one that runs elsewhere, such as
+in another container. The latter must have been started like those of `run_server`: lockstep, raw
+images, the set-up's robot and the experiment's seed. Then the logs of its drives are the same.
+"""
 
 from __future__ import annotations
 
+import re
+import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
@@ -9,27 +16,42 @@ from pathlib import Path
 
 from catoptra_client.bundled_landmarks import find_landmark_file
 from catoptra_client.control_connection import ServerAddress
+from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks import (
     ColourClassifier,
+    DetectionStages,
+    Detector,
+    Viewpoint,
+    detect_with_stages,
+    make_detector,
+    save_classifier,
+    train,
 )
+from catoptra_client.landmarks.classifier import UInt8Array
 from catoptra_client.localization import make_landmark_map
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_process import PageCallback, run_server
+from catoptra_client.training_frames import capture_training_frames
+from catoptra_protocol.errors import ConnectionLostError, DomainError
 from catoptra_protocol.landmarks import Landmark, read_landmarks
-from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, log_drive
+from catoptra_studies.experiment.drive_log import DriveLog, DriveStep, log_drive, spawn_robot
 from catoptra_studies.experiment.experiment_setups import (
     FILTERS,
     PAPER_FILTER,
     ExperimentSetup,
+    MeasurementSource,
 )
-from catoptra_studies.experiment.filter_note import NOTE_NAME, note_from_filter_step
-from catoptra_studies.experiment.filter_replay import (
+from catoptra_studies.experiment.localization_filter import (
+    NOTE_NAME,
     FilterRun,
+    FilterStep,
+    advance_filter,
+    begin_filter,
+    note_from_filter_step,
     replay_filter,
     summarize_filter_steps,
 )
-from catoptra_studies.experiment.filter_step import FilterStep, advance_filter, begin_filter
-from catoptra_studies.experiment.remote_server import wait_for_server
+from catoptra_studies.experiment.route import Waypoint
 
 # Receives the name of the task that has advanced by one.
 ProgressCallback = Callable[[str], None]
@@ -200,3 +222,127 @@ def open_server(
         extra_arguments=config.server_arguments,
         on_page=on_page,
     )
+
+
+_DEFAULT_CONTROL_PORT = 3000
+_DEFAULT_IMAGE_PORT = 5003
+_SERVER_PATTERN = re.compile(r"(\w+)=([^\s:=]+)(?::(\d{1,5}))?(?::(\d{1,5}))?", re.ASCII)
+# A container's name resolves a moment after its start, so early attempts fail at once.
+_POLL_INTERVAL_S = 0.2
+
+
+def parse_server_address(text: str) -> tuple[str, ServerAddress]:
+    """Parse `sim=host`, `sim=host:3000` or `sim=host:3000:5003`.
+
+    Returns:
+        The name of the set-up and the address.
+
+    Raises:
+        DomainError: The text has another form.
+    """
+    match = _SERVER_PATTERN.fullmatch(text)
+    if match is None:
+        raise DomainError(f"a server is NAME=HOST[:CONTROL[:IMAGE]], sim=localhost, not {text!r}")
+    control, image = match[3] or _DEFAULT_CONTROL_PORT, match[4] or _DEFAULT_IMAGE_PORT
+    return match[1], ServerAddress(match[2], int(control), int(image))
+
+
+def wait_for_server(
+    address: ServerAddress,
+    *,
+    timeout_s: float,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> ServerAddress:
+    """Wait until a server's control port accepts a connection and sends its greeting.
+
+    Args:
+        address: Server to wait for.
+        timeout_s: Longest wait.
+        clock: Source of the time in seconds.
+        sleep: Function that pauses for a number of seconds.
+
+    Returns:
+        The address as given.
+
+    Raises:
+        ConnectionLostError: The server did not accept a connection in time.
+    """
+    deadline_s = clock() + timeout_s
+    while True:
+        try:
+            # Waits for the greeting: a proxy may accept before the server behind listens.
+            RobotClient.connect(address.host, address.control_port).close()
+            return address
+        except ConnectionLostError:
+            if clock() >= deadline_s:
+                raise
+        sleep(_POLL_INTERVAL_S)
+
+
+# From here two beacons and a goal are within 2.5 m.
+_SNAPSHOT_POSE = Waypoint(1.0, -0.6, 0.5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectorSnapshot:
+    """One frame received over TCP, with all stages of its detection."""
+
+    rgb: UInt8Array
+    """(h, w, 3) image."""
+
+    detector: Detector
+    stages: DetectionStages
+
+
+def train_classifier(
+    config: ExperimentConfig, on_progress: ProgressCallback
+) -> tuple[ColourClassifier, DetectorSnapshot]:
+    """Train a classifier from a server's frames and save it to classifier.npz.
+
+    Args:
+        config: Needs a set-up that detects landmarks.
+        on_progress: Called with "train" after each frame.
+
+    Returns:
+        The classifier, and an example of its use.
+    """
+    setup = next(s for s in config.setups if s.measurement_source is MeasurementSource.DETECTOR)
+    with open_server(config, setup) as address:
+        classifier = train_on_server(config, address, lambda: on_progress("train"))
+        # For the user, too: catoptra-client bearings --classifier shows its detections live.
+        save_classifier(classifier, config.output_folder / "classifier.npz")
+        return classifier, _take_snapshot(config, address, classifier)
+
+
+def train_on_server(
+    config: ExperimentConfig, address: ServerAddress, on_frame: Callable[[], None]
+) -> ColourClassifier:
+    """Train a classifier from the frames of one server."""
+    return train(
+        capture_training_frames(
+            address,
+            landmarks=config.landmarks,
+            num_frames=config.num_training_frames,
+            # Not the seed of the drives: their frames must not be those of the training.
+            seed=config.seed + 1,
+            on_frame=on_frame,
+        )
+    )
+
+
+def _take_snapshot(
+    config: ExperimentConfig, address: ServerAddress, classifier: ColourClassifier
+) -> DetectorSnapshot:
+    with (
+        RobotClient.connect(address.host, address.control_port) as robot,
+        ImageClient.connect(address.host, address.image_port) as images,
+    ):
+        # Without a name: the noise of every drive follows from its robot's name and stays the same.
+        spawn_robot(robot, _SNAPSHOT_POSE)
+        camera, height_m = robot.get_camera_and_height()
+        detector = make_detector(
+            camera, classifier, landmarks=config.landmarks, viewpoint=Viewpoint(height_m)
+        )
+        rgb = images.get_frame().rgb
+        return DetectorSnapshot(rgb, detector, detect_with_stages(detector, rgb))

@@ -1,7 +1,11 @@
-"""Figures of the camera for the report, drawn here with the server's code or by another program.
+"""Frames and figures of the camera for the report, drawn here or by another program.
 
-Where the server is not installed, as in the client's container, another program draws them into the
-output folder. figures.json is written last and is the sign that all figures are there.
+Where the server is not installed, as in the client's container, another program draws the figures
+into the output folder. figures.json is written last and is the sign that all figures are there.
+
+The paper's Figure 11 shows a recorded image beside a simulated one. No recorded image exists here:
+the robot p2at_omni_real, which simulates what the paper says that real cameras suffer from, stands
+for it.
 """
 
 from __future__ import annotations
@@ -16,10 +20,16 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from catoptra_client.server_process import can_start_server
+from catoptra_client.frame_sources.image_client import ImageClient
+from catoptra_client.landmarks.classifier import UInt8Array
+from catoptra_client.robot_client import RobotClient
+from catoptra_client.server_process import can_start_server, run_server
 from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.experiment.drive_log import spawn_robot
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
-from catoptra_studies.reports.html_page import ReportFigure
+from catoptra_studies.experiment.experiment_setups import SIM
+from catoptra_studies.experiment.route import Waypoint
+from catoptra_studies.reports import ReportFigure
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +76,10 @@ def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> Ca
         case FigureSource.NONE:
             # The report then has an empty section, and summary.json no metrics of the camera.
             return CameraFigures()
-    return read_camera_figures(config.output_folder)
+    return _read_camera_figures(config.output_folder)
 
 
-def read_camera_figures(folder: Path) -> CameraFigures:
+def _read_camera_figures(folder: Path) -> CameraFigures:
     """Read figures.json of a folder."""
     index = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
     return CameraFigures(
@@ -114,3 +124,52 @@ def _wait_for_file(
                 "them with catoptra-studies figures, or leave them out: --figures none"
             )
         sleep(_POLL_INTERVAL_S)
+
+
+_DEGRADED_ROBOT_FILE = "p2at_omni_real.ini"
+# Near the first corner of the simulated drive.
+_START = Waypoint(1.6, -1.2, 2.6)
+# A turn to the left at about a radian a second, as an operator drives: it shows as motion blur.
+_WHEEL_SPEEDS_RAD_S = (-2.5, 2.5)
+_DURATION_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameComparison:
+    """Two frames of one view."""
+
+    degraded_rgb: UInt8Array
+    """(h, w, 3) frame with the effects of a real camera."""
+
+    clean_rgb: UInt8Array
+    """(h, w, 3) frame of the simulated set-up."""
+
+
+def capture_frame_comparison(config: ExperimentConfig) -> FrameComparison | None:
+    """Capture both frames from servers that are started here; None where none is installed."""
+    if not can_start_server():
+        return None
+    return FrameComparison(
+        degraded_rgb=_capture_turning(config, _DEGRADED_ROBOT_FILE),
+        clean_rgb=_capture_turning(config, SIM.robot_file),
+    )
+
+
+def _capture_turning(config: ExperimentConfig, robot_file: str) -> UInt8Array:
+    """Frame of a robot that turns on the spot."""
+    with (
+        run_server(
+            config.robot_file(robot_file),
+            config.field_world_file,
+            seed=config.seed,
+            log_file=config.output_folder / "server_frames.log",
+            extra_arguments=config.server_arguments,
+        ) as address,
+        RobotClient.connect(address.host, address.control_port) as robot,
+        # The first frame with all effects takes a second, and many on a busy machine.
+        ImageClient.connect(address.host, address.image_port, config.timeout_s) as images,
+    ):
+        spawn_robot(robot, _START, "Run0")
+        robot.drive(*_WHEEL_SPEEDS_RAD_S)
+        robot.step(_DURATION_S)
+        return images.get_frame().rgb

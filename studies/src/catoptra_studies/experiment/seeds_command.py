@@ -1,39 +1,130 @@
 """The command `catoptra-studies seeds`: the claims of `demo` with many seeds, without pictures.
 
 Each seed trains, drives and filters as `demo --seed` does, and so has the same numbers; only live
-page and figures are left out. Seeds run in parallel processes, each with servers of its own.
+page and figures are left out. Seeds run in parallel processes, each with servers of its own. The
+report has the shares over all runs, and the status that `demo` ends with for each seed.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import signal
 import sys
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
 
-from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.experiment.classifier_training import train_classifier
+from catoptra_studies.commands import (
+    add_output,
+    make_parser,
+    open_progress,
+    print_line,
+    print_table,
+    run_study,
+)
 from catoptra_studies.experiment.experiment_results import summarize_experiment
-from catoptra_studies.experiment.experiment_runner import ExperimentConfig, SetupResult, run_setup
+from catoptra_studies.experiment.experiment_runner import (
+    ExperimentConfig,
+    SetupResult,
+    run_setup,
+    train_classifier,
+)
 from catoptra_studies.experiment.experiment_setups import SETUPS
-from catoptra_studies.experiment.paper_claims import evaluate_claims, evaluate_statements
-from catoptra_studies.experiment.paper_differences import UNTYPICAL_STATEMENTS
-from catoptra_studies.experiment.run_share import pool_shares
-from catoptra_studies.experiment.seeds_report import SeedResult, format_seeds_report
-from catoptra_studies.progress_display import open_progress, print_error, print_line, print_table
+from catoptra_studies.experiment.paper_claims import (
+    UNTYPICAL_STATEMENTS,
+    Claim,
+    evaluate_claims,
+    evaluate_statements,
+    pool_shares,
+)
+from catoptra_studies.reports import markdown_table, wrap_paragraph, write_json
 
-EXIT_FAILURE = 1
+
+@dataclass(frozen=True, slots=True)
+class SeedResult:
+    """Statements counted over the runs of one seed."""
+
+    seed: int
+
+    claims: tuple[Claim, ...]
+    """The paper's statements that decide the status of `demo`."""
+
+    untypical: tuple[Claim, ...]
+    """Statements of the paper that the typical run does not satisfy; they decide nothing."""
+
+    @property
+    def status(self) -> int:
+        """Exit status of `demo` with this seed."""
+        return 0 if all(claim.is_confirmed for claim in self.claims) else 1
+
+
+def format_seeds_report(results: Sequence[SeedResult], *, num_runs: int) -> str:
+    """Markdown with three tables: claims, untypical statements, and the seeds."""
+    failed = [str(result.seed) for result in results if result.status]
+    ending = f"1 with the seeds {', '.join(failed)}" if failed else "0 with every seed"
+    sections = (
+        "# The paper's claims with many seeds",
+        wrap_paragraph(
+            f"The seeds {results[0].seed} to {results[-1].seed} with {num_runs} runs of each "
+            f"set-up: `demo` ends with status {ending}. A claim is confirmed with a seed where "
+            "more than half of its runs satisfy it. Intervals are Wilson's of 95 %, over the runs "
+            "of all seeds."
+        ),
+        _statement_table({r.seed: r.claims for r in results}, num_runs),
+        "The paper's run shows these, too, but the typical run here does not; they are no claims:",
+        _statement_table({r.seed: r.untypical for r in results}, num_runs),
+        f"Runs of {num_runs} that satisfy each statement, in the order of the tables above:",
+        _seed_table(results),
+    )
+    return "\n\n".join(sections) + "\n"
+
+
+def _statement_table(by_seed: Mapping[int, Sequence[Claim]], num_runs: int) -> str:
+    rows = []
+    for claims in zip(*by_seed.values(), strict=True):
+        fewest = min(claim.runs.num_satisfying for claim in claims)
+        confirmed = sum(claim.is_confirmed for claim in claims)
+        share = pool_shares(claim.runs for claim in claims)
+        low, high = share.interval
+        rows.append(
+            [
+                f"{claims[0].text} ({claims[0].criterion})",
+                f"{share.share:.1%}",
+                f"{low:.1%} to {high:.1%}",
+                f"{fewest} of {num_runs}",
+                f"{confirmed} of {len(claims)}",
+            ]
+        )
+    header = ("statement", "share of all runs", "interval", "worst seed", "seeds above half")
+    return markdown_table(header, rows)
+
+
+def _seed_table(results: Sequence[SeedResult]) -> str:
+    first = results[0]
+    keys = [claim.key for claim in (*first.claims, *first.untypical)]
+    rows = [
+        [
+            str(result.seed),
+            *(str(c.runs.num_satisfying) for c in (*result.claims, *result.untypical)),
+            str(result.status),
+        ]
+        for result in results
+    ]
+    return markdown_table(("seed", *keys, "status"), rows)
+
+
+_EXIT_FAILURE = 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run all seeds; return 0 where every claim is confirmed with every seed, otherwise 1."""
     parsed = _make_parser().parse_args(arguments)
+    return run_study("seeds", parsed, _run, exit_failure=_EXIT_FAILURE)
+
+
+def _run(parsed: argparse.Namespace) -> int:
     config = ExperimentConfig(
         config_folder=None,
         output_folder=parsed.output,
@@ -42,14 +133,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         seed=0,
         num_training_frames=max(1, parsed.training_frames),
     )
-    try:
-        config.output_folder.mkdir(parents=True, exist_ok=True)
-        results = _run_seeds(config, range(max(1, parsed.seeds)), max(1, parsed.processes))
-    except (CatoptraError, OSError) as error:
-        print_error(f"seeds: {error}")
-        return EXIT_FAILURE
+    results = _run_seeds(config, range(max(1, parsed.seeds)), max(1, parsed.processes))
     _write_report(config, results)
-    return EXIT_FAILURE if any(result.status for result in results) else 0
+    return _EXIT_FAILURE if any(result.status for result in results) else 0
 
 
 def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
@@ -63,8 +149,7 @@ def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
     folder.mkdir(exist_ok=True)
     seeded = replace(config, seed=seed, output_folder=folder)
     summary = summarize_experiment(seeded, _drive_all_setups(seeded))
-    text = json.dumps(summary, indent=2, allow_nan=False)
-    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / "summary.json", summary)
     setups = summary["setups"]
     return SeedResult(
         seed,
@@ -120,15 +205,14 @@ def _write_report(config: ExperimentConfig, results: Sequence[SeedResult]) -> No
 
 
 def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies seeds",
-        description="Evaluate the claims of demo with the seeds 0, 1, ..., without pictures. Fifty "
+    parser = make_parser(
+        "seeds",
+        "Evaluate the claims of demo with the seeds 0, 1, ..., without pictures. Fifty "
         "seeds of 20 runs take about 20 minutes on two cores. Writes seeds.md and the numbers of "
         "each seed.",
     )
     add = parser.add_argument
-    add("--output", type=Path, default=Path("out/experiment-seeds"), metavar="DIR",
-        help="folder for seeds.md and a folder a seed (default out/experiment-seeds)")  # fmt: skip
+    add_output(parser, "out/experiment-seeds", "folder for seeds.md and a folder a seed")
     add("--seeds", type=int, default=50, help="number of seeds, from 0 (default 50)")
     add("--runs", type=int, default=20, help="drives for each set-up and seed (default 20)")
     add("--training-frames", type=int, default=30, help="frames for the classifier (default 30)")

@@ -6,17 +6,16 @@ import argparse
 import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from queue import Empty, SimpleQueue
 from types import FrameType
 
 from catoptra_client.control_connection import ServerAddress
 from catoptra_client.server_process import start_server
 from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.commands import add_output, make_parser, print_line, run_study
 from catoptra_studies.live.live_drive import open_live_drive
-from catoptra_studies.progress_display import print_error, print_line
 
-EXIT_FAILURE = 1
+_EXIT_FAILURE = 1
 # A shell's status of a process that a signal ends is 128 and the signal's number: 130 for Ctrl-C.
 _EXIT_SIGNAL = 128
 
@@ -40,19 +39,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = _make_parser().parse_args(arguments)
     try:
         with _raise_on_signals():
-            _run(parsed)
+            return run_study("live", parsed, _run, exit_failure=_EXIT_FAILURE)
     except KeyboardInterrupt as interrupt:
         print_line("live: server and robot have ended")
         number = interrupt.args[0] if interrupt.args else signal.SIGINT
         return _EXIT_SIGNAL + int(number)
-    except (CatoptraError, OSError) as error:
-        print_error(f"live: {error}")
-        return EXIT_FAILURE
-    return 0
 
 
-def _run(parsed: argparse.Namespace) -> None:
-    parsed.output.mkdir(parents=True, exist_ok=True)
+def _run(parsed: argparse.Namespace) -> int:
     # The server's usual ports, so that other programs find it; port 0 takes free ones throughout.
     ports = ("--control-port", "0", "--image-port", "0") if parsed.view == 0 else ()
     server_arguments = (
@@ -66,6 +60,7 @@ def _run(parsed: argparse.Namespace) -> None:
         _print_address(address, links)
         with open_live_drive(address) as drive:
             drive.run(parsed.laps)
+    return 0
 
 
 def _print_address(address: ServerAddress, links: SimpleQueue[str]) -> None:
@@ -94,9 +89,9 @@ def _raise_on_signals() -> Iterator[None]:
 
 
 def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-studies live",
-        description="Start a server in real time with a robot that drives the paper's route and "
+    parser = make_parser(
+        "live",
+        "Start a server in real time with a robot that drives the paper's route and "
         "localizes itself, and print the link of the page that shows it.",
     )
     add = parser.add_argument
@@ -110,6 +105,5 @@ def _make_parser() -> argparse.ArgumentParser:
         "images and stream")  # fmt: skip
     add("--laps", type=int, metavar="N", help="end after N laps (default: drive for ever)")
     add("--seed", type=int, default=0, help="seed of the server's random numbers (default 0)")
-    add("--output", type=Path, default=Path("out/live"), metavar="DIR",
-        help="folder of the server's log (default out/live)")  # fmt: skip
+    add_output(parser, "out/live", "folder of the server's log")
     return parser

@@ -22,7 +22,6 @@ from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.localization import OdometryPose
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_process import connect_stream
-from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError, DeadlineExceededError
 from catoptra_protocol.optics.numerics import angle_difference
 from catoptra_protocol.stream.requests import ImageEncoding
@@ -30,25 +29,23 @@ from catoptra_protocol.usarsim.reports import GroundTruthReading, OdometryReadin
 from catoptra_studies.experiment.drive_log import (
     read_chassis,
     read_true_pose,
+    spawn_robot,
 )
 from catoptra_studies.experiment.experiment_setups import SIM
-from catoptra_studies.experiment.filter_note import NOTE_NAME
+from catoptra_studies.experiment.localization_filter import NOTE_NAME
 from catoptra_studies.experiment.route import Waypoint
-from catoptra_studies.live.live_localizer import LiveLocalizer
-from catoptra_studies.live.route_progress import (
+from catoptra_studies.live.live_localizer import LiveLocalizer, TimedOdometry, interpolate_odometry
+from catoptra_studies.live.steering import (
     RouteProgress,
+    SharedControl,
+    WheelSpeeds,
     advance_progress,
+    observe_speeds,
+    record_command,
     rejoin_route,
     skip_waypoints,
     steer,
 )
-from catoptra_studies.live.shared_control import (
-    SharedControl,
-    WheelSpeeds,
-    observe_speeds,
-    record_command,
-)
-from catoptra_studies.live.timed_odometry import TimedOdometry, interpolate_odometry
 
 ROBOT_NAME = "Live"
 # The server may calibrate renderers; Ctrl-C waits for a frame at most so long.
@@ -217,19 +214,13 @@ def open_live_drive(
     Raises:
         CatoptraError: No such server, no robot of that class, or a world without landmarks.
     """
-    start = route[0]
     with (
         connect_stream(address, timeout_s=_TIMEOUT_S) as stream,
         connect_stream(address, timeout_s=_TIMEOUT_S) as frames,
         RobotClient.connect(address.host, address.control_port, _TIMEOUT_S) as robot,
         ThreadPoolExecutor(1, "frames") as pool,
     ):
-        robot.spawn(
-            ROBOT_CLASS,
-            name=ROBOT_NAME,
-            location_m=(start.x_m, start.y_m, 0.0),
-            rotation_rad=(0.0, 0.0, start.yaw_rad),
-        )
+        spawn_robot(robot, route[0], ROBOT_NAME)
         robot.wait_for_report(GroundTruthReading)
         # A connection of its own, for one thread.
         get_frame = partial(frames.get_frame, robot=ROBOT_NAME, encoding=ImageEncoding.RAW)

@@ -2,14 +2,18 @@
 
 Each frame carries the pose of its exposure. In the training it labels the pixels; afterwards it is
 the truth that the note compares the belief with, and no filter reads it.
+
+A frame arrives tens of milliseconds after its exposure, on a busy machine a second, and in the
+turns of the route 50 ms are 4 degrees. So odometry is interpolated to the time of the exposure.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from catoptra_client.frame import Frame
 from catoptra_client.landmarks import Detector, Viewpoint, detect, label_frame, make_detector, train
@@ -22,20 +26,25 @@ from catoptra_client.localization import (
 )
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.numerics import angle_difference, wrap_angle
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_studies.experiment.drive_log import DriveStep
+from catoptra_studies.experiment.drive_log import DriveStep, measurements_in_range
 from catoptra_studies.experiment.experiment_setups import CONSISTENT_FILTER
-from catoptra_studies.experiment.filter_note import belief_entries, note_from_filter_step
-from catoptra_studies.experiment.filter_step import FilterStep, advance_filter, begin_filter
-from catoptra_studies.experiment.landmark_measurement import measurements_in_range
+from catoptra_studies.experiment.localization_filter import (
+    FilterStep,
+    advance_filter,
+    begin_filter,
+    belief_entries,
+    note_from_filter_step,
+)
 from catoptra_studies.experiment.route import Waypoint
 
 # Two seconds of the drive. Of the 142 landmarks that are near in one round, a classifier of 2 to 8
 # frames measures 136, and one of 12 or of the 30 random poses of `demo` 141.
 NUM_TRAINING_FRAMES = 6
 # The consistent filter, which no wrong belief locks out for good: viewers move the robot.
-LIVE_FILTER = replace(CONSISTENT_FILTER, name="live", has_recovery=True)
+_LIVE_FILTER = replace(CONSISTENT_FILTER, name="live", has_recovery=True)
 
 
 class LiveLocalizer:
@@ -79,14 +88,14 @@ class LiveLocalizer:
         truth = _waypoint(_require_pose(frame))
         if self.latest is None:
             start = DriveStep(truth, odometry, ())
-            self.latest = begin_filter(start, LIVE_FILTER, heading_error_rad=0.0)
+            self.latest = begin_filter(start, _LIVE_FILTER, heading_error_rad=0.0)
         else:
             measurements = measurements_in_range(detect(self._detector, frame.rgb))
             step = DriveStep(truth, odometry, measurements)
-            self.latest = advance_filter(self.latest, step, LIVE_FILTER, self._map)
+            self.latest = advance_filter(self.latest, step, _LIVE_FILTER, self._map)
         note = note_from_filter_step(self.latest)
         since = control_from_odometry(odometry, newest_odometry)
-        now = predict(self.latest.belief, since, noise=LIVE_FILTER.motion_noise)
+        now = predict(self.latest.belief, since, noise=_LIVE_FILTER.motion_noise)
         return note | belief_entries(now)
 
     def _train(self, frame: Frame) -> dict[str, object]:
@@ -128,3 +137,39 @@ def _waypoint(world_from_robot: Pose) -> Waypoint:
     x_m, y_m, _ = world_from_robot.translation
     forward = world_from_robot.rotation[:, 0]
     return Waypoint(float(x_m), float(y_m), math.atan2(forward[1], forward[0]))
+
+
+@dataclass(frozen=True, slots=True)
+class TimedOdometry:
+    """One reading."""
+
+    time_s: float
+    """Simulation time."""
+
+    pose: OdometryPose
+
+
+def interpolate_odometry(readings: Sequence[TimedOdometry], time_s: float) -> OdometryPose | None:
+    """Odometry at a time, on the straight line between two readings.
+
+    Args:
+        readings: Readings, the oldest first.
+        time_s: Simulation time; before the oldest reading, that one counts.
+
+    Returns:
+        The pose; None after the newest reading.
+    """
+    index = bisect_left(readings, time_s, key=lambda reading: reading.time_s)
+    if index == len(readings):
+        return None
+    after = readings[index]
+    if index == 0:
+        return after.pose
+    before = readings[index - 1]
+    fraction = (time_s - before.time_s) / (after.time_s - before.time_s)
+    turn_rad = angle_difference(after.pose.yaw_rad, before.pose.yaw_rad)
+    return OdometryPose(
+        before.pose.x_m + fraction * (after.pose.x_m - before.pose.x_m),
+        before.pose.y_m + fraction * (after.pose.y_m - before.pose.y_m),
+        wrap_angle(before.pose.yaw_rad + fraction * turn_rad),
+    )

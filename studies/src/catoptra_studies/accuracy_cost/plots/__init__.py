@@ -1,1 +1,0 @@
-"""Plots of the study, one a module, each drawn on a page of `plot_style`."""
