@@ -18,9 +18,9 @@ from catoptra_server.scene.shading import ShadowCastingLight
 from catoptra_server.scene.world_description import DirectionalLight
 
 # Corners this near a plane lie in the plane: sums of float64 coordinates differ by less.
-_IN_PLANE_M = 1e-6
+IN_PLANE_M = 1e-6
 # A plane that contains the light occludes nothing: a distance, or a cosine for directional lights.
-_MIN_LIGHT_DISTANCE = 1e-9
+MIN_LIGHT_DISTANCE = 1e-9
 
 
 class LightShafts:
@@ -31,7 +31,7 @@ class LightShafts:
         self._light = light
         corners, normals = scene.corners[scene.casts_shadows], scene.normals[scene.casts_shadows]
         height = np.einsum("ni,ni->n", normals, self._towards(corners[:, 0]))
-        reaches = np.abs(height) > _MIN_LIGHT_DISTANCE
+        reaches = np.abs(height) > MIN_LIGHT_DISTANCE
         self._corners = corners[reaches]
         # Turned away from the light: what the caster can hide lies in front.
         self._normals = -np.sign(height[reaches])[:, None] * normals[reaches]
@@ -44,8 +44,8 @@ class LightShafts:
     def can_be_hidden(self, receiver: int) -> bool:
         """Whether a triangle of the scene that faces the light is hidden anywhere."""
         corners, normal = self._scene.corners[receiver], self._scene.normals[receiver]
-        is_in_front = (self._corners @ normal).max(axis=1) - normal @ corners[0] > _IN_PLANE_M
-        hides = (self._normals @ corners.T).max(axis=1) - self._offsets > _IN_PLANE_M
+        is_in_front = (self._corners @ normal).max(axis=1) - normal @ corners[0] > IN_PLANE_M
+        hides = (self._normals @ corners.T).max(axis=1) - self._offsets > IN_PLANE_M
         casters = self._corners[is_in_front & hides]
         if not len(casters):
             return False
@@ -75,5 +75,5 @@ class LightShafts:
         sides *= np.sign(inward)[..., None]
         offsets = np.einsum("kei,kei->ke", sides, first)
         reach = np.einsum("kei,kci->kec", sides, triangles).max(axis=-1) - offsets
-        is_inside: np.ndarray = ((reach > _IN_PLANE_M) | (inward == 0.0)).all(axis=-1)
+        is_inside: np.ndarray = ((reach > IN_PLANE_M) | (inward == 0.0)).all(axis=-1)
         return is_inside

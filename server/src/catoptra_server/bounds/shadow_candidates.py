@@ -15,16 +15,13 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.bounds.light_shafts import IN_PLANE_M, MIN_LIGHT_DISTANCE
 from catoptra_server.scene.facets import bounding_box
 from catoptra_server.scene.row_blocks import select_rows
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import ShadowCastingLight
 from catoptra_server.scene.world_description import DirectionalLight
 
-# Corners this near a plane lie in the plane: sums of float64 coordinates differ by less.
-_IN_PLANE_M = 1e-6
-# A plane that contains the light occludes nothing: a distance, or a cosine for directional lights.
-_MIN_LIGHT_DISTANCE = 1e-9
 # A tenth of a second; beyond, a box stands for the corners.
 _MAX_PRODUCTS = 10**7
 _NUM_PROBED_TRIANGLES = 500
@@ -92,7 +89,7 @@ def shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
     caster_bound = make_bound(casting, num_planes=len(receivers))
     normals = scene.normals.take(receivers, axis=0)
     has_point_in_front = (
-        caster_bound.support(normals) - _plane_offsets(scene, receivers) > _IN_PLANE_M
+        caster_bound.support(normals) - _plane_offsets(scene, receivers) > IN_PLANE_M
     )
     receivers = receivers[has_point_in_front]
     if not len(receivers) or not _has_separating_plane(
@@ -108,8 +105,8 @@ def _has_separating_plane(scene: SceneMesh, light: ShadowCastingLight, corners: 
     casters = np.flatnonzero(scene.casts_shadows)
     height = _signed_light_distances(scene, light)[casters]
     casters, height = (
-        casters[np.abs(height) > _MIN_LIGHT_DISTANCE],
-        height[np.abs(height) > _MIN_LIGHT_DISTANCE],
+        casters[np.abs(height) > MIN_LIGHT_DISTANCE],
+        height[np.abs(height) > MIN_LIGHT_DISTANCE],
     )
     # Normals turned away from the light: a receiver's corner then lies in front of the plane.
     away = -np.sign(height)[:, None]
@@ -118,7 +115,7 @@ def _has_separating_plane(scene: SceneMesh, light: ShadowCastingLight, corners: 
     for part in (slice(None, None, 1 + len(casters) // _NUM_PROBED_TRIANGLES), slice(None)):
         normals = away[part] * scene.normals[casters[part]]
         offset = away[part, 0] * _plane_offsets(scene, casters[part])
-        if (receiver_bound.support(normals) - offset > _IN_PLANE_M).any():
+        if (receiver_bound.support(normals) - offset > IN_PLANE_M).any():
             return True
     return False
 

@@ -35,7 +35,7 @@ def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescrip
     name, class_ = struct.get_wire_name("PkgName"), struct.get_str("PkgClass")
     section = file.get_section(class_)
     if section.has_key("Links"):
-        links = tuple(_read_link(link) for link in section.get_structs("Links"))
+        links = tuple(_read_package_link(link) for link in section.get_structs("Links"))
     else:
         standard = STANDARD_PACKAGES.get(class_.rpartition(".")[2].lower())
         if standard is None:
@@ -49,7 +49,7 @@ def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescrip
     return MissionPackageDescription(name, (replace(links[0], position_m=location), *links[1:]))
 
 
-def _read_link(link: SectionReader) -> LinkDescription:
+def _read_package_link(link: SectionReader) -> LinkDescription:
     position = link.get_vector("Position", (0.0, 0.0, 0.0))
     require_on_robot(link, "Position", position)
     return LinkDescription(

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.effects.kernels import thin_lens
 from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.kernels.lens_blur import (
     describe_lens,
     interior_mask,
     lens_focus_coordinate,
 )
+from catoptra_server.effects.kernels.thin_lens import thin_lens_circle_of_confusion
 
 CAMERA = PerspectiveCamera(640, 480, math.radians(40.0))
 PITCH_M = 7.4e-6
@@ -44,7 +44,7 @@ def test_disc_of_a_point_is_that_of_traced_rays(
     focus_m: float, radius_px: float, range_m: float
 ) -> None:
     aperture = Aperture(2.8, PITCH_M, focus_m)
-    circle = thin_lens.circle_of_confusion(aperture, CAMERA, np.array(radius_px))
+    circle = thin_lens_circle_of_confusion(aperture, CAMERA, np.array(radius_px))
     traced = traced_diameter_px(aperture, range_m, radius_px)
     assert float(circle.diameter_px(np.array(range_m))) == pytest.approx(traced, rel=1e-9)
 
@@ -53,7 +53,7 @@ def test_disc_at_the_hyperfocal_distance_of_infinity_is_one_pixel() -> None:
     aperture = Aperture(2.8, PITCH_M, 0.0)
     focal_px = CAMERA.focal_length_px
     hyperfocal_m = focal_px * PITCH_M / 2.8 * focal_px
-    circle = thin_lens.circle_of_confusion(aperture, CAMERA, np.array(0.0))
+    circle = thin_lens_circle_of_confusion(aperture, CAMERA, np.array(0.0))
     assert float(circle.diameter_px(np.array(hyperfocal_m))) == pytest.approx(1.0, rel=1e-12)
     assert float(circle.diameter_px(np.array(math.inf))) == 0.0
 

@@ -39,8 +39,13 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.kernels import thin_lens
 from catoptra_server.effects.kernels.circle_of_confusion import Aperture, CircleOfConfusion
+from catoptra_server.effects.kernels.thin_lens import (
+    MAX_DIAMETER_PX,
+    describe_thin_lens,
+    thin_lens_circle_of_confusion,
+    thin_lens_focus_coordinate,
+)
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 
 # Discs are smooth in the radius: this many radii find the largest to 1e-4.
@@ -100,7 +105,7 @@ def _virtual_image_of_infinity(camera: OmniCamera, radius_px: Floats) -> _Virtua
 def lens_focus_coordinate(aperture: Aperture, camera: RadialCamera) -> float:
     """1/Z_f of the lens's focus; of an orthographic camera the focus's height along the axis."""
     if not _has_mirror(camera):
-        return thin_lens.focus_coordinate(aperture)
+        return thin_lens_focus_coordinate(aperture)
     if aperture.focus_distance_m > 0.0 and not math.isinf(camera.mirror.pinhole_distance_m):
         return 1.0 / aperture.focus_distance_m
     # The disc is linear in this coordinate: the midpoint of its range has the smallest maximum.
@@ -132,7 +137,7 @@ def circle_of_confusion(
 ) -> CircleOfConfusion:
     """Circle of confusion at image radii."""
     if not _has_mirror(camera):
-        return thin_lens.circle_of_confusion(aperture, camera, radius_px)
+        return thin_lens_circle_of_confusion(aperture, camera, radius_px)
     image = _virtual_image_of_infinity(camera, np.minimum(radius_px, camera.rim_radius_px))
     focus = lens_focus_coordinate(aperture, camera)
     gain = _px_per_focus_coordinate(aperture, camera, focus)
@@ -156,7 +161,7 @@ def circle_of_confusion(
 def max_diameter_px(aperture: Aperture, camera: RadialCamera) -> float:
     """Largest disc of any point outside the mirror; without one the largest that is drawn."""
     if not _has_mirror(camera):
-        return thin_lens.MAX_DIAMETER_PX
+        return MAX_DIAMETER_PX
     # The signed diameter falls with the range: its extremes are at the mirror and at infinity.
     radius = sample_radii_px(camera)
     circle = circle_of_confusion(aperture, camera, radius)
@@ -218,7 +223,7 @@ def min_distance_at_radius(
 def describe_lens(aperture: Aperture, camera: RadialCamera) -> str:
     """Describe the lens, for the reason of a bound."""
     if not _has_mirror(camera):
-        return thin_lens.describe(aperture)
+        return describe_thin_lens(aperture)
     if math.isinf(camera.mirror.pinhole_distance_m):
         return f"F/{aperture.f_number:g}, telecentric"
     focus_mm = 1e3 / lens_focus_coordinate(aperture, camera)

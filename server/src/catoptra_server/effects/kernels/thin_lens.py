@@ -25,16 +25,16 @@ MAX_DIAMETER_PX = 16.0
 """Widest disc that is drawn. At F/4 and 90 degrees over 640 px of 7.4 um: of a point 12 mm away."""
 
 
-def focus_coordinate(aperture: Aperture) -> float:
+def thin_lens_focus_coordinate(aperture: Aperture) -> float:
     """1/Z_f of the lens's focus, 1/m; 0 at infinity."""
     return 1.0 / aperture.focus_distance_m if aperture.focus_distance_m > 0.0 else 0.0
 
 
-def circle_of_confusion(
+def thin_lens_circle_of_confusion(
     aperture: Aperture, camera: RadialCamera, radius_px: Floats
 ) -> CircleOfConfusion:
     """Circle of confusion at image radii."""
-    focus = focus_coordinate(aperture)
+    focus = thin_lens_focus_coordinate(aperture)
     focal_px = 1.0 / camera.inverse_focal_length
     focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + focus)
     px_m = focal_m / aperture.f_number * focal_px
@@ -51,7 +51,7 @@ def circle_of_confusion(
     )
 
 
-def describe(aperture: Aperture) -> str:
+def describe_thin_lens(aperture: Aperture) -> str:
     """Describe the lens, for the reason of a bound."""
     distance_m = aperture.focus_distance_m
     focus = f"at {distance_m:.3g} m" if distance_m > 0.0 else "at infinity"

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from catoptra_protocol.errors import RemoteProtocolError
 
-_GREETING_BYTES = 64
-_LONG, _COMMAND = 2, 4
+GREETING_BYTES = 64
+LONG, COMMAND = 2, 4
 _READY = b"\x05READY"
 _IDENTITY = b"identity"
 # As long as the name it replaces; names with X- are for applications, and libzmq ignores them.
@@ -24,7 +24,7 @@ class IdentityFilter:
     """The bytes of one connection with the identity made a property that nothing reads."""
 
     def __init__(self) -> None:
-        self._greeting_bytes_left = _GREETING_BYTES
+        self._greeting_bytes_left = GREETING_BYTES
         self._ready = bytearray()
         self._is_done = False
 
@@ -51,7 +51,7 @@ class IdentityFilter:
 
 def _frame_end(data: bytes | bytearray) -> int:
     """Length of the frame that the bytes begin with, head included; 0 if its head is incomplete."""
-    head_bytes = 9 if data and data[0] & _LONG else 2
+    head_bytes = 9 if data and data[0] & LONG else 2
     if len(data) < head_bytes:
         return 0
     return head_bytes + int.from_bytes(data[1:head_bytes], "big")
@@ -59,8 +59,8 @@ def _frame_end(data: bytes | bytearray) -> int:
 
 def _replace_identity(frame: bytes) -> bytes:
     """The first frame with another name of its identity, if it is READY with one."""
-    position = (9 if frame[0] & _LONG else 2) + len(_READY)
-    if not frame[0] & _COMMAND or frame[position - len(_READY) : position] != _READY:
+    position = (9 if frame[0] & LONG else 2) + len(_READY)
+    if not frame[0] & COMMAND or frame[position - len(_READY) : position] != _READY:
         return frame  # libzmq ends this connection
     while position < len(frame):
         name_begin, name_end = position + 1, position + 1 + frame[position]

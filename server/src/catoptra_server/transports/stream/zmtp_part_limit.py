@@ -8,14 +8,14 @@ byte of flags, a length of 1 or 8 bytes and a body.
 from __future__ import annotations
 
 from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_server.transports.stream.zmtp_identity import COMMAND, GREETING_BYTES, LONG
 
 # A request is one part; with a few more the client gets an error in words, which helps its author.
 MAX_PARTS = 8
-_GREETING_BYTES = 64
 _SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 2, 9
 # Frames of older versions have another form.
 _MIN_VERSION = 3
-_MORE, _LONG, _COMMAND = 1, 2, 4
+_MORE = 1
 
 
 class ZmtpPartCounter:
@@ -24,7 +24,7 @@ class ZmtpPartCounter:
     def __init__(self) -> None:
         # Of the greeting or of a frame, as far as received.
         self._head = bytearray()
-        self._head_bytes = _GREETING_BYTES
+        self._head_bytes = GREETING_BYTES
         self._parse_head = self._read_greeting
         self._remaining_body_bytes = 0
         self._num_parts_of_message = 0  # of the one that has not ended
@@ -68,7 +68,7 @@ class ZmtpPartCounter:
 
     def _read_frame(self) -> None:
         flags = self._head[0]
-        if flags & _LONG and self._head_bytes == _SHORT_HEAD_BYTES:
+        if flags & LONG and self._head_bytes == _SHORT_HEAD_BYTES:
             # The other seven bytes of the length are still to come.
             self._head_bytes = _LONG_HEAD_BYTES
             return
@@ -86,7 +86,7 @@ class ZmtpPartCounter:
     def _count_part(self, flags: int) -> None:
         """Count a part. A command may stand between two parts; it ends no message."""
         self.num_parts += 1
-        if flags & _COMMAND:
+        if flags & COMMAND:
             if flags & _MORE:
                 raise RemoteProtocolError("a ZMTP command with more parts to follow")
             return

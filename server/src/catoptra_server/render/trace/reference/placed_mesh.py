@@ -59,11 +59,11 @@ class TracedMesh:
         triangle, weights = hits.triangle, hits.weights
         albedo = self.facets.albedo.take(triangle, axis=0)
         if self.corner_albedo is not None:
-            albedo = _interpolate(self.corner_albedo.take(triangle, axis=0), weights)
+            albedo = _interpolate_corners(self.corner_albedo.take(triangle, axis=0), weights)
         if self.texture_index is None or self.uv is None or self.uv_gradients is None:
             return albedo
         texture = self.texture_index[triangle]
-        uv = _interpolate(self.uv.take(triangle, axis=0), weights)
+        uv = _interpolate_corners(self.uv.take(triangle, axis=0), weights)
         steps = uv_steps(
             self.uv_gradients.take(triangle, axis=0),
             self.facets.normals.take(triangle, axis=0),
@@ -79,7 +79,7 @@ class TracedMesh:
         return albedo
 
 
-def _interpolate(at_corners: Floats, weights: Floats) -> Floats:
+def _interpolate_corners(at_corners: Floats, weights: Floats) -> Floats:
     """(n, k) values between (n, 3, k) corners."""
     a, b, c = at_corners.swapaxes(0, 1)
     return np.asarray(a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a))
