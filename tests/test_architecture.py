@@ -33,9 +33,9 @@ from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.planning.renderer_choice import RENDERER_FACTORIES
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.image_stages import STAGE_MAKERS
-from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.sensors import SENSOR_KINDS, SensorKind
 from catoptra_server.simulation import Fleet
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.effects.effect_cases import EFFECT_CASES
 from helpers.configs import REPOSITORY
 from helpers.robots import FakeClient, make_p2at, make_walled_world

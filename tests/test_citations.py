@@ -134,7 +134,7 @@ def dead_twins(text: str) -> list[str]:
 
 
 def twin_exists(twin: str) -> bool:
-    """Whether `catoptra_server.scene.shading.irradiance` is a function of an existing module."""
+    """Whether `catoptra_server.world.shading.irradiance` is a function of an existing module."""
     package, *parts = twin.split(".")
     root = REPOSITORY / package.removeprefix("catoptra_") / "src" / package
     for length in range(len(parts), 0, -1):
@@ -156,5 +156,5 @@ def test_every_twin_exists() -> None:
 
 
 def test_twin_when_missing_is_found() -> None:
-    assert dead_twins("// Twin: catoptra_server.scene.gone.f.") == ["catoptra_server.scene.gone.f"]
-    assert dead_twins("// Twin: catoptra_server.scene.shading.gone.") != []
+    assert dead_twins("// Twin: catoptra_server.world.gone.f.") == ["catoptra_server.world.gone.f"]
+    assert dead_twins("// Twin: catoptra_server.world.shading.gone.") != []

@@ -28,7 +28,6 @@ from scenes import CORRIDOR, FIELD, make_camera
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import ViewCache
@@ -39,7 +38,8 @@ from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 
 WORLDS = {"field": FIELD, "corridor": CORRIDOR}
 TARGETS = (

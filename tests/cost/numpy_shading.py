@@ -9,10 +9,9 @@ import numpy.typing as npt
 from embreex import rtcore_scene
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene import shading
-from catoptra_server.scene.colour import linear_from_srgb, srgb_from_linear
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import World
+from catoptra_server.world import shading
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import World, linear_from_srgb, srgb_from_linear
 
 Float32s = npt.NDArray[np.float32]
 Int32s = npt.NDArray[np.int32]

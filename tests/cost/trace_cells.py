@@ -10,15 +10,15 @@ import numpy as np
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import Image, View
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from cost.bare_packets import BarePacketScene
 from cost.embreex_numpy import EmbreexNumpy
 from cost.race import Quartiles, RaceTimes, RenderCall, race

@@ -16,7 +16,7 @@ from PIL import Image
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,
     Item,

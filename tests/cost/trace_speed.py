@@ -23,7 +23,7 @@ from pathlib import Path
 from rich.console import Console
 
 from catoptra_server.config.world_file import read_world
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.world_description import World
 from cost.bench import describe_machine
 from cost.trace_cells import (
     Cell,

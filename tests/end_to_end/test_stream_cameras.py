@@ -23,7 +23,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixe
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.requests import ImageEncoding
-from catoptra_server.scene.oriented_box import OrientedBox, box_distances
+from catoptra_server.world.objects import OrientedBox, box_distances
 from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.deadline import Deadline
 from helpers.server_process import (

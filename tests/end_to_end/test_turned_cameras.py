@@ -22,13 +22,13 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR, Pose
 from catoptra_protocol.usarsim.image_port import ImageType
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.configs import FIELD
 from helpers.image_comparison import mask_away_from_edges
 

@@ -26,8 +26,15 @@ from catoptra_protocol.optics.omni_camera import (
 )
 from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
 from catoptra_server.render.renderer import Image
-from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.world_description import Item, Material, Rectangle, Ring, Shape, World
+from catoptra_server.world.world_description import (
+    Item,
+    Material,
+    Rectangle,
+    Ring,
+    Shape,
+    World,
+    linear_from_srgb,
+)
 
 _WHITE = Material((1.0, 1.0, 1.0), unlit=True)
 # Places on an outline, and corners of a disc: they cut 9e-5 of its radius off.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene import primitives
-from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh, build_object_mesh
-from catoptra_server.scene.robot_shapes import OmniCameraTower, RobotDimensions, build_robot_mesh
-from catoptra_server.scene.world_description import Box, Material
+from catoptra_server.world import shapes as primitives
+from catoptra_server.world.objects import DynamicObject, ObjectMesh, build_object_mesh
+from catoptra_server.world.robot_shapes import OmniCameraTower, RobotDimensions, build_robot_mesh
+from catoptra_server.world.world_description import Box, Material
 from helpers.worlds import make_omni_camera
 
 P2AT = RobotDimensions((0.5238, 0.4968, 0.2913), 0.1457, 0.13, 0.2884)

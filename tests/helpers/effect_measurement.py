@@ -11,17 +11,14 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import Effect, ImageEffect, is_image_effect
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
-from catoptra_server.scene.primitives import box
-from catoptra_server.scene.twist import Twist
-from catoptra_server.scene.world_description import Box, Material
+from catoptra_server.world.camera_state import CameraState, NoiseSeed
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.shapes import box
+from catoptra_server.world.world_description import Box, Material, Twist, srgb_from_linear
 from helpers.worlds import CAMERA_STATE, make_omni_camera
 
 CAMERA = make_omni_camera(width_px=96)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
     FrameComposition,
@@ -13,6 +12,7 @@ from catoptra_server.frames.frame_request import (
 )
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.planning.camera_spec import PerspectiveCameraSpec
+from catoptra_server.world.camera_state import CameraState
 
 VIEW = ViewRequest(
     PerspectiveCameraSpec(PerspectiveCamera(4, 3, 1.0)), CameraState(Pose.identity())

@@ -17,13 +17,13 @@ from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.ground_truth.label_renderer import LabelRenderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.mirror_checks import make_camera
 from helpers.worlds import CAMERA_STATE, make_omni_camera, make_test_world

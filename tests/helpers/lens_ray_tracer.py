@@ -29,8 +29,8 @@ from catoptra_server.render.trace.reference.placed_mesh import (
     trace_scene,
 )
 from catoptra_server.render.trace.trace_engine import scene_centre
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 
 SAMPLES = 256
 

@@ -13,8 +13,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import Image
-from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.world_description import Item, Material, Ring, World
+from catoptra_server.world.world_description import Item, Material, Ring, World, linear_from_srgb
 
 
 def marker_directions(incidence_deg: tuple[float, ...], bearings_deg: tuple[float, ...]) -> Floats:

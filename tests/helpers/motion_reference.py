@@ -15,13 +15,12 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.render.renderer import View
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.twist import Twist
 from catoptra_server.startup import StartupConfig, read_startup_config
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.world_description import Twist, srgb_from_linear
 from helpers.effect_measurement import DYNAMIC_OBJECT
 
 # Inside each world, off every axis, at the height of the P2AT's mirror.

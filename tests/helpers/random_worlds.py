@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.world_description import (
     Box,
     Cylinder,
     Item,

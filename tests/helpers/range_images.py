@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Item, Material, Rectangle, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.effect_measurement import CAMERA, make_effect
 from helpers.worlds import make_plan
 

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.scene import shading
-from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import World
+from catoptra_server.world import shading
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import World, linear_from_srgb
 
 # Rays this near an edge (in barycentric coordinates) or this near a second surface (in metres) may
 # honestly go either way in float32.

@@ -5,6 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from catoptra_server.render.renderer import Renderer
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.world_description import World
 
 RendererFactory = Callable[[World], Renderer]

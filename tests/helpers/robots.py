@@ -13,7 +13,6 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import Report
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectDecision
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_plan import CameraPlan, FramePlan, ViewState
@@ -35,7 +34,6 @@ from catoptra_server.robot.robot_description import (
     OmniCameraDescription,
     RobotDescription,
 )
-from catoptra_server.scene.world_description import Box, Item, Material, StartPlace, World
 from catoptra_server.sensors.encoder import EncoderDescription
 from catoptra_server.sensors.gps import GpsDescription
 from catoptra_server.sensors.ground_truth import GroundTruthDescription
@@ -48,6 +46,8 @@ from catoptra_server.sensors.tachometer import TachometerDescription
 from catoptra_server.sensors.touch import TouchDescription
 from catoptra_server.sensors.victim_sensor import VictimSensorDescription
 from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.world_description import Box, Item, Material, StartPlace, World
 
 BASE = DriveBase(
     wheel_radius_m=0.13,

@@ -6,10 +6,10 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.scene.world_description import Box, Item, Material, World
 from catoptra_server.sensors import SensorContext
 from catoptra_server.sensors.sensor_environment import SensorEnvironment, Triangles
+from catoptra_server.world.objects import OrientedBox
+from catoptra_server.world.world_description import Box, Item, Material, World
 
 
 class RoomRayCaster:

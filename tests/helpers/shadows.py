@@ -6,9 +6,9 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene import shading
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import (
+from catoptra_server.world import shading
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     HemisphereLight,

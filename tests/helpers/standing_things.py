@@ -11,8 +11,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion
 from catoptra_server.render.trace.occlusion.sky_rays import occluder_weights
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import (
     Box,
     HemisphereLight,
     Item,

@@ -17,8 +17,8 @@ import numpy as np
 from PIL import Image
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.texture_files import Texture
+from catoptra_server.world.textures import Texture
+from catoptra_server.world.world_description import srgb_from_linear
 from helpers.configs import WORLDS
 
 FOLDER = WORLDS / "textures"

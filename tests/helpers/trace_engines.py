@@ -11,14 +11,14 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.engine_choice import EngineName, create_engine
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
 from catoptra_server.render.trace.trace_engine import TracedExposure, TraceEngine
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
 
 AT_ORIGIN = CameraState(Pose.identity())
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.kernel.kernel_rays import KernelRays
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedExposure
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
 from helpers.image_comparison import level_differences
 from helpers.worlds import make_omni_camera, make_plan
 

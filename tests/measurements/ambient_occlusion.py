@@ -19,10 +19,10 @@ from effect_frame_times import DRIVING, Bench, make_settings
 from interleaved import median_ms
 
 from catoptra_server import explain
-from catoptra_server.processor_count import count_processors
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.runtime.memory import count_processors
+from catoptra_server.world.scene_mesh import SceneMesh
 
 WORLDS = ("four_legged_2006", "corridor", "rescue", "warehouse")
 STILL = explain.ZERO_VELOCITY

@@ -42,7 +42,7 @@ from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.kernel.kernel_rays import KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import build_scene
 
 RIM_RAD = math.radians(100.0)
 # All with the image of the hyperbolic mirror: its radii at 33 angles.

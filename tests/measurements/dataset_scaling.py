@@ -19,7 +19,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.dataset_run import prepare_run
 from catoptra_server.datasets.local_workers import LocalWorkers
 from catoptra_server.datasets.shard_job import ShardJob
-from catoptra_server.processor_count import count_processors
+from catoptra_server.runtime.memory import count_processors
 
 SAMPLES_A_SHARD = 6
 RECIPE = """[Catoptra.Dataset]

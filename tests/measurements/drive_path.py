@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.world_description import Twist
 
 TICK_S = 0.02
 SPEED_M_S = 0.5

@@ -21,7 +21,6 @@ from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
@@ -37,7 +36,8 @@ from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 
 ROUNDS = 60
 FEW_ROUNDS = 5

@@ -21,12 +21,12 @@ from effect_costs import default_settings
 from scenes import CORRIDOR, make_camera, make_worlds_with_million_triangles
 
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import EffectMode
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 
 ALL = default_settings(EffectMode.AUTO)
 CAMERA = make_camera()

@@ -22,7 +22,6 @@ from scenes import make_camera
 
 from catoptra_server import explain
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import (
@@ -40,6 +39,7 @@ from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.startup import StartupConfig, read_startup_config
+from catoptra_server.world.camera_state import CameraState
 
 DRIVING = explain.PlanarVelocity(1.0, 0.0, 0.5)
 ROWS: dict[str, tuple[str, ...]] = {

@@ -23,8 +23,8 @@ from catoptra_server.render.face_region import FaceRegion
 from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 
 ROUNDS = 25
 

@@ -19,7 +19,6 @@ import numpy as np
 from scenes import CORRIDOR, FIELD, make_balls, make_camera, make_thin_objects_world
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.render.renderer_kind import RendererKind
@@ -27,8 +26,9 @@ from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.kernel.kernel_rays import KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 
 WARM_UP_FRAMES = 3
 

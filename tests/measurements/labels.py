@@ -22,7 +22,6 @@ from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, SphericalMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.ground_truth.label_renderer import LabelRenderer
@@ -32,7 +31,8 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.omni_view import TraceOmniView
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 
 CAMERAS = {
     "paper's mirror": (PAPER_MIRROR, 120.0),

@@ -1,10 +1,10 @@
-"""Memory of views, effects, triangles and textures, by which `memory_budget.py` estimates.
+"""Memory of views, effects, triangles and textures, by which `runtime/memory.py` estimates.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/memory_per_item.py
 
 Prints, for each renderer, the peak of the resident size above that of a camera of 64 px: in MiB,
 and in bytes for each sample, pixel, triangle or texel. Each case is a process of its own, since a
-peak never falls. Decision: the constants of `memory_budget.py`. The rays of trace are computed in
+peak never falls. Decision: the constants of `runtime/memory.py`. The rays of trace are computed in
 batches since 512 px at 8 x 8 samples took 2096 MiB, six times as much as now.
 """
 
@@ -30,8 +30,8 @@ from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Item, Material, Rectangle, World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Item, Material, Rectangle, World
 
 # Name, side of an image in pixels or number of balls of 2000 triangles, samples along a pixel.
 CASES = (

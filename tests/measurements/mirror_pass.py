@@ -27,7 +27,7 @@ from catoptra_server.render.raster.mirror_pass import rim_polygon
 from catoptra_server.render.raster.shader_programs import GLSL_VERSION, load_source, set_uniform
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import build_scene
 
 ROUNDS = 40
 

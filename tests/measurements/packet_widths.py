@@ -24,8 +24,8 @@ from catoptra_server.render.trace.kernel.kernel_library import PACKET_WIDTHS
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
 
 ROUNDS = 9
 

@@ -19,8 +19,8 @@ from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.world.scene_mesh import build_scene
 
 POLYGONS = (16, 64, 256, 1024, 4096)
 SAMPLES = 2

@@ -22,7 +22,6 @@ from dataclasses import replace
 from scenes import CORRIDOR, make_camera, make_worlds
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.cost_calibration import measure_costs
 from catoptra_server.planning.cost_model import fit_cost_model
@@ -32,7 +31,8 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 
 FRAMES = 20
 WARM_UP_FRAMES = 4

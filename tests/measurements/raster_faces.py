@@ -3,7 +3,7 @@
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/raster_faces.py
 
 Prints the median and the minimum milliseconds of the faces of a 640 x 640 px image in two scenes.
-Decisions: RGBA16F in render/raster/passes.py, 96 triangles in scene/triangle_clusters.py, the wait
+Decisions: RGBA16F in render/raster/passes.py, 96 triangles in world/triangles.py, the wait
 after each stage in render/stage_clock.py, and the plain clear in render/raster/face_pass.py.
 """
 
@@ -29,9 +29,9 @@ from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.stage_clock import StageClock
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.triangle_clusters import TRIANGLES_PER_CLUSTER, make_clusters
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.triangles import TRIANGLES_PER_CLUSTER, make_clusters
+from catoptra_server.world.world_description import World
 
 FRAMES = 25
 GL_FRAMEBUFFER_SRGB = 0x8DB9

@@ -27,8 +27,8 @@ from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import PointLight, World
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import PointLight, World
 
 IMAGES = ((360, 1), (360, 2), (640, 1), (640, 2), (640, 3), (640, 4), (1024, 1), (1024, 2))
 # A frame of the reference takes up to a second a sample of each pixel.

@@ -20,14 +20,14 @@ import numpy as np
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors import SensorContext, build_sensors
 from catoptra_server.sensors.sensor_environment import SensorEnvironment
 from catoptra_server.sensors.sonar import SonarDescription
+from catoptra_server.world.objects import OrientedBox
+from catoptra_server.world.scene_mesh import build_scene
 
 REPOSITORY = Path(__file__).parents[2]
 _ROUNDS = 300

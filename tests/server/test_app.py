@@ -20,8 +20,8 @@ from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.options import Options
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.runtime.worker_thread import ThreadFailedError
 from catoptra_server.simulation import ClockMode, Simulation
-from catoptra_server.worker_thread import ThreadFailedError
 from helpers.configs import Edit, write_edited_copy, write_small_world
 from helpers.deadline import Deadline
 from helpers.loopback import DEADLINE_S, HOST, run_scenario

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.command_parser import EXIT_USAGE, CommandParser
+from catoptra_server.runtime.options import EXIT_USAGE, CommandParser
 
 
 def test_error_is_one_line_and_a_pointer_to_the_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,7 @@ import resource
 
 import pytest
 
-from catoptra_server.descriptor_limit import MAX_DESCRIPTORS, raise_descriptor_limit
+from catoptra_server.runtime.memory import MAX_DESCRIPTORS, raise_descriptor_limit
 
 INFINITY = resource.RLIM_INFINITY
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_server.fair_queue import FairQueue
+from catoptra_server.runtime.queues import FairQueue
 
 
 class _Clock:

@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from catoptra_server.fault_log import log_fault
+from catoptra_server.runtime.faults import log_fault
 
 log = logging.getLogger("fault")
 

@@ -8,7 +8,7 @@ import platform
 import numpy as np
 import pytest
 
-from catoptra_server.freed_memory import release_freed_memory
+from catoptra_server.runtime.memory import release_freed_memory
 from helpers.memory import resident_mb
 
 BLOCK_BYTES = 100_000  # below the least size that glibc asks the system for

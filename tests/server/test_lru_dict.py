@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.lru_dict import LruDict
+from catoptra_server.runtime.memory import LruDict
 
 
 def test_item_is_made_once() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MIB, MemoryBudget, ViewSize
+from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB, MemoryBudget, ViewSize
 
 
 def reserve(budget: MemoryBudget, num_bytes: int) -> None:

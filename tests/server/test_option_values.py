@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from catoptra_server.option_values import (
+from catoptra_server.runtime.options import (
     int_within,
     parse_float_within,
     parse_integer,

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from catoptra_server.processor_count import count_processors
+from catoptra_server.runtime.memory import count_processors
 
 
 def test_processors_are_those_of_the_affinity_mask(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.random_sources import RandomSource
+from catoptra_server.runtime.random_sources import RandomSource
 
 
 def normal_variates(source: RandomSource, index: int, count: int = 4) -> list[float]:

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from catoptra_server.termination import Termination
+from catoptra_server.runtime.faults import Termination
 
 DEADLINE_S = 20.0
 FOREVER_S = 1000.0

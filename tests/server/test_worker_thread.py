@@ -11,7 +11,11 @@ from collections.abc import Callable
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.worker_thread import ThreadFailedError, WorkerThread, lower_thread_priority
+from catoptra_server.runtime.worker_thread import (
+    ThreadFailedError,
+    WorkerThread,
+    lower_thread_priority,
+)
 from helpers.loopback import DEADLINE_S, run_scenario
 
 

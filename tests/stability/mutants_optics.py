@@ -15,8 +15,7 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.trace.reference.ray_batches import mean_pixels
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.world_description import PointLight
+from catoptra_server.world.world_description import PointLight, srgb_from_linear
 from stability.mutations import Mutation
 
 Floats = Any
@@ -239,8 +238,8 @@ INVERSE, SLOPE = f"{HYPERBOLIC}.t_from_radius_ratio", f"{HYPERBOLIC}.radius_rati
 PIXEL, RAY = f"{CAMERA}.pixel_from_direction", f"{CAMERA}.direction_from_pixel"
 HALF_ANGLE = "catoptra_protocol.optics.numerics.half_angle_tangent"
 FACE = f"{CUBE}.face_from_direction"
-POINT_LIGHT = "catoptra_server.scene.shading.point_irradiance"
-ENCODE = "catoptra_server.scene.colour.srgb_from_linear"
+POINT_LIGHT = "catoptra_server.world.shading.point_irradiance"
+ENCODE = "catoptra_server.world.world_description.srgb_from_linear"
 
 MUTATIONS = [
     Mutation("sin / (1 + cos / xi) of the angle", "mirror", RATIO, radius_by_angle),

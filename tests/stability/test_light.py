@@ -9,8 +9,9 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.reference import ray_batches
-from catoptra_server.scene import colour, shading
-from catoptra_server.scene.world_description import PointLight
+from catoptra_server.world import shading
+from catoptra_server.world import world_description as colour
+from catoptra_server.world.world_description import PointLight
 from stability.catalogue import Case, check, load
 
 

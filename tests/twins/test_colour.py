@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.world_description import srgb_from_linear
 from helpers.shaders import evaluate_shader
 
 

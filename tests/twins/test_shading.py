@@ -7,10 +7,9 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.scene_batches import upload_texture
-from catoptra_server.scene import shading
-from catoptra_server.scene.colour import linear_from_srgb, srgb_from_linear
-from catoptra_server.scene.texture_levels import build_levels
-from catoptra_server.scene.world_description import PointLight
+from catoptra_server.world import shading
+from catoptra_server.world.textures import build_levels
+from catoptra_server.world.world_description import PointLight, linear_from_srgb, srgb_from_linear
 from helpers.shaders import evaluate_shader
 
 LIGHTS = (PointLight((0.4, -0.5, -1.4), (0.9, 0.7, 0.4)), PointLight((-2.0, 1.0, 0.3), (3, 4, 5)))

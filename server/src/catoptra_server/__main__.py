@@ -12,7 +12,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 
-from catoptra_server.termination import Termination
+from catoptra_server.runtime.faults import Termination
 
 EXIT_USAGE = 2
 COMMANDS: Mapping[str, str] = {

@@ -20,8 +20,8 @@ from catoptra_protocol.usarsim.reports import Greeting
 from catoptra_server.config.server_file import ServerSettings, resolve_settings
 from catoptra_server.config.tile_memory import require_tiles_fit
 from catoptra_server.deferred_modules import load_deferred_modules, load_view_modules
-from catoptra_server.memory_budget import MIB
 from catoptra_server.options import Options
+from catoptra_server.runtime.memory import MIB
 from catoptra_server.server_threads import ServerThreads
 from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_server.transports.connection_budget import fit_connections

@@ -14,10 +14,10 @@ from catoptra_protocol.calibration.calibration_folder import REPORT_NAME, write_
 from catoptra_protocol.calibration.exports import DEFAULT_MAX_RESIDUAL_PX
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
+from catoptra_server.runtime.options import CommandParser
 
 EXIT_FAILURE = 2
 

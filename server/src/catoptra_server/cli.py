@@ -12,12 +12,12 @@ from functools import partial
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.app import ListeningAddress, serve
-from catoptra_server.descriptor_limit import raise_descriptor_limit
-from catoptra_server.logs.log_writer import LogWriter, write_log
 from catoptra_server.options import Options
+from catoptra_server.runtime.faults import Termination
+from catoptra_server.runtime.logs import LogWriter, write_log
+from catoptra_server.runtime.memory import raise_descriptor_limit
+from catoptra_server.runtime.worker_thread import ThreadFailedError
 from catoptra_server.server_arguments import parse_arguments
-from catoptra_server.termination import Termination
-from catoptra_server.worker_thread import ThreadFailedError
 
 log = logging.getLogger(__name__)
 

@@ -16,8 +16,6 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
 from catoptra_server.frames.effect_times import measure_effect_times
@@ -33,11 +31,13 @@ from catoptra_server.planning.viewpoint_choice import explain_viewpoint, shows_e
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.twist import Twist
+from catoptra_server.runtime.options import CommandParser
 from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
 from catoptra_server.simulation.robot_meshes import build_ego_mesh
 from catoptra_server.startup import StartupConfig, read_startup_config
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.world_description import Twist
 
 EXIT_FAILURE = 2
 

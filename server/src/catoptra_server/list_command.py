@@ -16,11 +16,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import BUNDLED_FOLDER, bundled_files
 from catoptra_server.config.camera_file import CameraFile, read_camera_files
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.runtime.options import CommandParser
 
 KINDS = ("robots", "worlds", "cameras", "landmarks", "datasets", "classes")
 # The comment at the head of an ini or csv file.

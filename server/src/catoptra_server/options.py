@@ -8,7 +8,7 @@ from pathlib import Path
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_server.config.server_file import ServerOptions
-from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MIB
+from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB
 from catoptra_server.simulation import ClockMode
 
 

@@ -12,7 +12,6 @@ from typing import cast
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.image_port import ImageType
-from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import FileKind, bundled_files, find_configuration
 from catoptra_server.config.server_file import (
     MAX_CONNECTIONS,
@@ -21,8 +20,11 @@ from catoptra_server.config.server_file import (
     ServerOptions,
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MAX_LIMIT_MIB, MIB
-from catoptra_server.option_values import (
+from catoptra_server.options import Options
+from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SETS, RENDERER_NAMES
+from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MAX_LIMIT_MIB, MIB
+from catoptra_server.runtime.options import (
+    CommandParser,
     int_within,
     parse_float_within,
     parse_integer,
@@ -31,8 +33,6 @@ from catoptra_server.option_values import (
     parse_threads,
     parse_tiles,
 )
-from catoptra_server.options import Options
-from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SETS, RENDERER_NAMES
 from catoptra_server.simulation import ClockMode
 
 _parse_timeout = partial(parse_float_within, name="a time-out", last=MAX_TIMEOUT_S, unit="s")

@@ -12,7 +12,6 @@ from functools import partial
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.server_file import ServerSettings, resolve_settings
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.mailbox import Mailboxes
@@ -26,9 +25,10 @@ from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.runtime.worker_thread import WorkerThread, lower_thread_priority
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
 from catoptra_server.startup import StartupConfig, create_ray_caster
-from catoptra_server.worker_thread import WorkerThread, lower_thread_priority
+from catoptra_server.world.camera_state import CameraState
 
 log = logging.getLogger(__name__)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import AbstractAsyncContextManager
 
-from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.transports.listener import Listener
 from catoptra_server.transports.stream.stream_context import StreamContext
 from catoptra_server.transports.tcp_server import ConnectionLimits
@@ -12,6 +11,7 @@ from catoptra_server.transports.web.page_files import read_page_files
 from catoptra_server.transports.web.web_access import WebAccess
 from catoptra_server.transports.web.web_pages import WebPages
 from catoptra_server.transports.web.web_server import WebServer, serve_web
+from catoptra_server.world.scene_mesh import SceneMesh
 
 
 def serve_web_port(

@@ -17,7 +17,6 @@ from catoptra_protocol.errors import CatoptraError, RendererUnavailableError
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.explicit_plan import plan_from_settings
@@ -28,8 +27,9 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
 from catoptra_studies.plot_style import Image
 
 # The largest number of samples that a plan allows.

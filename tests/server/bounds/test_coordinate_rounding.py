@@ -13,8 +13,8 @@ from catoptra_server.bounds.coordinate_rounding import (
     CoordinateErrors,
     CoordinateRounding,
 )
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Item, Material, Rectangle, World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.dynamic_objects import place_cube
 
 ERRORS = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)

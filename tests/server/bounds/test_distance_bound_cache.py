@@ -12,8 +12,8 @@ from catoptra_server.bounds.distance_bound_cache import (
     mirror_axis,
     rotation_to_axis,
 )
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from helpers.effect_measurement import CAMERA
 from helpers.range_images import FLOOR
 from helpers.worlds import CAMERA_STATE, make_test_world

@@ -6,8 +6,8 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.dynamic_object_bounds import DynamicObjectBounds
 from catoptra_server.bounds.image_rings import image_rings
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.world_description import Twist
 from helpers.dynamic_objects import ROBOT_MESH, TWO_ROBOTS, build_cube_mesh
 from helpers.worlds import CAMERA_STATE, make_omni_camera
 

@@ -8,14 +8,19 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.light_culling import MAX_CULLED_GREY_LEVELS, cull_lights
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.scene import shading
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
-from catoptra_server.scene.primitives import box
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, DirectionalLight, Light, PointLight
+from catoptra_server.world import shading
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.shapes import box
+from catoptra_server.world.world_description import (
+    Box,
+    DirectionalLight,
+    Light,
+    PointLight,
+    srgb_from_linear,
+)
 from helpers.opengl import device_or_skip
 from helpers.shadows import (
     DIM_HEMISPHERE_LIGHT,

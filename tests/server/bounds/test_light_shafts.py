@@ -10,10 +10,9 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.light_shafts import LightShafts
 from catoptra_server.bounds.radiance_loss import grey_level_change
 from catoptra_server.bounds.shadow_bounds import ShadowBounds
-from catoptra_server.scene import shading
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world import shading
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     Item,
@@ -21,6 +20,7 @@ from catoptra_server.scene.world_description import (
     Material,
     PointLight,
     World,
+    srgb_from_linear,
 )
 from helpers.shadows import (
     DIM_HEMISPHERE_LIGHT,

@@ -7,7 +7,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.bounds.nearness import Nearness, NearTriangles, longest_edges
-from catoptra_server.scene.triangle_distances import triangle_distances
+from catoptra_server.world.triangles import triangle_distances
 
 
 def scatter(seed: int, count: int, *, reach_m: float = 20.0) -> Floats:

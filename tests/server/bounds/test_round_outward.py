@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.bounds import round_outward
-from catoptra_server.scene.twist import AT_REST, Twist
+from catoptra_server.world.world_description import AT_REST, Twist
 
 VALUES = [*np.geomspace(1e-5, 1e5, 101).tolist(), 1.0, 0.5, 2.0 ** (3 / 8)]
 STEP = 2.0**0.125 * (1.0 + 1e-12)

@@ -5,8 +5,8 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_bounds import SceneBounds
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import place_cube
 from helpers.worlds import CAMERA_STATE, make_test_world
 

@@ -10,14 +10,12 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds import round_outward
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.scene_summary import NUM_RINGS
-from catoptra_server.scene.radiance_bounds import max_object_radiance
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.scene_radiance import max_radiance
-from catoptra_server.scene.twist import Twist
-from catoptra_server.scene.world_description import Box, Item, Material, World
+from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.scene_radiance import max_object_radiance, max_radiance
+from catoptra_server.world.world_description import Box, Item, Material, Twist, World
 from helpers.configs import WORLDS
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.effect_measurement import CAMERA, DRIVING_STATE

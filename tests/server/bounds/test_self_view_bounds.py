@@ -18,11 +18,11 @@ from catoptra_server.bounds.self_view_bounds import (
     bound_self_view,
     max_angle_from_axis,
 )
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.scene_summary import NUM_RINGS
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.robot_shapes import OmniCameraTower, build_ego_body_mesh
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh
+from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import P2AT, build_cube_mesh, place_cube
 from helpers.worlds import HEMISPHERE_LIGHT, make_omni_camera
 

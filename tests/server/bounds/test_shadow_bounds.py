@@ -9,10 +9,10 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.radiance_loss import grey_level_change
 from catoptra_server.bounds.shadow_bounds import ShadowBounds
 from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
-from catoptra_server.scene.primitives import box
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.shapes import box
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     HemisphereLight,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from catoptra_server.bounds.shadow_candidates import AxisAlignedBox, make_bound, shadow_candidates
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import DirectionalLight, PointLight, World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import DirectionalLight, PointLight, World
 from helpers.shadows import (
     DIRECTIONAL_LIGHT,
     POINT_LIGHT,

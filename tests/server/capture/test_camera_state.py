@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.capture.camera_state import scene_twist_in_mirror
-from catoptra_server.scene.twist import AT_REST, Twist
+from catoptra_server.world.camera_state import scene_twist_in_mirror
+from catoptra_server.world.world_description import AT_REST, Twist
 from helpers.effect_measurement import DRIVING_STATE, DYNAMIC_OBJECT
 from helpers.motion_reference import camera_state_after, relative_twist
 

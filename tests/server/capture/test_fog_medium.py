@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from catoptra_server.capture.fog_medium import FogMedium
+from catoptra_server.world.camera_state import FogMedium
 
 FOG = FogMedium(0.5, (0.6, 0.5, 0.4))
 

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-from catoptra_server.capture.noise_seed import NoiseSeed
-from catoptra_server.random_sources import RandomSource
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.world.camera_state import NoiseSeed
 
 
 def test_seed_of_a_source_has_two_words_of_32_bits() -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.capture.shutter import INSTANTANEOUS, MAX_TIME_SAMPLES, Shutter
+from catoptra_server.world.camera_state import INSTANTANEOUS, MAX_TIME_SAMPLES, Shutter
 
 ROWS = 10
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.usarsim.reports import StartPose, StartPoses, line_from_report
 from catoptra_server.config.world_file import read_world
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import (
     GpsOrigin,
     RfidTag,
     StartPlace,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.config.world_file import read_world
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     Box,
     Cylinder,
     Material,

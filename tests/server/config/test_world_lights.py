@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.world_file import read_world
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,
     PointLight,

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.datasets.dataset_command import main
-from catoptra_server.termination import Termination
+from catoptra_server.runtime.faults import Termination
 from helpers.dataset_recipes import write_drive, write_recipe
 from helpers.dataset_runs import COMMAND, TIMEOUT_S, read_hashes, run_dataset
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_server.datasets.light_scaling import scale_lights
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,
     PointLight,

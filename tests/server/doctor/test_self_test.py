@@ -37,10 +37,10 @@ def test_error_when_the_frame_is_black_is_infinite() -> None:
 def render_discs() -> np.ndarray:
     """Frame of the self-test, rendered by trace."""
     from catoptra_protocol.optics.transforms import Pose
-    from catoptra_server.capture.camera_state import CameraState
     from catoptra_server.planning.explicit_plan import plan_from_settings
     from catoptra_server.planning.renderer_choice import choose_renderer
-    from catoptra_server.scene.scene_mesh import build_scene
+    from catoptra_server.world.camera_state import CameraState
+    from catoptra_server.world.scene_mesh import build_scene
 
     world = module._disc_world(module._disc_directions())
     choice = choose_renderer("trace", build_scene(world), world, threads=1)

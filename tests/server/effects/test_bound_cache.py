@@ -11,7 +11,7 @@ from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.bound_cache import BoundCache
 from catoptra_server.effects.effect import Effect, EffectBound
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary, ShadowLoss
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import CAMERA, make_any_effect
 
 NAMES = [effect_type.name for effect_type in EFFECT_TYPES]

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-from catoptra_server.capture.noise_seed import ZERO_SEED
 from catoptra_server.effects.capture_context import EMPTY_CONTEXT
+from catoptra_server.world.camera_state import ZERO_SEED
 
 
 def test_capture_when_nothing_is_known_has_no_ranges() -> None:

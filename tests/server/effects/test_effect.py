@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import (
     EffectMode,
@@ -17,6 +16,7 @@ from catoptra_server.effects.effect import (
     is_image_effect,
     is_scene_effect,
 )
+from catoptra_server.world.camera_state import NoiseSeed
 from helpers.configs import REPOSITORY
 from helpers.effect_measurement import (
     CAMERA,

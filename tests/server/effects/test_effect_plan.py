@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
     DecisionBasis,
@@ -34,7 +33,8 @@ from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.effects.sensor.quantisation import Quantisation
-from catoptra_server.scene.twist import AT_REST, Twist
+from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
+from catoptra_server.world.world_description import AT_REST, Twist
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, DYNAMIC_OBJECT
 
 DAYLIGHT = SceneSummary(1.0)

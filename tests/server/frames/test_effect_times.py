@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect import DecisionBasis, EffectMode, EffectSettings
 from catoptra_server.effects.effect_plan import EffectDecision
@@ -17,6 +16,7 @@ from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.startup import read_startup_config
+from catoptra_server.world.camera_state import CameraState
 from helpers.robots import make_rendered_view
 
 IMAGE = np.zeros((1, 1, 3), dtype=np.uint8)

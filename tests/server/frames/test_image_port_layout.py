@@ -19,9 +19,9 @@ from catoptra_server.robot.mount import (
     Mount,
 )
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.twist import AT_REST
 from catoptra_server.simulation import Fleet
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import AT_REST
 from helpers.motion_reference import relative_twist
 from helpers.robots import (
     FakeClient,

@@ -14,10 +14,10 @@ from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription
-from catoptra_server.scene.obstacle_grid import build_obstacle_grid
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.twist import Twist
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.world.obstacle_grid import build_obstacle_grid
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Twist
 from helpers.dynamic_objects import place_cube
 from helpers.robots import make_p2at, make_walled_world
 

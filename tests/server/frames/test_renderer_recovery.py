@@ -15,7 +15,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.coordinate_rounding import CoordinateErrors
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.capture_context import EMPTY_CONTEXT
 from catoptra_server.effects.effect import (
@@ -37,6 +36,7 @@ from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.world.camera_state import CameraState
 from helpers.robots import CAMERA
 
 CAMERA_STATE = CameraState(Pose.identity())

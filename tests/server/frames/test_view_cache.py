@@ -16,7 +16,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.coordinate_rounding import CoordinateErrors
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
     EffectMode,
@@ -43,7 +42,8 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.world_description import Twist
 from helpers.mirror_checks import make_camera
 from helpers.robots import CAMERA
 from helpers.worlds import make_omni_camera

@@ -11,7 +11,6 @@ import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.frames import view_store
 from catoptra_server.frames.frame_plan import CameraPlan
@@ -26,7 +25,8 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import make_effect
 from helpers.opengl import device_or_skip
 from helpers.worlds import make_omni_camera, make_test_world

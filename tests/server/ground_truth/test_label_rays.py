@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from catoptra_server.capture.shutter import INSTANTANEOUS
 from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.ground_truth.label_rays import (
     build_label_rays,
@@ -14,7 +13,8 @@ from catoptra_server.ground_truth.label_rays import (
     make_ray_source,
 )
 from catoptra_server.render.trace.trace_engine import MovingExposure, assemble_grid
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.camera_state import INSTANTANEOUS
+from catoptra_server.world.world_description import Twist
 from helpers.labelled_rooms import CAMERAS, STATE
 
 CAMERA = CAMERAS["paper"]

@@ -13,8 +13,6 @@ from catoptra_protocol.optics.camera_rays import pixel_from_point
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.fog_medium import FogMedium
-from catoptra_server.capture.shutter import INSTANTANEOUS
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.ground_truth.label_renderer import DrawnExposure
@@ -23,7 +21,8 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.time_samples import advance
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.camera_state import INSTANTANEOUS, FogMedium
+from catoptra_server.world.world_description import Twist
 from helpers.labelled_rooms import (
     CAMERAS,
     FISH_EYE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from catoptra_server.logs.line_limiter import MAX_LINES, WINDOW_S, LineLimiter
+from catoptra_server.runtime.logs import MAX_LINES, WINDOW_S, LineLimiter
 
 
 def make_record(message: str, *args: object, level: int = logging.INFO) -> logging.LogRecord:

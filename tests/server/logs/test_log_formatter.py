@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from catoptra_server.logs.log_formatter import LogFormatter, escape_controls
+from catoptra_server.runtime.logs import LogFormatter, escape_controls
 
 
 def make_record(message: str, *args: object) -> logging.LogRecord:

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from catoptra_server.logs import log_writer as module
-from catoptra_server.logs.log_writer import LogWriter, write_log
+from catoptra_server.runtime import logs as module
+from catoptra_server.runtime.logs import LogWriter, write_log
 from helpers.deadline import Deadline
 
 DEADLINE_S = 20.0

@@ -25,7 +25,7 @@ from catoptra_server.planning.camera_variant import (
 )
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import AccuracyTarget, PerPixel, RenderSettings
-from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera
 
 MESH = Tessellation(8, 8)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES
 from catoptra_server.planning.candidate_plans import (
     FACE_SAMPLE_COUNTS,
     SAMPLE_COUNTS,
@@ -17,7 +16,8 @@ from catoptra_server.planning.view_size import plan_view_size
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
-from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
+from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=64)

@@ -10,7 +10,6 @@ import pytest
 
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.candidate_table import RendererCalibration
@@ -21,7 +20,8 @@ from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.worlds import make_omni_camera, make_test_world
 
 TRACE = RendererKind.TRACE

@@ -9,13 +9,13 @@ import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.cost_calibration import OTHER_STAGES, measure_costs
 from catoptra_server.planning.cost_model import fit_cost_model
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel
+from catoptra_server.world.camera_state import CameraState
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=64)

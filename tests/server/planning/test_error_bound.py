@@ -11,7 +11,7 @@ from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
+from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)

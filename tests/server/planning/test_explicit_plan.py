@@ -17,7 +17,7 @@ from catoptra_server.planning.face_regions import max_face_size_px
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)

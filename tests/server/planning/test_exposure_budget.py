@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.shutter import Shutter
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.exposure_budget import (
@@ -22,7 +20,8 @@ from catoptra_server.planning.exposure_budget import (
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.world.camera_state import CameraState, Shutter
+from catoptra_server.world.objects import DynamicObject
 from helpers.dynamic_objects import ROBOT_MESH, place_cube
 from helpers.worlds import make_omni_camera
 

@@ -12,7 +12,6 @@ from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning import candidate_table, explicit_choice
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
@@ -24,8 +23,9 @@ from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
-from catoptra_server.scene.mirror_mesh import Tessellation
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.worlds import make_omni_camera, make_test_world
 
 CAMERA = make_omni_camera(width_px=100)

@@ -21,7 +21,7 @@ from catoptra_server.planning.renderer_choice import (
 from catoptra_server.render import raster
 from catoptra_server.render.raster import OpenGLMissingError
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.image_changers import open_changer_or_skip
 from helpers.opengl import device_or_skip
 from helpers.worlds import make_test_world
@@ -115,8 +115,8 @@ def test_auto_that_traces_does_not_load_opengl() -> None:
     program = (
         "import sys; from catoptra_server.planning import renderer_choice as module;"
         "module._GPU_FILES = ();"
-        "from catoptra_server.scene.world_description import World;"
-        "from catoptra_server.scene.scene_mesh import build_scene;"
+        "from catoptra_server.world.world_description import World;"
+        "from catoptra_server.world.scene_mesh import build_scene;"
         "world = World('empty', ());"
         "module.choose_renderer('auto', build_scene(world), world, is_reproducible=True);"
         "sys.exit('moderngl' in sys.modules)"
@@ -136,8 +136,8 @@ def test_unknown_renderer_is_rejected_with_the_existing_names() -> None:
 def test_trace_does_not_load_opengl() -> None:
     program = (
         "import sys; from catoptra_server.planning.renderer_choice import choose_renderer;"
-        "from catoptra_server.scene.world_description import World;"
-        "from catoptra_server.scene.scene_mesh import build_scene;"
+        "from catoptra_server.world.world_description import World;"
+        "from catoptra_server.world.scene_mesh import build_scene;"
         "world = World('empty', ()); choose_renderer('trace', build_scene(world), world);"
         "sys.exit('moderngl' in sys.modules)"
     )

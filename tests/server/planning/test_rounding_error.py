@@ -24,7 +24,7 @@ from catoptra_server.render.projection.lookup_map import atlas_coordinates
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.mirror_checks import make_camera as make_ball_camera
 from helpers.worlds import make_omni_camera
 

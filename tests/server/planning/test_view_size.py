@@ -8,7 +8,6 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.memory_budget import ViewSize
 from catoptra_server.planning.view_size import (
     omni_view_size,
     perspective_view_size,
@@ -16,6 +15,7 @@ from catoptra_server.planning.view_size import (
 )
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
+from catoptra_server.runtime.memory import ViewSize
 from helpers.mirror_checks import make_camera
 from helpers.worlds import make_omni_camera, make_plan
 

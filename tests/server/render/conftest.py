@@ -11,8 +11,8 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from helpers.opengl import device_or_skip
 from helpers.renderers import RendererFactory
 

@@ -24,20 +24,20 @@ from catoptra_protocol.optics.mirrors import (
 )
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
-from catoptra_server.scene.mirror_mesh import (
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import (
     Interpolation,
     Tessellation,
     tessellation_from_polygon_count,
 )
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.standing_things import bake_scene

@@ -20,7 +20,6 @@ from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import ImageEffect
@@ -33,9 +32,9 @@ from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Material, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, World, srgb_from_linear
 from helpers.blur_measurement import inner_pixels
 from helpers.lens_ray_tracer import LensRays, pinhole_lens, render_through_lens, telecentric_lens
 from helpers.long_cases import quick_cases

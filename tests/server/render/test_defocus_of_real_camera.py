@@ -23,7 +23,6 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
@@ -32,9 +31,9 @@ from catoptra_server.effects.kernels.lens_blur import lens_focus_coordinate
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World, srgb_from_linear
 from helpers.blur_measurement import inner_pixels
 from helpers.lens_ray_tracer import pinhole_lens, render_through_lens
 from helpers.worlds import make_plan

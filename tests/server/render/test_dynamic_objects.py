@@ -15,15 +15,15 @@ import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene import primitives
-from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Light, Material, World
+from catoptra_server.world import shapes as primitives
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Light, Material, World
 from helpers.dynamic_objects import ROBOT_MESH, TWO_ROBOTS, place_cube
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.renderers import RendererFactory

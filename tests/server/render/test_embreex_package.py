@@ -14,8 +14,8 @@ from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.embreex_package import EmbreexMissingError, has_embreex
 from catoptra_server.render.raster import gl_device
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.startup import create_ray_caster, read_startup_config
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.opengl import device_or_skip
 from helpers.worlds import make_test_world
 

@@ -27,7 +27,6 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.texel_footprint import texel_footprint
@@ -39,8 +38,9 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
-from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.camera_figures.polygon_figures import displacement_px
 from helpers.displacement_targets import (
     DisplacementTargets,

@@ -26,8 +26,8 @@ from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Item, World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Item, World
 from helpers.long_cases import quick_cases
 from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.worlds import CAMERA_STATE

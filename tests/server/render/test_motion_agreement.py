@@ -16,7 +16,6 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
@@ -26,6 +25,7 @@ from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.startup import StartupConfig
+from catoptra_server.world.camera_state import CameraState
 from helpers.motion_reference import (
     START_POSES,
     average_frames,

@@ -17,8 +17,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import EffectPlan, apply_scene_effects, plan_effects
@@ -26,10 +24,16 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.twist import Twist
-from catoptra_server.scene.world_description import Box, Item, Material, World
+from catoptra_server.world.camera_state import CameraState, NoiseSeed
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import (
+    Box,
+    Item,
+    Material,
+    Twist,
+    World,
+    srgb_from_linear,
+)
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.effect_measurement import make_any_effect
 from helpers.image_comparison import level_differences, mask_away_from_edges

@@ -20,13 +20,13 @@ from catoptra_protocol.optics.mirrors import ProfileMirror, SphericalMirror
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Material, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.long_cases import quick_cases
 from helpers.markers import marker_centroid
 from helpers.mirror_checks import make_camera

@@ -7,8 +7,8 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import FaceCamera
+from catoptra_server.world.camera_state import CameraState
 
 
 def test_camera_state_has_no_objects_by_default() -> None:

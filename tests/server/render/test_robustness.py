@@ -17,12 +17,12 @@ import pytest
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.renderer import Image, Renderer
-from catoptra_server.scene.mirror_mesh import Tessellation
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Material, MeshFile, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, MeshFile, World
 from helpers.image_comparison import level_differences
 from helpers.trace_engines import ENGINES, open_renderer
 from helpers.worlds import (

@@ -20,7 +20,6 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.error_bound import add_scene, error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.rounding_error import coordinate_errors
@@ -31,10 +30,10 @@ from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.oriented_box import OrientedBox, box_distances
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Item, Material, Rectangle, Ring, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject, OrientedBox, box_distances
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Item, Material, Rectangle, Ring, World
 from helpers.displacement_targets import scatter_discs
 from helpers.dynamic_objects import build_cube_mesh
 from helpers.long_cases import quick_cases

@@ -15,13 +15,13 @@ from catoptra_protocol.optics.omni_camera import (
 )
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.self_view_bounds import bound_self_view
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.robot_shapes import CAMERA_RADIUS_M, OmniCameraTower, build_ego_body_mesh
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Material, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.robot_shapes import CAMERA_RADIUS_M, OmniCameraTower, build_ego_body_mesh
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.dynamic_objects import P2AT
 from helpers.image_comparison import level_differences
 from helpers.opengl import device_or_skip

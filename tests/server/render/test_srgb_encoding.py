@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_server.render.srgb_encoding import MAX_LEVEL, encode_srgb, srgb_table
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.world_description import srgb_from_linear
 
 
 def test_encode_srgb_is_within_a_tenth_of_a_level_of_float64() -> None:

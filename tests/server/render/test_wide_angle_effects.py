@@ -17,7 +17,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import EffectPlan, apply_scene_effects, plan_effects
@@ -26,8 +25,9 @@ from catoptra_server.effects.kernels.lens_blur import circle_of_confusion
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from helpers.effect_measurement import make_any_effect
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.renderers import RendererFactory

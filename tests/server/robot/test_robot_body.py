@@ -8,16 +8,16 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_body import RobotBody, step_body
 from catoptra_server.robot.skid_steer import WheelSpin
-from catoptra_server.scene.obstacle_grid import (
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.world.obstacle_grid import (
     ObstacleGrid,
     build_obstacle_grid,
     rectangle_intersects,
 )
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import BASE, make_walled_world
 
 STREAM = RandomSource.from_names(1, "slip")

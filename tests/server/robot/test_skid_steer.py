@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.skid_steer import (
     WheelSpin,
@@ -20,6 +19,7 @@ from catoptra_server.robot.skid_steer import (
     integrate_arc,
     wheel_travel,
 )
+from catoptra_server.runtime.random_sources import RandomSource
 from helpers.robots import BASE
 
 ORIGIN = PlanarPose(0.0, 0.0, 0.0)

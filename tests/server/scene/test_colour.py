@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.scene.colour import linear_from_srgb, srgb_from_linear
+from catoptra_server.world.world_description import linear_from_srgb, srgb_from_linear
 
 
 @pytest.mark.parametrize(

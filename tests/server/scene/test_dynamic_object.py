@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene import primitives
-from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh, world_facets
-from catoptra_server.scene.world_description import Box, Material
+from catoptra_server.world import shapes as primitives
+from catoptra_server.world.objects import DynamicObject, build_object_mesh, world_facets
+from catoptra_server.world.world_description import Box, Material
 
 RED, BLUE = Material((1.0, 0.0, 0.0)), Material((0.0, 0.0, 1.0), unlit=True)
 CUBE = primitives.box(Box((0.2, 0.2, 0.2)))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.scene.facets import bounding_box, facet_normals
-from catoptra_server.scene.row_blocks import ROWS_PER_BLOCK
+from catoptra_server.world.shapes import bounding_box, facet_normals
+from catoptra_server.world.triangles import ROWS_PER_BLOCK
 
 CORNERS = np.random.default_rng(1).normal(size=(2 * ROWS_PER_BLOCK + 7, 3, 3))
 UNIT_TRIANGLE = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_server.memory_budget import MIB, MemoryBudget
-from catoptra_server.scene.gltf_sizes import reserve_gltf
+from catoptra_server.runtime.memory import MIB, MemoryBudget
+from catoptra_server.world.mesh_assets import reserve_gltf
 from helpers.mesh_file_samples import make_announcing_png
 
 WHERE = SourceLocation("m.glb")

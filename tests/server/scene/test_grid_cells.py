@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_server.scene.grid_cells import cell_members, first_occurrences
+from catoptra_server.world.obstacle_grid import cell_members, first_occurrences
 
 
 def members_one_by_one(

@@ -9,10 +9,10 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.memory_budget import MemoryBudget
-from catoptra_server.scene.facets import facet_normals
-from catoptra_server.scene.item_loader import ItemLoader, ItemPart
-from catoptra_server.scene.world_description import Box, Item, Material, MeshFile
+from catoptra_server.runtime.memory import MemoryBudget
+from catoptra_server.world.scene_mesh import ItemLoader, ItemPart
+from catoptra_server.world.shapes import facet_normals
+from catoptra_server.world.world_description import Box, Item, Material, MeshFile
 from helpers.mesh_file_samples import export_mesh, make_coloured_square, write_unlit_glb
 
 WORLD_LINE = SourceLocation("house.ini", 12)

@@ -7,9 +7,8 @@ import pytest
 
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.landmark_shapes import WHITE, items_from_landmark
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import Cylinder, World
+from catoptra_server.world.scene_mesh import WHITE, SceneMesh, build_scene, items_from_landmark
+from catoptra_server.world.world_description import Cylinder, World
 
 ALBEDOS = {"cyan": (0.0, 0.4, 0.7), "magenta": (0.8, 0.0, 0.3), "yellow": (0.9, 0.7, 0.0)}
 BEACON = Landmark("b", "beacon", 1.35, -1.9, 0.1, 0.1, 0.2, 0.4, "yellow", "magenta")

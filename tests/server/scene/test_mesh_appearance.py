@@ -12,15 +12,14 @@ import trimesh
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.mesh_appearance import (
+from catoptra_server.world.mesh_files import load_mesh_file
+from catoptra_server.world.textures import (
     MeshAppearance,
+    Texture,
     no_texture_coordinates,
     read_appearance,
 )
-from catoptra_server.scene.mesh_files import load_mesh_file
-from catoptra_server.scene.texture_files import Texture
-from catoptra_server.scene.world_description import MeshFile
+from catoptra_server.world.world_description import MeshFile, linear_from_srgb
 from helpers.mesh_file_samples import (
     FACES,
     UV,

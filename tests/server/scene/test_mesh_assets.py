@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.memory_budget import MIB, MemoryBudget
-from catoptra_server.scene.mesh_assets import MeshAssets
+from catoptra_server.runtime.memory import MIB, MemoryBudget
+from catoptra_server.world.mesh_assets import MeshAssets
 from helpers.mesh_file_samples import make_announcing_png
 
 

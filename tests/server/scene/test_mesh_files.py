@@ -14,9 +14,9 @@ import pytest
 import trimesh
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.memory_budget import MIB, MemoryBudget
-from catoptra_server.scene.mesh_files import LoadedMesh, load_mesh_file
-from catoptra_server.scene.world_description import MeshFile
+from catoptra_server.runtime.memory import MIB, MemoryBudget
+from catoptra_server.world.mesh_files import LoadedMesh, load_mesh_file
+from catoptra_server.world.world_description import MeshFile
 from helpers.mesh_file_samples import (
     export_mesh,
     make_announcing_png,

@@ -19,7 +19,7 @@ from catoptra_protocol.optics.cube_map import (
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.scene.mirror_mesh import (
+from catoptra_server.world.mirror_mesh import (
     Interpolation,
     Tessellation,
     build_mirror_mesh,

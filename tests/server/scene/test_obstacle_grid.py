@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene.obstacle_grid import (
+from catoptra_server.world.obstacle_grid import (
     ObstacleGrid,
     build_obstacle_grid,
     penetration_depths,
     rectangle_intersects,
     rectangles_intersect,
 )
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Material, Rectangle, Shape, World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, Rectangle, Shape, World
 
 GREY = Material((0.5, 0.5, 0.5))
 HALF_SIZE_M = (0.5, 0.25)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene.oriented_box import OrientedBox, box_distances, closest_box_hits
+from catoptra_server.world.objects import OrientedBox, box_distances, closest_box_hits
 
 BOX = OrientedBox(Pose.from_rpy((2.0, 0.0, 0.0)), (1.0, 2.0, 0.5))
 

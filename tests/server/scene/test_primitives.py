@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.primitives import (
+from catoptra_server.world.shapes import (
     Patch,
     box,
     concatenate,
@@ -19,7 +19,7 @@ from catoptra_server.scene.primitives import (
     ring,
     sphere_band,
 )
-from catoptra_server.scene.world_description import Box, Cylinder, Rectangle, Ring, SphereBand
+from catoptra_server.world.world_description import Box, Cylinder, Rectangle, Ring, SphereBand
 
 
 def area_vectors(patch: Patch) -> Floats:

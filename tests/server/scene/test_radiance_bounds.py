@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene import shading
-from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
-from catoptra_server.scene.primitives import box
-from catoptra_server.scene.radiance_bounds import (
+from catoptra_server.world import shading
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.scene_radiance import (
     max_facet_irradiance,
     max_object_radiance,
 )
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.shapes import box
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     HemisphereLight,

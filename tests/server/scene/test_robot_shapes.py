@@ -7,7 +7,7 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ConicalMirror, ParabolicMirror
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene.robot_shapes import (
+from catoptra_server.world.robot_shapes import (
     MIRROR_MATERIAL,
     OmniCameraTower,
     RobotDimensions,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.scene.row_blocks import (
+from catoptra_server.world.triangles import (
     ROWS_PER_BLOCK,
     gather_rows,
     row_blocks,

@@ -11,9 +11,9 @@ import trimesh
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.memory_budget import MIB, MemoryBudget
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.runtime.memory import MIB, MemoryBudget
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import (
     Box,
     Cylinder,
     Item,

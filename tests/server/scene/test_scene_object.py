@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene.scene_object import SceneObject, object_of_part
-from catoptra_server.scene.world_description import Box, Item
+from catoptra_server.world.world_description import Box, Item, SceneObject, object_of_part
 
 ITEM = Item("office", Box((1.0, 1.0, 1.0)), Pose.identity(), None)
 

@@ -9,11 +9,10 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene import shading
-from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.scene_radiance import max_radiance
-from catoptra_server.scene.world_description import (
+from catoptra_server.world import shading
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.scene_radiance import max_radiance
+from catoptra_server.world.world_description import (
     HemisphereLight,
     Item,
     Light,
@@ -21,6 +20,7 @@ from catoptra_server.scene.world_description import (
     PointLight,
     Rectangle,
     World,
+    linear_from_srgb,
 )
 from helpers.worlds import (
     CAMERA_STATE,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.shading import (
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.shading import (
     facet_irradiance,
     facet_radiance,
     interpolate_albedo,
@@ -16,7 +16,7 @@ from catoptra_server.scene.shading import (
     sample_texture,
     write_facet_radiance,
 )
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     HemisphereLight,

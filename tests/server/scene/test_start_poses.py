@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from catoptra_protocol.usarsim.reports import StartPose, StartPoses
-from catoptra_server.scene.start_poses import report_start_poses
+from catoptra_server.world.world_description import report_start_poses
 from helpers.robots import make_walled_world
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_server.memory_budget import MIB, MemoryBudget
-from catoptra_server.scene.texture_files import load_texture, read_image_size
+from catoptra_server.runtime.memory import MIB, MemoryBudget
+from catoptra_server.world.textures import load_texture, read_image_size
 from helpers.mesh_file_samples import make_announcing_png, make_quadrant_image
 
 

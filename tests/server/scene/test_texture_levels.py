@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.shading import sample_texture
-from catoptra_server.scene.texture_levels import (
+from catoptra_server.world.shading import sample_texture
+from catoptra_server.world.textures import (
     MAX_STRETCH,
     build_levels,
     footprint_texels,
@@ -15,6 +14,7 @@ from catoptra_server.scene.texture_levels import (
     uv_gradients,
     uv_steps,
 )
+from catoptra_server.world.world_description import linear_from_srgb
 
 RNG = np.random.default_rng(7)
 

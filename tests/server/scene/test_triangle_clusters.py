@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.triangle_clusters import make_clusters, visible_runs
+from catoptra_server.world.triangles import make_clusters, visible_runs
 
 
 def triangles(count: int, *, seed: int = 0) -> Floats:

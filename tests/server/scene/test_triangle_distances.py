@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.scene.triangle_distances import triangle_distances
+from catoptra_server.world.triangles import triangle_distances
 
 TRIANGLE = np.array([[[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0]]])
 

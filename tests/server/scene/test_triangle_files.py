@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from catoptra_server.scene.triangle_files import read_triangle_file
+from catoptra_server.world.mesh_files import read_triangle_file
 from helpers.mesh_file_samples import export_mesh, make_coloured_square, make_plain_square
 
 HEADER = (

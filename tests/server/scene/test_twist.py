@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
-from catoptra_server.scene.twist import AT_REST, Twist
+from catoptra_server.world.world_description import AT_REST, Twist
 
 MOVING = Twist((1.0, 2.0, 3.0), (0.1, -0.2, 0.4))
 

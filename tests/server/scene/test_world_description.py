@@ -7,7 +7,7 @@ import math
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     MAX_LIGHT,
     DirectionalLight,
     HemisphereLight,

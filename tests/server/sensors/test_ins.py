@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.skid_steer import WheelTravel
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors import MotionStep, SensorContext
 from catoptra_server.sensors.ins import InsDescription, InsSensor
 from helpers.robots import BASE, INS

@@ -11,15 +11,15 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.mount import (
     Mount,
 )
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors import SensorContext
 from catoptra_server.sensors.range_scanner import RangeScannerDescription, RangeScannerSensor
 from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import BASE, SCANNER
 from helpers.room_ray_caster import RoomRayCaster, context_in_room, make_room_world, oriented_box_at
 

@@ -10,9 +10,9 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import GeometryItem, Report, line_from_report
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.robot_description import DriveBase, SensorDescription
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors import (
     SENSOR_KINDS,
     MotionStep,

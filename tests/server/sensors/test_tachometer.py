@@ -6,9 +6,9 @@ import dataclasses
 
 import pytest
 
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.skid_steer import WheelTravel
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors import MotionStep
 from catoptra_server.sensors.tachometer import TachometerSensor
 from helpers.robots import BASE, TACHOMETER

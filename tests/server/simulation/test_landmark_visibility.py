@@ -17,10 +17,6 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.landmark_shapes import items_from_landmark
-from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
 from catoptra_server.sensors.sensor_environment import (
     EMPTY_ENVIRONMENT,
     EmptyScene,
@@ -30,6 +26,9 @@ from catoptra_server.simulation.landmark_visibility import (
     LandmarkVisibility,
     compute_landmark_visibility,
 )
+from catoptra_server.world.objects import OrientedBox
+from catoptra_server.world.scene_mesh import build_scene, items_from_landmark
+from catoptra_server.world.world_description import World
 from helpers.mirror_checks import make_camera
 
 BEACON = Landmark("b", "beacon", 2.0, 0.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")

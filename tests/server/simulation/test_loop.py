@@ -59,7 +59,6 @@ from catoptra_server.frames.frame_request import (
 )
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.sensors import Sensor
 from catoptra_server.simulation import (
     AccuracyTargetChanged,
@@ -77,6 +76,7 @@ from catoptra_server.simulation import (
     StopRequested,
 )
 from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.loopback import DEADLINE_S
 from helpers.robots import (
     CAMERA,

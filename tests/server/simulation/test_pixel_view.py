@@ -14,22 +14,22 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, pixel_from_direction
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.scene.mirror_mesh import Tessellation
-from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Item, Material, SphereBand, World
 from catoptra_server.simulation.pixel_view import (
     OUTSIDE,
     NamedScene,
     PixelView,
     look_through_pixel,
 )
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import OrientedBox
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Item, Material, SphereBand, World
 from helpers.mirror_checks import make_camera
 from helpers.room_ray_caster import make_room_world, oriented_box_at
 from helpers.worlds import make_plan

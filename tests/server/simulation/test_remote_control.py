@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.usarsim.commands import Drive, Init, ShareControl
-from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import FakeClient, make_p2at, make_walled_world
 
 ROLLING = (1.0, -1.0)

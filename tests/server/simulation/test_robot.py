@@ -18,7 +18,6 @@ from catoptra_protocol.usarsim.reports import (
     VehicleGeometry,
     VehicleStatus,
 )
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.joint_chain import (
     CHASSIS_PARENT,
     STANDARD_PACKAGES,
@@ -31,11 +30,12 @@ from catoptra_server.robot.robot_description import (
     PerspectiveCameraDescription,
     RobotDescription,
 )
-from catoptra_server.scene.obstacle_grid import build_obstacle_grid
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.twist import AT_REST
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.get_commands import execute_get_conf, execute_get_geo
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.world.obstacle_grid import build_obstacle_grid
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import AT_REST
 from helpers.robots import ENCODER, ODOMETRY, make_p2at, make_walled_world
 
 NO_OBSTACLES = build_obstacle_grid(build_scene(make_walled_world()), low_m=0.03, high_m=1.0)

@@ -12,8 +12,8 @@ from catoptra_protocol.usarsim.reports import (
     OdometryReading,
     VehicleStatus,
 )
-from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import FakeClient, make_p2at, make_walled_world
 
 

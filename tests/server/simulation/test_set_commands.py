@@ -17,10 +17,10 @@ from catoptra_server.robot.mount import (
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.render_settings import AccuracyTarget
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription
-from catoptra_server.scene.obstacle_grid import build_obstacle_grid
-from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.set_commands import execute_set
+from catoptra_server.world.obstacle_grid import build_obstacle_grid
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import ENCODER, INS, ODOMETRY, SCANNER, make_p2at, make_walled_world
 
 CAMERA = PerspectiveCameraDescription("Camera", Mount(), 320, 240, 1.3963, 0.3491, 2.0944)

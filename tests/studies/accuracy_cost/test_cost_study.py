@@ -6,7 +6,7 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
-from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies.accuracy_cost.cost_results import PolygonRow
 from catoptra_studies.accuracy_cost.cost_study import (
     is_within_tolerance,

@@ -5,7 +5,7 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
-from catoptra_server.scene.mirror_mesh import mirror_polygons, tessellation_from_polygon_count
+from catoptra_server.world.mirror_mesh import mirror_polygons, tessellation_from_polygon_count
 from catoptra_studies.camera_figures.mirror_drawing import (
     Axonometry,
     mirror_points,

@@ -14,7 +14,7 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
+from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from catoptra_studies.camera_figures.polygon_figures import (
     exact_model_error_px,
     find_max_difference_window,

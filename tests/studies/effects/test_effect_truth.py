@@ -10,7 +10,6 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
@@ -21,8 +20,8 @@ from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.effects.sensor.white_balance import WhiteBalance
 from catoptra_server.render.renderer import LinearImage
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.world_description import Twist, srgb_from_linear
 from catoptra_studies.effects.effect_truth import EffectTruth, encode
 from helpers.effect_measurement import DYNAMIC_OBJECT
 from helpers.worlds import make_omni_camera

@@ -1,5 +1,5 @@
 // Provides the irradiance at input_0.xyz, an offset, on a facet of normal input_1.xyz.
-// Twin: catoptra_server.scene.shading.point_irradiance.
+// Twin: catoptra_server.world.shading.point_irradiance.
 uniform sampler2D input_0;
 uniform sampler2D input_1;
 out vec4 result;

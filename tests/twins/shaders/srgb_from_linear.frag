@@ -1,5 +1,5 @@
 // Provides the encoded value of input_0.rgb, linear light.
-// Twin: catoptra_server.scene.colour.srgb_from_linear.
+// Twin: catoptra_server.world.world_description.srgb_from_linear.
 uniform sampler2D input_0;
 out vec4 result;
 

@@ -1,5 +1,5 @@
 // Provides the filtered linear colour of a texture at input_0.xy.
-// Twin: catoptra_server.scene.shading.texture_value.
+// Twin: catoptra_server.world.shading.texture_value.
 uniform sampler2D input_0;
 uniform sampler2D albedo_texture;
 out vec4 result;

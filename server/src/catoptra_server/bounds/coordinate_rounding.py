@@ -17,8 +17,8 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.nearness import Nearness, NearTriangles
-from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.world.objects import DynamicObject, ObjectMesh
+from catoptra_server.world.scene_mesh import SceneMesh
 
 UNIT_ROUNDOFF = 2.0**-24
 """Largest relative error of rounding to float32."""

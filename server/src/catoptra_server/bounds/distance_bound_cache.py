@@ -18,8 +18,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds import round_outward
 from catoptra_server.bounds.image_rings import image_rings
 from catoptra_server.bounds.ring_distance_bvh import RingDistanceBvh, ViewpointBox
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.twist import Vector3
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Vector3
 
 # Largest first. A viewpoint too near a surface for the smallest is evaluated on its own: a robot
 # would leave smaller cells in every frame.

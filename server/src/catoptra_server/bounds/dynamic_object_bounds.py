@@ -12,8 +12,8 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.image_rings import ImageRings, box_distance_bounds
 from catoptra_server.effects.scene_summary import NUM_RINGS
-from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh
-from catoptra_server.scene.triangle_clusters import make_clusters
+from catoptra_server.world.objects import DynamicObject, ObjectMesh
+from catoptra_server.world.triangles import make_clusters
 
 # A P2AT of 704 triangles is 22 boxes: 0.7 ms a frame and robot, most of that NumPy's overhead.
 _TRIANGLES_PER_BOX = 32

@@ -14,11 +14,11 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.bounds.radiance_loss import grey_level_change, max_visible_loss
-from catoptra_server.scene import shading
-from catoptra_server.scene.radiance_bounds import max_point_irradiance
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import ShadowCastingLight
-from catoptra_server.scene.world_description import Light, PointLight
+from catoptra_server.world import shading
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.scene_radiance import max_point_irradiance
+from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.world_description import Light, PointLight
 
 log = logging.getLogger(__name__)
 

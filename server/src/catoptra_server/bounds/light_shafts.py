@@ -13,9 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import ShadowCastingLight
-from catoptra_server.scene.world_description import DirectionalLight
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.world_description import DirectionalLight
 
 # Corners this near a plane lie in the plane: sums of float64 coordinates differ by less.
 IN_PLANE_M = 1e-6

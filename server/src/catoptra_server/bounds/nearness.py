@@ -16,10 +16,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.round_outward import MIN_DISTANCE_M
-from catoptra_server.scene.row_blocks import row_blocks
-from catoptra_server.scene.triangle_clusters import make_clusters
-from catoptra_server.scene.triangle_distances import triangle_distances
-from catoptra_server.scene.twist import Vector3
+from catoptra_server.world.triangles import make_clusters, row_blocks, triangle_distances
+from catoptra_server.world.world_description import Vector3
 
 Indices = npt.NDArray[np.intp]
 

@@ -7,7 +7,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.world_description import srgb_from_linear
 
 
 def max_visible_loss(

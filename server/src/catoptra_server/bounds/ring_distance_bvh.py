@@ -19,7 +19,7 @@ from catoptra_server.bounds.image_rings import (
     plane_distance_bounds,
 )
 from catoptra_server.effects.scene_summary import NUM_RINGS
-from catoptra_server.scene.triangle_clusters import make_clusters
+from catoptra_server.world.triangles import make_clusters
 
 Indices = npt.NDArray[np.intp]
 

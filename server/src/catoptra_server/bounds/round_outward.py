@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from catoptra_server.scene.twist import Twist, Vector3
+from catoptra_server.world.world_description import Twist, Vector3
 
 _STEPS_PER_OCTAVE = 8
 _STEPS_PER_VECTOR = 16

@@ -6,8 +6,8 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.bounds import round_outward
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.scene_mesh import SceneMesh
 
 
 class SceneBounds:

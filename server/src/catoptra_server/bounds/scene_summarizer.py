@@ -27,13 +27,12 @@ from catoptra_server.bounds.image_rings import image_rings
 from catoptra_server.bounds.scene_bounds import SceneBounds
 from catoptra_server.bounds.self_view_bounds import NOT_VISIBLE, bound_self_view
 from catoptra_server.bounds.shadow_bounds import ShadowBounds
-from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.radiance_bounds import max_object_radiance
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.scene_radiance import max_radiance
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.scene_radiance import max_object_radiance, max_radiance
+from catoptra_server.world.world_description import World
 
 
 class SceneSummarizer:

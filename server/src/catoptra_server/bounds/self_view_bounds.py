@@ -18,9 +18,9 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.scene_summary import NUM_RINGS
-from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import ObjectMesh
 
 # The relative pose is constant but for rounding: equal to a nanometre, so one cache key.
 _DECIMALS = 9

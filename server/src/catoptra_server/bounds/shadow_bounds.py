@@ -25,13 +25,13 @@ from catoptra_server.bounds.radiance_loss import (
 )
 from catoptra_server.bounds.shadow_candidates import shadow_candidates
 from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.scene import shading
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.radiance_bounds import max_facet_irradiance, max_point_irradiance
-from catoptra_server.scene.row_blocks import row_blocks
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import ShadowCastingLight
-from catoptra_server.scene.world_description import DirectionalLight, PointLight, World
+from catoptra_server.world import shading
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.scene_radiance import max_facet_irradiance, max_point_irradiance
+from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.triangles import row_blocks
+from catoptra_server.world.world_description import DirectionalLight, PointLight, World
 
 # Scenes with more triangles are bounded as a whole: a tenth of a second.
 _MAX_TRIANGLES = 100_000

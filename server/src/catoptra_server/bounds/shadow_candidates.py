@@ -16,11 +16,11 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.light_shafts import IN_PLANE_M, MIN_LIGHT_DISTANCE
-from catoptra_server.scene.facets import bounding_box
-from catoptra_server.scene.row_blocks import select_rows
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import ShadowCastingLight
-from catoptra_server.scene.world_description import DirectionalLight
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.shapes import bounding_box
+from catoptra_server.world.triangles import select_rows
+from catoptra_server.world.world_description import DirectionalLight
 
 # A tenth of a second; beyond, a box stands for the corners.
 _MAX_PRODUCTS = 10**7

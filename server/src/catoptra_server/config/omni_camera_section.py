@@ -36,13 +36,13 @@ from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.texture_client_sections import read_texture_clients
 from catoptra_server.config.unknown_names import is_own_section
-from catoptra_server.memory_budget import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.robot.render_settings import (
     MirrorSurface,
     PerPixel,
     require_mesh_viewpoint,
 )
 from catoptra_server.robot.robot_description import OmniCameraDescription
+from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
 
 # Directions in real files have four digits: 1.5708 for a right angle.
 _AXIS_TOLERANCE_RAD = 1e-3

@@ -24,14 +24,14 @@ from catoptra_server.config.unknown_names import report_unknown_names, suggest_n
 from catoptra_server.config.world_items import read_items
 from catoptra_server.config.world_lights import read_light
 from catoptra_server.config.world_values import read_colour, read_position
-from catoptra_server.scene.start_poses import report_start_poses
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     GpsOrigin,
     RfidTag,
     Rgb,
     StartPlace,
     Victim,
     World,
+    report_start_poses,
 )
 
 _SECTION = "Catoptra.World"

@@ -17,7 +17,7 @@ from catoptra_server.config.world_values import (
     read_length,
     read_position,
 )
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     Box,
     Cylinder,
     Item,

@@ -6,7 +6,7 @@ import numpy as np
 
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.world_values import read_colour, read_position
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,
     Light,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_server.config.section_reader import SectionReader, Vector
-from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.world_description import Rgb
+from catoptra_server.world.world_description import Rgb, linear_from_srgb
 
 # A float32 has steps of 8 mm there, which the renderers would show; beyond is a typing error.
 MAX_LENGTH_M = 1e5

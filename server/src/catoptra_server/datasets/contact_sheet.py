@@ -21,7 +21,7 @@ from catoptra_server.datasets.false_colours import Pixels, colour_channel, draw_
 from catoptra_server.datasets.png_files import encode_png
 from catoptra_server.datasets.shard_writer import write_whole
 from catoptra_server.datasets.verification import decode_array, read_manifest
-from catoptra_server.random_sources import RandomSource
+from catoptra_server.runtime.random_sources import RandomSource
 
 SHEET_NAME = "sheet.html"
 NUM_SAMPLES = 24

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.datasets.contact_sheet import NUM_SAMPLES, SHEET_NAME, write_sheet
 from catoptra_server.datasets.dataset_run import PreparedRun, complete_run, prepare_run
@@ -20,8 +19,9 @@ from catoptra_server.datasets.ray_workers import draw_by_ray, require_ray
 from catoptra_server.datasets.shard_job import ShardJob
 from catoptra_server.datasets.shard_writer import ShardRecord, remove_parts
 from catoptra_server.datasets.verification import verify_dataset
-from catoptra_server.processor_count import count_processors
-from catoptra_server.termination import Termination
+from catoptra_server.runtime.faults import Termination
+from catoptra_server.runtime.memory import count_processors
+from catoptra_server.runtime.options import CommandParser
 
 EXIT_FAILURE = 2
 EXIT_INTERRUPTED = 130

@@ -16,7 +16,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.datasets.dataset_stage import RecipeCamera, RecipeWorld
 from catoptra_server.datasets.recipe import RandomPoses, ValueRange
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.scene.obstacle_grid import GROUND_CLEARANCE_M
+from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M
 
 _NUM_LEVEL_RAYS = 8
 # Above sills and carpets, which robots drive over.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,
     Light,

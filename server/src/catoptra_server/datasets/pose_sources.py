@@ -12,15 +12,15 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands_drive import Drive
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera
 from catoptra_server.datasets.free_space import draw_free_pose, find_fault
 from catoptra_server.datasets.pose_sections import TICK_S
 from catoptra_server.datasets.recipe import DrivePoses, GivenPoses, RandomPoses
 from catoptra_server.datasets.sampling import SamplePlace, find_place, random_source
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.scene.twist import AT_REST, Twist
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.world_description import AT_REST, Twist
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from catoptra_protocol.labels.channels import LabelledObject
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera
 from catoptra_server.datasets.effect_ranges import draw_effects
 from catoptra_server.datasets.pose_sources import PoseSource, RobotMotion, seed_noise
@@ -23,7 +22,8 @@ from catoptra_server.datasets.sampling import (
 from catoptra_server.frames.mounted_camera import mounted_camera_state
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer import Image
-from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.recipe import DrivePoses, GivenPoses, Recipe
-from catoptra_server.random_sources import RandomSource
+from catoptra_server.runtime.random_sources import RandomSource
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.world_file import read_world
 from catoptra_server.doctor.finding import Finding, fault, ok, warning
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import build_scene
 
 
 def check_configurations(robots: Iterable[Path], worlds: Iterable[Path]) -> Iterator[Finding]:

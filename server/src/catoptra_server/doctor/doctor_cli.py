@@ -7,7 +7,6 @@ import json
 from collections.abc import Iterator, Sequence
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.command_parser import CommandParser
 from catoptra_server.config.bundled_files import bundled_files, find_configuration
 from catoptra_server.doctor.finding import (
     Finding,
@@ -21,8 +20,8 @@ from catoptra_server.doctor.ports import check_ports, check_running_server, chec
 from catoptra_server.doctor.processors import check_processors
 from catoptra_server.doctor.renderer_devices import check_renderers
 from catoptra_server.doctor.subprocess_check import run_in_subprocess
-from catoptra_server.option_values import parse_port
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
+from catoptra_server.runtime.options import CommandParser, parse_port
 
 _EXIT_STATUS_HELP = (
     "exit status: 0 = no problem, 1 = the server can start, with warnings, 2 = it cannot start"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from catoptra_server.doctor.finding import Finding, ok, warning
-from catoptra_server.processor_count import count_processors
+from catoptra_server.runtime.memory import count_processors
 
 # cgroup v2, by which container engines limit processor time. The affinity mask, which gives trace
 # the number of its threads, does not show this limit.

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.noise_seed import ZERO_SEED, NoiseSeed
+from catoptra_server.world.camera_state import ZERO_SEED, NoiseSeed
 
 
 @dataclass(frozen=True, slots=True, eq=False)

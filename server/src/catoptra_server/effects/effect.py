@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.world.camera_state import CameraState
 
 # float64 for references, float32 where a renderer applies an effect to its images.
 Real = TypeVar("Real", np.float32, np.float64)

@@ -12,7 +12,6 @@ from functools import lru_cache
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.bound_cache import BoundCache
 from catoptra_server.effects.effect import (
     DecisionBasis,
@@ -27,6 +26,7 @@ from catoptra_server.effects.effect import (
     is_scene_effect,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.world.camera_state import CameraState
 
 # As many decisions per effect as its cache has bounds.
 _MAX_CACHED_DECISIONS = 512

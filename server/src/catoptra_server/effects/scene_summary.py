@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.scene.twist import AT_REST, Twist, Vector3
+from catoptra_server.world.world_description import AT_REST, Twist, Vector3
 
 # Rings of equal width from the image centre to a mirror's rim or a lens's corners. Distances differ
 # by ring: the floor below the robot is near, the surroundings at the rim are far.

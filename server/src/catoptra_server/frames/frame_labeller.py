@@ -11,14 +11,14 @@ from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.labels.channels import LABEL_CHANNELS, count_bytes
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.frames.frame_labels import FrameLabels
 from catoptra_server.frames.frame_request import Channel
 from catoptra_server.frames.renderer_recovery import ViewFailedError
 from catoptra_server.ground_truth.label_rays import DrawnExposure
-from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.runtime.memory import LruDict
+from catoptra_server.world.camera_state import CameraState
 
 if TYPE_CHECKING:
     from catoptra_server.ground_truth.label_renderer import LabelRenderer

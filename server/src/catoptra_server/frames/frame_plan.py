@@ -22,7 +22,6 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import needs_radiance_only
 from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
@@ -34,7 +33,6 @@ from catoptra_server.effects.effect_plan import (
     plan_effects,
 )
 from catoptra_server.ground_truth.label_rays import DrawnExposure
-from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound, add_scene
@@ -50,6 +48,8 @@ from catoptra_server.planning.viewpoint_choice import (
 )
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.runtime.memory import LruDict
+from catoptra_server.world.camera_state import CameraState
 
 log = logging.getLogger(__name__)
 

@@ -12,12 +12,12 @@ from dataclasses import field
 from catoptra_protocol.camera_conf import Pairs
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.planning.camera_spec import CameraSpec
 from catoptra_server.planning.camera_variant import CameraVariant
 from catoptra_server.render.trace.label_tables import LabelRequest
+from catoptra_server.world.camera_state import CameraState
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.noise_seed import ZERO_SEED, NoiseSeed
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.multi_view import Tile
 from catoptra_server.frames.robot_camera import CameraRobot, RobotCamera, VisibleObjectsLookup
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.twist import AT_REST, Twist
+from catoptra_server.world.camera_state import ZERO_SEED, CameraState, NoiseSeed
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.world_description import AT_REST, Twist
 
 
 def mounted_camera_state(

@@ -16,8 +16,6 @@ from concurrent.futures import Future
 from typing import Protocol
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.fair_queue import FairQueue
-from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.channel_backoff import ChannelBackoff
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_plan import ViewState
@@ -25,6 +23,8 @@ from catoptra_server.frames.frame_rendering import ViewProvider, render_frame
 from catoptra_server.frames.frame_request import CameraChannel, Channel, FrameRequest, is_variant
 from catoptra_server.frames.renderer_recovery import ViewFailedError
 from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.runtime.faults import log_fault
+from catoptra_server.runtime.queues import FairQueue
 
 log = logging.getLogger(__name__)
 

@@ -12,10 +12,10 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from catoptra_protocol.errors import CatoptraError, RendererUnavailableError
-from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.frame_plan import CameraPlan, FramePlan
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.runtime.faults import log_fault
 
 log = logging.getLogger(__name__)
 

@@ -8,12 +8,12 @@ from typing import Protocol
 from catoptra_protocol.camera_conf import Pairs
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.frames.multi_view import Tile
 from catoptra_server.frames.viewports import Viewports
 from catoptra_server.planning.camera_spec import CameraSpec
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.world_description import Twist
 
 
 class RobotCamera(Protocol):

@@ -12,7 +12,6 @@ from functools import partial
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame_labeller import FrameLabeller
 from catoptra_server.frames.frame_labels import FrameLabels
@@ -34,6 +33,7 @@ from catoptra_server.render.renderer import RenderedImage, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.label_tables import LabelRequest
 from catoptra_server.render.trace.trace_engine import LabellingView, PixelLabels
+from catoptra_server.world.camera_state import CameraState
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,13 +11,13 @@ import logging
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.frame_plan import ViewKey
-from catoptra_server.freed_memory import release_freed_memory
 from catoptra_server.planning.perspective_plan import PerspectivePlan
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.runtime.faults import log_fault
+from catoptra_server.runtime.memory import release_freed_memory
 
 log = logging.getLogger(__name__)
 

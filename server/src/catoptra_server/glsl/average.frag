@@ -1,5 +1,5 @@
 // Provides the mean, in linear light, of SAMPLES x SAMPLES texels of each pixel, sRGB or linear.
-// Twin: catoptra_server.scene.colour.srgb_from_linear, of the mean.
+// Twin: catoptra_server.world.world_description.srgb_from_linear, of the mean.
 #include "include/colour.glsl"
 uniform sampler2D linear_image;
 out vec4 colour;

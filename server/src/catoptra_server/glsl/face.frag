@@ -1,5 +1,5 @@
 // Provides the linear radiance of a facet in fog: constant or lit, with shadows, textured.
-// Twin: catoptra_server.scene.shading.facet_radiance, then the other functions of that file.
+// Twin: catoptra_server.world.shading.facet_radiance, then the other functions of that file.
 #ifdef SHADOWS
 #include "include/shadows.glsl"
 #endif

@@ -20,13 +20,13 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_directio
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.medium.misalignment import lookup_offset_map
 from catoptra_server.ground_truth.label_rays import LabelCamera, RaySource
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.flow_tables import FlowTables
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
 from catoptra_server.render.trace.trace_engine import FlowRays, TracedRays
+from catoptra_server.world.camera_state import CameraState
 
 Flow = npt.NDArray[np.float32]
 

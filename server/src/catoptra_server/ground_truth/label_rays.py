@@ -18,8 +18,6 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.shutter import Shutter
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
 from catoptra_server.render.time_samples import trajectory
@@ -35,6 +33,7 @@ from catoptra_server.render.trace.trace_engine import (
     TracedExposure,
     assemble_grid,
 )
+from catoptra_server.world.camera_state import CameraState, Shutter
 
 LabelCamera = OmniCamera | PerspectiveCamera
 

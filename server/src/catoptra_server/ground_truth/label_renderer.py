@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS, GroundTruth, parse_channels
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.ground_truth.flow import find_flow
 from catoptra_server.ground_truth.label_rays import (
     DrawnExposure,
@@ -28,7 +27,8 @@ from catoptra_server.render.trace.kernel.instruction_sets import AUTO
 from catoptra_server.render.trace.label_tables import LabelRequest, LabelTables
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import PixelLabels, TracedRays
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import SceneMesh
 
 # Rays of labels beside those of pictures: 13 bytes a sample, so that two cameras of 2048 px stay.
 _MAX_RAY_BYTES = 256 * 2**20

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from catoptra_protocol.labels.channels import LabelledObject
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.ground_truth.label_rays import mask_of_rays
 from catoptra_server.ground_truth.scene_labels import SceneLabels
 from catoptra_server.render.trace.kernel.instruction_sets import AUTO
@@ -23,8 +22,9 @@ from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCast
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.reference.embree_mesh import EmbreeMesh
 from catoptra_server.render.trace.trace_engine import assemble_grid
-from catoptra_server.scene.dynamic_object import ObjectMesh
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import ObjectMesh
+from catoptra_server.world.scene_mesh import SceneMesh
 
 MAX_RAYS = 4096
 

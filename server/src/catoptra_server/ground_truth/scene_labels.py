@@ -14,9 +14,9 @@ from catoptra_protocol.labels.channels import LabelledObject
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.scene_object import ROBOT_CLASS
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import ROBOT_CLASS
 
 Numbers = npt.NDArray[np.uint16]
 

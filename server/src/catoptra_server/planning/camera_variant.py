@@ -24,7 +24,7 @@ from catoptra_server.robot.render_settings import (
     RenderSettings,
     require_mesh_viewpoint,
 )
-from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 
 POLYGON_COUNTS = (16, 64, 256, 1024, 4096)
 """Mirror meshes of a variant: those of the paper. Finer ones take seconds to prepare."""

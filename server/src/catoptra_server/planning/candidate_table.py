@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.fault_log import log_fault
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_candidate_plans
 from catoptra_server.planning.cost_cache import CostCache
@@ -27,6 +25,8 @@ from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface
+from catoptra_server.runtime.faults import log_fault
+from catoptra_server.world.camera_state import CameraState
 
 log = logging.getLogger(__name__)
 

@@ -17,9 +17,9 @@ from pathlib import Path
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server import __version__
 from catoptra_server.planning.cost_model import Rates
-from catoptra_server.processor_count import count_processors
 from catoptra_server.robot.render_settings import MirrorSurface
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.runtime.memory import count_processors
+from catoptra_server.world.scene_mesh import SceneMesh
 
 log = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from catoptra_server.planning.face_regions import face_regions, max_face_size_px
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, RenderSettings
-from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.world.mirror_mesh import Tessellation
 
 # 2 x 2 removes most of the aliasing and still leaves a frame of 640 px within a tenth of a second
 # on two cores.

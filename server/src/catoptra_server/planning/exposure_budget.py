@@ -13,13 +13,13 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.planning.perspective_plan import PerspectivePlan
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
 
 # 20 time samples of 640 x 640 px at 2 x 2 samples, 10 with one robot in all directions: half a
 # second to a second on two cores. Robots at work need 2 to 4.

@@ -26,7 +26,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats, half_angle_tangent
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.geometric_error import GeometricError
-from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
+from catoptra_server.world.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
 
 # Rings of the bound by place: a picture of 640 px has rings of 5 px.
 NUM_RADII = 64

@@ -13,8 +13,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.lru_dict import LruDict
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_table import (
     CandidateTable,
@@ -37,6 +35,8 @@ from catoptra_server.planning.viewpoint_choice import describe_viewpoint
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface
+from catoptra_server.runtime.memory import LruDict
+from catoptra_server.world.camera_state import CameraState
 
 log = logging.getLogger(__name__)
 

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.bounds.light_culling import cull_lights
-from catoptra_server.processor_count import count_processors
 from catoptra_server.render.embreex_package import (
     PACKAGE,
     REMEDY,
@@ -32,8 +31,9 @@ from catoptra_server.render.embreex_package import (
 from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES, RendererKind
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import Light, World
+from catoptra_server.runtime.memory import count_processors
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Light, World
 
 if TYPE_CHECKING:  # loaded with the renderer that is chosen or probed
     from catoptra_server.render.raster.gl_device import GlDevice

@@ -9,10 +9,10 @@ import logging
 from typing import TYPE_CHECKING, cast
 
 from catoptra_protocol.errors import RendererUnavailableError
-from catoptra_server.fault_log import log_fault
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.runtime.faults import log_fault
 
 if TYPE_CHECKING:
     from catoptra_server.render.trace import TraceRenderer

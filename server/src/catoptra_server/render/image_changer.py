@@ -17,7 +17,7 @@ from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.srgb_encoding import encode_srgb
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.world_description import srgb_from_linear
 
 ImageT = TypeVar("ImageT")
 

@@ -12,7 +12,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.face_region import FaceRegion
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
-from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.world.mirror_mesh import Tessellation
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.world_description import srgb_from_linear
 
 MAX_LEVEL = 2**16 - 1
 """Level of white: a level is a 20th of a grey even in the curve's steepest part (12.92 * 255)."""

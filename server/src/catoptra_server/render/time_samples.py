@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.shutter import RowWeights
+from catoptra_server.world.camera_state import CameraState, RowWeights
 
 # Between two rotations 2 degrees apart the entries are those of a rotation to 2e-4.
 _MAX_TURN_RAD = 0.035

@@ -7,7 +7,7 @@ import math
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.world.mirror_mesh import Tessellation
 
 
 @dataclass(frozen=True, slots=True)

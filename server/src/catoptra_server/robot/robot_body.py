@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.robot.skid_steer import (
@@ -18,7 +17,8 @@ from catoptra_server.robot.skid_steer import (
     integrate_arc,
     wheel_travel,
 )
-from catoptra_server.scene.obstacle_grid import (
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.world.obstacle_grid import (
     ObstacleGrid,
     Triangle2D,
     penetration_depths,

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.robot_description import DriveBase, SensorDescription
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors.encoder import ENCODER
 from catoptra_server.sensors.gps import GPS
 from catoptra_server.sensors.ground_truth import GROUND_TRUTH

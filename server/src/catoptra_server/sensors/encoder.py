@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import EncoderReadings
 from catoptra_protocol.usarsim.reports import EncoderConfiguration
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.robot_description import DriveBase
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind

@@ -15,13 +15,13 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import GpsReading
 from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.robot_description import DriveBase
-from catoptra_server.scene.world_description import GpsOrigin
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind
+from catoptra_server.world.world_description import GpsOrigin
 
 # WGS 84: equatorial radius in metres, and the square of the first eccentricity.
 _EQUATORIAL_RADIUS_M = 6378137.0

@@ -9,11 +9,11 @@ from dataclasses import field
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import OdometryReading
 from catoptra_protocol.usarsim.reports import OdometryConfiguration
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.robot.skid_steer import NO_TRAVEL, integrate_arc
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind

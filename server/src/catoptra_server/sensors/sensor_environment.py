@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.scene.oriented_box import OrientedBox, box_distances, closest_box_hits
-from catoptra_server.scene.world_description import GpsOrigin, RfidTag, Victim
+from catoptra_server.world.objects import OrientedBox, box_distances, closest_box_hits
+from catoptra_server.world.world_description import GpsOrigin, RfidTag, Victim
 
 Triangles = npt.NDArray[np.int32]
 

@@ -11,9 +11,9 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import SonarReadings
 from catoptra_protocol.usarsim.reports import SonarConfiguration
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.robot_description import DriveBase
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.ray_patterns import clamp_ranges, cone_directions
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext

@@ -13,14 +13,14 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.readings import VictimPart, VictimReading
 from catoptra_protocol.usarsim.reports import Configuration
 from catoptra_protocol.usarsim.value_format import format_fixed_point
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.robot_description import DriveBase
-from catoptra_server.scene.world_description import Victim
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 from catoptra_server.sensors.sensor_environment import SensorEnvironment
 from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind
+from catoptra_server.world.world_description import Victim
 
 # Victims may be meshes of the scene: a surface this near to a victim's position is the victim.
 _VICTIM_RADIUS_M = 0.4

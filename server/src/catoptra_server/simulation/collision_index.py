@@ -12,16 +12,16 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.obstacle_grid import (
+from catoptra_server.simulation.robot import Robot
+from catoptra_server.world.objects import OrientedBox
+from catoptra_server.world.obstacle_grid import (
     GROUND_CLEARANCE_M,
     ObstacleGrid,
     box_footprint,
     build_obstacle_grid,
     rectangles_intersect,
 )
-from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.simulation.robot import Robot
+from catoptra_server.world.scene_mesh import SceneMesh
 
 # The mirror rises above the viewpoint: anything up to this height above the viewpoint is touched.
 _MIRROR_ABOVE_VIEWPOINT_M = 0.1

@@ -25,7 +25,6 @@ from catoptra_protocol.usarsim.commands import (
     Trace,
 )
 from catoptra_protocol.usarsim.reports import Report
-from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.frame_request import (
     CameraChannel,
     Channel,
@@ -35,9 +34,7 @@ from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.start_poses import report_start_poses
-from catoptra_server.scene.world_description import World
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.sensors.sensor_environment import EmptyScene, RayCaster, SensorEnvironment
 from catoptra_server.simulation.camera_queries import CameraQueries
 from catoptra_server.simulation.collision_index import CollisionIndex
@@ -56,6 +53,8 @@ from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_state import FleetState, collect_fleet_state
 from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
 from catoptra_server.simulation.spawning import PlaceTest, SpawnError, place_robot, unique_name
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import World, report_start_poses
 
 log = logging.getLogger(__name__)
 

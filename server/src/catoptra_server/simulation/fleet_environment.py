@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import World
 from catoptra_server.sensors.sensor_environment import RayCaster, SensorEnvironment
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.pixel_view import NamedScene
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import World
 
 
 class FleetEnvironment:

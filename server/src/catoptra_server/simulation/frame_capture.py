@@ -13,7 +13,6 @@ import threading
 from collections.abc import Callable
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.capture_scheduler import CaptureScheduler, ChannelState
 from catoptra_server.frames.frame_events import FrameRequested
 from catoptra_server.frames.frame_request import (
@@ -22,6 +21,7 @@ from catoptra_server.frames.frame_request import (
     FrameRequest,
     ImagePortChannel,
 )
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.simulation.fault_replies import FAULT_REASON
 
 log = logging.getLogger(__name__)

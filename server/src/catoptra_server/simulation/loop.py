@@ -15,10 +15,10 @@ from collections.abc import Callable
 from enum import Enum
 from typing import assert_never
 
-from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.capture_scheduler import NS_PER_S, TICK_NS, TICK_S
 from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import Channel, FrameRequest
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.simulation.fault_replies import reply_fault
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.frame_capture import FrameCapture

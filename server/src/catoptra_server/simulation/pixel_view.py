@@ -13,9 +13,9 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound
-from catoptra_server.scene.oriented_box import OrientedBox, box_distances
-from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.sensors.sensor_environment import RayCaster
+from catoptra_server.world.objects import OrientedBox, box_distances
+from catoptra_server.world.scene_mesh import SceneMesh
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,22 +12,22 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Drive, MisPkg, Note
 from catoptra_protocol.usarsim.reports import Report, VehicleStatus
 from catoptra_protocol.vectors import Vector3
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.frames.viewports import Viewports
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_body import RobotBody, step_body
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.robot.skid_steer import WheelSpin
-from catoptra_server.scene.obstacle_grid import ObstacleGrid
-from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.scene.twist import AT_REST, Twist
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors import MotionStep, Part, Sensor, SensorContext, build_sensors
 from catoptra_server.sensors.mission_package import MissionPackage
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
 from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
 from catoptra_server.simulation.report_schedule import ReportSchedule
+from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.objects import OrientedBox
+from catoptra_server.world.obstacle_grid import ObstacleGrid
+from catoptra_server.world.world_description import AT_REST, Twist
 
 CameraSensor = OmniCameraSensor | PerspectiveCameraSensor
 EnvironmentProvider = Callable[[], SensorEnvironment]

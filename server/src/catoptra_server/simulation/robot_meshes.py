@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.frames.robot_camera import CameraRobot
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh
-from catoptra_server.scene.robot_shapes import (
+from catoptra_server.world.objects import DynamicObject, ObjectMesh
+from catoptra_server.world.robot_shapes import (
     OmniCameraTower,
     RobotDimensions,
     build_ego_body_mesh,

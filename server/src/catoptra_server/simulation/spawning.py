@@ -17,7 +17,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats, wrap_angle
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.world_description import StartPlace
+from catoptra_server.world.world_description import StartPlace
 
 # As far as landmarks may lie. The scene is drawn in float32, which rounds coordinates of 1e5 m to
 # 8 mm; a place beyond 1e18 m has no cell number in 64 bits.

@@ -16,7 +16,7 @@ from contextlib import asynccontextmanager
 from dataclasses import field
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.fault_log import log_fault
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.transports.listener import AcceptLoop, create_listener
 from catoptra_server.transports.loop_share import LoopShare
 from catoptra_server.transports.tcp_connection import HttpRequestError, TcpConnection

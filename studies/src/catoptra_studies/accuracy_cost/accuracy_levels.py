@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
-from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
+from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 
 # (sectors, rings); the products of the square ones are POLYGON_COUNTS of paper_values.
 SQUARE_TESSELLATIONS = ((4, 4), (8, 8), (16, 16), (32, 32), (64, 64))

@@ -23,7 +23,7 @@ from catoptra_server.planning.error_bound import ErrorBound, GeometricError, add
 from catoptra_server.planning.rounding_error import coordinate_errors
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import View
-from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini
 from catoptra_studies.accuracy_cost.cost_results import MIN_GAIN, LevelCost, pareto_front
 from catoptra_studies.camera_figures.frame_rates import (

@@ -17,18 +17,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.random_sources import RandomSource
 from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.robot.robot_description import DriveBase
-from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors.range_scanner import RangeScannerDescription, RangeScannerSensor
 from catoptra_server.sensors.sensor import SensorContext
 from catoptra_server.sensors.sensor_environment import SensorEnvironment
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, POLYGON_COUNTS

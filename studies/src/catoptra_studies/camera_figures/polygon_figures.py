@@ -31,7 +31,7 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
-from catoptra_server.scene.mirror_mesh import (
+from catoptra_server.world.mirror_mesh import (
     Interpolation,
     Tessellation,
     tessellation_from_polygon_count,

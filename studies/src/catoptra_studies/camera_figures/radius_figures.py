@@ -24,7 +24,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.mirrors.hyperbolic import eq2_radius_ratio_from_t
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.world.world_description import linear_from_srgb
 from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs
 from catoptra_studies.paper_values import PAPER_SIZE_PX

@@ -17,7 +17,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.scene.mirror_mesh import (
+from catoptra_server.world.mirror_mesh import (
     Tessellation,
     mirror_polygons,
     tessellation_from_polygon_count,

@@ -14,7 +14,6 @@ from pathlib import Path
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.camera_file import CameraFile, carry_camera, read_camera_files
 from catoptra_server.config.robot_file import read_robot
@@ -25,7 +24,8 @@ from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.robot.robot_description import OmniCameraDescription
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.camera_figures.frame_rates import time_round_robin
 from catoptra_studies.commands import open_progress
 from catoptra_studies.plot_style import Image

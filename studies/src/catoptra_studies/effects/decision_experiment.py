@@ -29,8 +29,6 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect import DecisionBasis, Effect, EffectMode
 from catoptra_server.effects.effect_plan import EffectDecision
@@ -48,12 +46,13 @@ from catoptra_server.render.trace.ray_table import Float32s, omni_ray_table
 from catoptra_server.render.trace.trace_engine import assemble_grid
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.obstacle_grid import (
+from catoptra_server.startup import StartupConfig, read_startup_config
+from catoptra_server.world.camera_state import CameraState, NoiseSeed
+from catoptra_server.world.obstacle_grid import (
     GROUND_CLEARANCE_M,
     build_obstacle_grid,
     rectangles_intersect,
 )
-from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_studies.effects.effect_truth import EffectTruth
 
 # All bundled worlds, so that none is chosen for the result.

@@ -33,7 +33,7 @@ from catoptra_server.effects.sensor.quantisation import Quantisation
 from catoptra_server.effects.sensor.read_noise import ReadNoise
 from catoptra_server.effects.sensor.shot_noise import ShotNoise
 from catoptra_server.effects.sensor.white_balance import WhiteBalance
-from catoptra_server.scene.twist import AT_REST, Twist
+from catoptra_server.world.world_description import AT_REST, Twist
 
 # Shared by several cases: a fifth and three times the exposure that white needs, a lens at F/4
 # with pixels of 7.4 um, and a robot that drives and turns.

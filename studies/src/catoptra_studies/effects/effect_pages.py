@@ -19,8 +19,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import EffectDecision, apply_scene_effects, plan_effects
@@ -31,12 +29,12 @@ from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
-from catoptra_server.scene.primitives import box
-from catoptra_server.scene.world_description import Box, Material
 from catoptra_server.simulation.robot_meshes import build_ego_mesh
 from catoptra_server.startup import read_startup_config
+from catoptra_server.world.camera_state import CameraState, NoiseSeed
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.shapes import box
+from catoptra_server.world.world_description import Box, Material, srgb_from_linear
 from catoptra_studies import plot_style
 from catoptra_studies.effects.effect_cases import EFFECT_CASES, EffectCase
 from catoptra_studies.plot_style import Image

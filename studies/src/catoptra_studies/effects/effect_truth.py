@@ -17,7 +17,6 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import Effect, ImageEffect, is_image_effect, is_scene_effect
 from catoptra_server.effects.medium.defocus import Defocus
@@ -28,7 +27,8 @@ from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.render.renderer import LinearImage
 from catoptra_server.render.trace.ray_table import Float32s
-from catoptra_server.scene.twist import AT_REST
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.world_description import AT_REST
 
 # Sharp frames of an exposure.
 _NUM_SHARP_FRAMES = 64

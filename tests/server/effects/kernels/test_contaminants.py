@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.kernels.contaminants import (
     ContaminantCells,
     Contaminants,
@@ -16,6 +15,7 @@ from catoptra_server.effects.kernels.contaminants import (
 )
 from catoptra_server.effects.kernels.mirror_surface_table import mirror_surface_table
 from catoptra_server.effects.kernels.noise import camera_noise_key, pcg3d
+from catoptra_server.world.camera_state import NoiseSeed
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)

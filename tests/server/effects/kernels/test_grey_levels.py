@@ -10,7 +10,7 @@ from catoptra_server.effects.kernels.grey_levels import (
     max_change_by_offset,
     max_change_by_shift,
 )
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.world_description import srgb_from_linear
 
 LIGHT = np.concatenate((np.geomspace(1e-6, 20.0, 40001), [1.0]))
 

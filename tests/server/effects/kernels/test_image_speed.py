@@ -17,7 +17,7 @@ from catoptra_server.effects.kernels.image_speed import (
     ring_scales_and_radii,
 )
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.world_description import Twist
 from helpers.motion_reference import displacements_px
 from helpers.worlds import make_omni_camera
 

@@ -19,7 +19,7 @@ from catoptra_server.effects.kernels.misaligned_rays import (
     reflect_rays,
 )
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.worlds import CAMERA_STATE, make_omni_camera, make_test_world
 
 CAMERA = make_omni_camera(width_px=90)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.kernels.noise import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
@@ -14,6 +13,7 @@ from catoptra_server.effects.kernels.noise import (
     normal_variates,
     pcg3d,
 )
+from catoptra_server.world.camera_state import NoiseSeed
 from helpers.effect_measurement import NOISE_SEED
 
 NOISE_KEY = frame_noise_key(NOISE_SEED, "test")

@@ -16,7 +16,7 @@ from catoptra_server.effects.kernels.lens_blur import (
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth, max_diameter_change_px
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.world_description import srgb_from_linear
 from helpers.blur_measurement import inner_pixels, measure_blur_diameters_px
 from helpers.effect_measurement import CAPTURE_CONTEXT, assert_summary_bounds_effect
 from helpers.worlds import make_omni_camera

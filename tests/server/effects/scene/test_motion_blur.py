@@ -10,7 +10,7 @@ import pytest
 from catoptra_server.effects.effect import is_scene_effect
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import CAMERA
 from helpers.motion_reference import displacements_px
 from helpers.worlds import make_omni_camera

@@ -7,7 +7,6 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import (
     EffectMode,
@@ -19,16 +18,17 @@ from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.scene_summary import SceneSummary, ShadowLoss
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
-from catoptra_server.scene.primitives import box
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.shapes import box
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     HemisphereLight,
     PointLight,
     World,
+    srgb_from_linear,
 )
 from helpers.configs import REPOSITORY
 from helpers.effect_measurement import CAMERA

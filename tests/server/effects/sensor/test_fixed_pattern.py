@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern
+from catoptra_server.world.camera_state import NoiseSeed
 from helpers.effect_measurement import (
     CAMERA,
     NOISE_SEED,

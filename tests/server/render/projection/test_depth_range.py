@@ -12,7 +12,7 @@ from catoptra_server.render.projection.depth_range import (
     DepthRange,
     DepthRangeFinder,
 )
-from catoptra_server.scene.triangle_clusters import make_clusters
+from catoptra_server.world.triangles import make_clusters
 
 SPREAD = math.sqrt(3.0)
 

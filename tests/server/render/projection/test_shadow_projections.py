@@ -11,8 +11,8 @@ from catoptra_server.render.projection.shadow_projections import (
     ShadowProjection,
     fit_shadow_projections,
 )
-from catoptra_server.scene.shading import ShadowCastingLight
-from catoptra_server.scene.world_description import DirectionalLight, PointLight
+from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.world_description import DirectionalLight, PointLight
 from helpers.dynamic_objects import TWO_ROBOTS
 
 ORIGIN = np.array((100.0, -50.0, 2.0))

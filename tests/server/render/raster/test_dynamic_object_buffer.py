@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.dynamic_object_buffer import (
     DynamicObjectBuffer,
     object_distance_range,
 )
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import ROBOT_MESH, TWO_ROBOTS, place_cube
 from helpers.worlds import (
     CAMERA_STATE,

@@ -8,16 +8,15 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.face_regions import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.face_pass import DrawCounts
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Material, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, World, linear_from_srgb
 from helpers.dynamic_objects import place_cube
 from helpers.image_comparison import mask_away_from_edges
 from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan, make_test_world

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.render.raster import fog_uniform
+from catoptra_server.world.camera_state import FogMedium
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixe
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.mirror_pass import rim_polygon
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from helpers.worlds import make_omni_camera, make_plan
 
 # Off centre, not square, cut by the image: no part of the mirror may be left out.

@@ -6,11 +6,10 @@ import dataclasses
 
 import pytest
 
-from catoptra_server.capture.fog_medium import FogMedium
-from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import FogMedium, Shutter
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import CAMERA, make_effect
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 

@@ -10,7 +10,6 @@ import pytest
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, pack_atlas
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
@@ -18,8 +17,9 @@ from catoptra_server.render.raster.mirror_pass import make_lookup_texture
 from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from helpers.effect_measurement import CAMERA, DYNAMIC_OBJECT, make_effect
 from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, Ranges, trace_ranges
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world

@@ -11,14 +11,14 @@ from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import FaceCamera, Image
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
-from catoptra_server.scene.mirror_mesh import Tessellation
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Material, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.image_comparison import level_differences
 from helpers.worlds import (
     CAMERA_STATE,

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.shutter import Shutter
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
@@ -17,10 +16,10 @@ from catoptra_server.render.image_changer import ImageChanger, measure_change
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.mirror_mesh import Tessellation
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.twist import Twist
+from catoptra_server.world.camera_state import Shutter
+from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Twist, srgb_from_linear
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_effect
 from helpers.image_changers import open_changer_or_skip
 from helpers.image_comparison import level_differences

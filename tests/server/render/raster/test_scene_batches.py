@@ -15,11 +15,10 @@ from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, upload_values
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.split_positions import split_positions
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.shading import facet_irradiance, interpolate_albedo, point_irradiance
-from catoptra_server.scene.triangle_clusters import make_clusters
-from catoptra_server.scene.world_description import Item, Light, MeshFile, World
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.shading import facet_irradiance, interpolate_albedo, point_irradiance
+from catoptra_server.world.triangles import make_clusters
+from catoptra_server.world.world_description import Item, Light, MeshFile, World, srgb_from_linear
 from helpers.mesh_file_samples import export_mesh
 from helpers.worlds import (
     CAMERA_STATE,

@@ -9,7 +9,6 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
@@ -18,9 +17,10 @@ from catoptra_server.render.raster.shadow_maps import (
     MAX_SHADOWED_POINT_LIGHTS,
     ShadowMaps,
 )
-from catoptra_server.scene import shading
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import DirectionalLight, Light, World
+from catoptra_server.world import shading
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import DirectionalLight, Light, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.shadows import (
     DIM_HEMISPHERE_LIGHT,

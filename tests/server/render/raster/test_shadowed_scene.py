@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.shadows import DIM_HEMISPHERE_LIGHT, box_item, floor_item, make_world
 

@@ -18,7 +18,6 @@ import pytest
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.renderer import LinearImage
@@ -38,11 +37,12 @@ from catoptra_server.render.trace.trace_engine import (
     assemble_grid,
     camera_states,
 )
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
-from catoptra_server.scene.robot_shapes import OmniCameraTower, build_ego_body_mesh
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import P2AT, TWO_ROBOTS
 from helpers.trace_engines import open_engine
 from helpers.worlds import (

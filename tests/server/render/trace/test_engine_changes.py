@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TraceRequest
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.twist import Twist
-from catoptra_server.scene.world_description import HemisphereLight, Light, PointLight, World
+from catoptra_server.world.camera_state import CameraState, Shutter
+from catoptra_server.world.world_description import (
+    HemisphereLight,
+    Light,
+    PointLight,
+    Twist,
+    World,
+    srgb_from_linear,
+)
 from helpers.dynamic_objects import place_cube
 from helpers.shadows import (
     DIM_HEMISPHERE_LIGHT,

@@ -10,19 +10,17 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.fog_medium import FogMedium
-from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.camera_state import CameraState, FogMedium, Shutter
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     Item,
     Material,
     World,
+    srgb_from_linear,
 )
 from helpers.effect_measurement import make_effect
 from helpers.long_cases import quick_cases

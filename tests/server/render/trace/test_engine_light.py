@@ -17,8 +17,8 @@ from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import face_ray_table
 from catoptra_server.render.trace.trace_engine import NOTHING
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     HemisphereLight,

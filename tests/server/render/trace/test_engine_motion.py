@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.trace_engine import MovingExposure
-from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
-from catoptra_server.scene.primitives import box
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.shapes import box
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     Item,

@@ -9,12 +9,10 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.fog_medium import FogMedium
-from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.trace.engine_choice import EngineName
-from catoptra_server.scene import shading
-from catoptra_server.scene.world_description import Light, World
+from catoptra_server.world import shading
+from catoptra_server.world.camera_state import CameraState, FogMedium, Shutter
+from catoptra_server.world.world_description import Light, World
 from helpers.image_comparison import level_differences
 from helpers.standing_things import SKY, bake_scene, make_box_world
 from helpers.trace_engines import ENGINES, render_rays

@@ -10,14 +10,13 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.trace.kernel.kernel_rays import KernelRays
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
 from catoptra_server.render.trace.trace_renderer import TraceRenderer
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.camera_state import CameraState, Shutter
+from catoptra_server.world.world_description import srgb_from_linear
 from helpers.long_cases import quick_cases
 from helpers.motion_reference import (
     START_POSES,

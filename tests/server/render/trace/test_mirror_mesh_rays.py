@@ -12,7 +12,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
-from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
+from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=120)

@@ -15,8 +15,8 @@ from catoptra_server.render.trace.ray_caster import (
     SceneRayCaster,
     commit_ray_caster,
 )
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
 from helpers.room_ray_caster import RoomRayCaster, make_room_world
 
 HALF_M = (40.0, 3.0, 2.0)

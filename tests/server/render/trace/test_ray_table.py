@@ -22,7 +22,7 @@ from catoptra_server.render.trace.ray_table import (
     omni_ray_table,
 )
 from catoptra_server.robot.render_settings import PerPixel
-from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from helpers.ray_grids import grid_directions, grid_validity
 from helpers.worlds import make_omni_camera, make_plan
 

@@ -11,7 +11,6 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.trace_engine import (
     NOTHING,
@@ -23,8 +22,9 @@ from catoptra_server.render.trace.trace_engine import (
     pixel_ranges,
     scene_centre,
 )
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.effect_measurement import CAMERA
 from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, trace_ranges

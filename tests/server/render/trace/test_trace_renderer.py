@@ -25,17 +25,23 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import omni_ray_table
-from catoptra_server.scene import texture_levels
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Material, Rectangle, World
+from catoptra_server.world import textures as texture_levels
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import (
+    Box,
+    Item,
+    Material,
+    Rectangle,
+    World,
+    srgb_from_linear,
+)
 from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.reference_caster import cast_rays
 from helpers.trace_engines import ENGINES, open_engine, open_renderer

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.world_description import srgb_from_linear
 
 _NUM_RADIANCES = 2049
 

@@ -15,7 +15,7 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.capture.noise_seed import NoiseSeed
+from catoptra_server.world.camera_state import NoiseSeed
 
 UInt32Array = npt.NDArray[np.uint32]  # (3,)
 _NUM_QUANTILES = 2**16

@@ -26,7 +26,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
     NEEDS_MIRROR,
@@ -57,6 +56,7 @@ from catoptra_server.effects.kernels.noise import camera_noise_key
 from catoptra_server.effects.kernels.symmetric_kernels import convolve_symmetric
 from catoptra_server.effects.medium.defocus import APERTURE_PARAMETERS
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.world.camera_state import NoiseSeed
 
 # Logarithm of the number of pixels of which none exceeds the maximum coverage.
 _LOG_RARITY = math.log(1e12)

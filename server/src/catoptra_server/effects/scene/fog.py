@@ -22,11 +22,10 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.camera_state import CameraState, FogMedium
+from catoptra_server.world.world_description import srgb_from_linear
 
 # The change is largest at black or at the brightest radiance; the grid is for the kink of the sRGB
 # curve, beside which the change may exceed both by a hundredth of its small value there.

@@ -18,11 +18,10 @@ from typing import ClassVar
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.shutter import INSTANTANEOUS
 from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType
 from catoptra_server.effects.kernels.image_speed import MOTION_FIELDS, bound_motion
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.world.camera_state import INSTANTANEOUS, CameraState
 
 
 @dataclass(frozen=True, slots=True)

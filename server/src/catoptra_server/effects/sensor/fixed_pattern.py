@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
     EffectBound,
@@ -33,6 +32,7 @@ from catoptra_server.effects.kernels.noise import (
     normal_variates,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.world.camera_state import NoiseSeed
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,5 @@
 // Provides vec3 srgb_from_linear(vec3 linear): encoded values, light outside [0, 1] clipped.
-// Twin: catoptra_server.scene.colour.srgb_from_linear.
+// Twin: catoptra_server.world.world_description.srgb_from_linear.
 
 // The power 1 / 2.4 as a sum of powers that square roots make, fitted to a thousandth of a grey
 // level: on processors a root costs a fraction of a power.

@@ -1,5 +1,5 @@
 // Provides vec3 point_irradiance(vec3 offset, vec3 normal): offset from the viewpoint, metres.
-// Twin: catoptra_server.scene.shading.point_irradiance.
+// Twin: catoptra_server.world.shading.point_irradiance.
 uniform vec3 light_positions[NUM_POINT_LIGHTS];    // relative to the viewpoint, world axes, metres
 uniform vec3 light_intensities[NUM_POINT_LIGHTS];  // irradiance at one metre
 

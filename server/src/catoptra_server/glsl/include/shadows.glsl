@@ -1,5 +1,5 @@
 // Provides vec3 direct_irradiance(vec3 offset, vec3 normal) of all shadow-casting lights.
-// Twin: catoptra_server.scene.shading.unshadowed_irradiance, with every triangle tested.
+// Twin: catoptra_server.world.shading.unshadowed_irradiance, with every triangle tested.
 uniform sampler2D scene_shadow_maps;   // depths of the static scene, MAP_COLUMNS cells a row
 uniform sampler2D object_shadow_maps;  // depths of dynamic objects, in the same layout
 uniform bool has_objects;

@@ -1,5 +1,5 @@
 // Provides vec3 texture_mean(image, coordinates, offset), the mean of a texture over a sample.
-// Twin: catoptra_server.scene.texture_levels.footprint_texels, sample_levels.
+// Twin: catoptra_server.world.textures.footprint_texels, sample_levels.
 
 // Polynomials in the cosine of the angle to the camera's axis, scaled to -1 to 1: logarithms of the
 // angles between samples along the circles through the axis (x) and across them (y). Twin:

@@ -14,7 +14,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.scene.triangle_clusters import TriangleClusters
+from catoptra_server.world.triangles import TriangleClusters
 
 # Surfaces nearer than a millimetre are clipped: no nearer plane leaves depth for the far ones.
 MIN_NEAR_M = 0.001

@@ -14,9 +14,9 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.projection.depth_range import min_distance_bound
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.shading import ShadowCastingLight
-from catoptra_server.scene.world_description import DirectionalLight, PointLight
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.world_description import DirectionalLight, PointLight
 
 # Texels a side of a map, while there are few: in a field of 12 m a texel has 6 mm, in a corridor of
 # 19 m 9 mm, on a robot 0.5 mm; on a point light's faces 1 mm a metre of distance. At 640 px a pixel

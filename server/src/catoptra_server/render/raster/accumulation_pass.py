@@ -6,12 +6,11 @@ import moderngl
 import numpy as np
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.shutter import RowWeights
 from catoptra_server.render.raster.linear_image_target import LinearImageTarget
 from catoptra_server.render.raster.passes import Pass, image_bytes
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
 from catoptra_server.render.time_samples import sample_shutter
+from catoptra_server.world.camera_state import CameraState, RowWeights
 
 
 class AccumulationPass:

@@ -16,9 +16,9 @@ from catoptra_server.render.raster.frame_uniforms import FrameUniforms
 from catoptra_server.render.raster.scene_batches import FacetLighting
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_uniform
 from catoptra_server.render.raster.split_positions import SPLIT_FORMAT, split_positions
-from catoptra_server.scene import shading
-from catoptra_server.scene.dynamic_object import DynamicObject, world_facets
-from catoptra_server.scene.triangle_clusters import Indices, visible_runs
+from catoptra_server.world import shading
+from catoptra_server.world.objects import DynamicObject, world_facets
+from catoptra_server.world.triangles import Indices, visible_runs
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import moderngl
 
-from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.render.raster.shader_programs import set_uniform
+from catoptra_server.world.camera_state import FogMedium
 
 
 def set_fog(program: moderngl.Program, fog: FogMedium | None) -> None:

@@ -9,7 +9,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.raster.shader_programs import set_uniform
 from catoptra_server.render.raster.split_positions import split_positions
-from catoptra_server.scene.world_description import PointLight
+from catoptra_server.world.world_description import PointLight
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ from catoptra_server.render.projection.lookup_map import OUTSIDE_MIRROR
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions, set_atlas_uniforms
 from catoptra_server.render.raster.mirror_pass import lookup_map_size
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms
-from catoptra_server.scene.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
+from catoptra_server.world.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
 
 
 def mirror_mesh_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:

@@ -14,12 +14,12 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.projection.lookup_map import compute_lookup_map
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.passes import ENCODED
 from catoptra_server.render.raster.shader_programs import Definitions, ProgramSpec, ShaderPrograms
+from catoptra_server.world.camera_state import CameraState
 
 # Sides of the polygon around the rim circle: 1.3 % more area than the disc, a square has 27 % more;
 # on llvmpipe more sides cost more in half-empty blocks of fragments than they save.

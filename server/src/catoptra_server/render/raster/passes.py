@@ -8,8 +8,8 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster.shader_programs import Definitions, ProgramSpec, ShaderPrograms
+from catoptra_server.world.camera_state import CameraState
 
 # Linear light between passes: 11 significant bits are 0.03 grey levels at most, and light above 1
 # is kept until the samples are averaged. An sRGB target of 8 bits would lose both, and on llvmpipe

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.atlas import Atlas, AtlasCell
 from catoptra_server.render.projection.lens_projection import LensProjection
 from catoptra_server.render.raster.face_pass import frame_depth_range, frustum_planes
@@ -26,8 +25,9 @@ from catoptra_server.render.raster.shader_programs import (
     set_sampler,
     set_uniform,
 )
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.triangle_clusters import visible_runs
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.triangles import visible_runs
 
 
 class RangePass:

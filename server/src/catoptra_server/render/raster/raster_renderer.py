@@ -13,7 +13,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.projection.lens_projection import make_lens_projection
@@ -28,8 +27,9 @@ from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera, View
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import Light, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Light, World
 
 
 class RasterRenderer:

@@ -14,7 +14,6 @@ from collections.abc import Mapping
 import moderngl
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.image_changer import ExposedImage, ImageChanger
@@ -26,6 +25,7 @@ from catoptra_server.render.raster.pass_sequence import PassSequence, SequenceFa
 from catoptra_server.render.raster.passes import OutputImage, Pass, image_bytes
 from catoptra_server.render.renderer import NO_THRESHOLDS, LinearImage, RenderedImage
 from catoptra_server.render.stage_clock import StageClock
+from catoptra_server.world.camera_state import CameraState
 
 # Whether the device encodes the image; whether there are ranges; whether there is a shutter.
 SequenceKey = tuple[bool, bool, bool]

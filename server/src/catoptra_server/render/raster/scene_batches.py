@@ -21,14 +21,12 @@ from catoptra_server.render.raster.shader_programs import (
     set_uniform,
 )
 from catoptra_server.render.raster.split_positions import SPLIT_FORMAT
-from catoptra_server.scene import shading
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.occlusion_map import OcclusionMap
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.texture_files import Texture
-from catoptra_server.scene.texture_levels import build_levels
-from catoptra_server.scene.triangle_clusters import TriangleClusters, visible_runs
-from catoptra_server.scene.world_description import Light
+from catoptra_server.world import shading
+from catoptra_server.world.occlusion_map import OcclusionMap
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.textures import Texture, build_levels
+from catoptra_server.world.triangles import TriangleClusters, visible_runs
+from catoptra_server.world.world_description import Light, srgb_from_linear
 
 # Definition of programs that interpolate colours between the corners of a triangle.
 _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)

@@ -14,8 +14,6 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.render.projection.depth_range import DepthRangeFinder
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
 from catoptra_server.render.raster.fog_uniform import set_fog
@@ -25,10 +23,11 @@ from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatc
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.shadowed_scene import ShadowedScene
 from catoptra_server.render.raster.split_positions import COARSE_FORMAT, split_positions
-from catoptra_server.scene import shading
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.triangle_clusters import make_clusters
-from catoptra_server.scene.world_description import Light, World
+from catoptra_server.world import shading
+from catoptra_server.world.camera_state import CameraState, FogMedium
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.triangles import make_clusters
+from catoptra_server.world.world_description import Light, World
 
 # Two vec3 a light, each as large as a vec4, in the 1024 uniform components that OpenGL 3.3
 # guarantees; the rest is for matrices.

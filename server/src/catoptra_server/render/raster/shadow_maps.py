@@ -31,10 +31,10 @@ from catoptra_server.render.raster.shader_programs import (
     set_sampler,
     set_uniform,
 )
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import ShadowCastingLight
-from catoptra_server.scene.world_description import DirectionalLight, PointLight
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.world_description import DirectionalLight, PointLight
 
 # OpenGL uses the greater of the two slopes, so one texel covers half a texel in both directions;
 # the rest is for corners, which OpenGL rounds to a 256th of a texel.

@@ -9,7 +9,6 @@ from __future__ import annotations
 import moderngl
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
 from catoptra_server.render.raster.fog_uniform import set_fog
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
@@ -17,11 +16,12 @@ from catoptra_server.render.raster.sample_spacing import SampleSpacing
 from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
-from catoptra_server.scene import shading
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.triangle_clusters import TriangleClusters
-from catoptra_server.scene.world_description import Light
+from catoptra_server.world import shading
+from catoptra_server.world.camera_state import FogMedium
+from catoptra_server.world.objects import DynamicObject
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.triangles import TriangleClusters
+from catoptra_server.world.world_description import Light
 
 
 class ShadowedScene:

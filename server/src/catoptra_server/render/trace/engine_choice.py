@@ -8,8 +8,8 @@ from typing import Literal
 from catoptra_protocol.errors import DomainError
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 from catoptra_server.render.trace.trace_engine import TraceEngine
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import Light, World
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Light, World
 
 EngineName = Literal["kernel", "reference"]
 EngineRequest = Literal["auto", "kernel", "reference"]

@@ -13,7 +13,7 @@ from embreex.mesh_construction import TriangleMesh
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.scene.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
+from catoptra_server.world.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
 
 
 def mirror_mesh_directions(

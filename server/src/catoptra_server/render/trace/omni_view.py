@@ -11,7 +11,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.image_changer import ExposedImage, ImageChanger
@@ -23,6 +22,7 @@ from catoptra_server.render.trace.trace_engine import (
     TracedRays,
     TraceRequest,
 )
+from catoptra_server.world.camera_state import CameraState
 
 
 class TraceOmniView:

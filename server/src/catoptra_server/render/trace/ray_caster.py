@@ -19,8 +19,8 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.instruction_sets import AUTO
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
-from catoptra_server.scene.facets import hit_normals
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shapes import hit_normals
 
 log = logging.getLogger(__name__)
 

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage, RenderedImage
@@ -24,7 +23,8 @@ from catoptra_server.render.time_samples import trajectory
 from catoptra_server.render.trace.flow_tables import FlowTables
 from catoptra_server.render.trace.label_tables import LabelRequest
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import SceneMesh
 
 STATIC_SCENE = 0
 """Object number of the static scene; dynamic objects follow in the order of the camera state."""

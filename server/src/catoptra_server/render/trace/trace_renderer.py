@@ -8,7 +8,6 @@ from __future__ import annotations
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.processor_count import count_processors
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.engine_choice import EngineName, EngineRequest, create_engine
@@ -20,8 +19,9 @@ from catoptra_server.render.trace.ray_table import (
     omni_ray_table,
 )
 from catoptra_server.render.trace.trace_engine import TracedRays
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import Light, World
+from catoptra_server.runtime.memory import count_processors
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Light, World
 
 
 class TraceRenderer:

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable
 
 from catoptra_protocol.stream.replies import Error, Reply
-from catoptra_server.fault_log import log_fault
+from catoptra_server.runtime.faults import log_fault
 
 log = logging.getLogger(__name__)
 

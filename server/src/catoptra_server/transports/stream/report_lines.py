@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.usarsim.reports import Report, line_from_report
-from catoptra_server.lru_dict import LruDict
+from catoptra_server.runtime.memory import LruDict
 
 log = logging.getLogger(__name__)
 

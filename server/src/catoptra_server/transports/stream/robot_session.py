@@ -25,7 +25,7 @@ from catoptra_protocol.usarsim.commands import (
 )
 from catoptra_protocol.usarsim.reports import Report
 from catoptra_protocol.vectors import Vector3
-from catoptra_server.fault_log import log_fault
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.simulation import (
     ClientDisconnected,
     CommandReceived,

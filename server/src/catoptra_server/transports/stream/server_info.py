@@ -13,9 +13,9 @@ from catoptra_protocol.stream.requests import Transform
 from catoptra_server import __version__
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.world_description import World
 from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
 from catoptra_server.simulation.spawning import find_class
+from catoptra_server.world.world_description import World
 
 # Class of the robot, name of the camera.
 CameraKey = tuple[str, str]

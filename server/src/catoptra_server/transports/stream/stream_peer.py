@@ -31,7 +31,7 @@ from catoptra_protocol.stream.requests import (
     SpawnRequest,
     StepRequest,
 )
-from catoptra_server.fault_log import log_fault
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.transports.stream.frame_sender import FrameSender
 from catoptra_server.transports.stream.landmark_replies import (
     landmarks_reply,

@@ -22,8 +22,8 @@ from catoptra_protocol.stream.messages import (
 )
 from catoptra_protocol.stream.replies import Error, Heartbeat
 from catoptra_protocol.stream.requests import Request
-from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.encode import Payload
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.transports.stream.outbox import Outbox, SendResult
 from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT
 from catoptra_server.transports.stream.router_socket import RouterSocket

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.world.scene_mesh import SceneMesh
 
 # Height of a robot's sensors: walls, furniture and landmarks are cut, floors and carpets are not.
 HEIGHT_M = 0.3

@@ -15,8 +15,8 @@ from catoptra_protocol.errors import InvalidRequestError, RemoteProtocolError
 from catoptra_protocol.stream.messages import json_from_message, request_from_json
 from catoptra_protocol.stream.replies import Error, Reply
 from catoptra_protocol.stream.requests import DriveRequest
-from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.encode import Payload
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.transports.stream.outbox import Outbox, SendResult
 from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT
 from catoptra_server.transports.stream.stream_context import StreamContext

@@ -10,7 +10,7 @@ from typing import Any
 
 from aiohttp import web
 
-from catoptra_server.fault_log import log_fault
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.transports.loop_share import LoopAccount
 from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT
 from catoptra_server.transports.web.web_responses import text_response

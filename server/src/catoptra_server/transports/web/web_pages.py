@@ -10,12 +10,12 @@ import json
 from collections.abc import Callable, Mapping
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.transports.stream.server_info import ServerInfo
 from catoptra_server.transports.web.camera_table import camera_table
 from catoptra_server.transports.web.floor_plan import floor_plan
 from catoptra_server.transports.web.page_files import Document, create_document
 from catoptra_server.transports.web.server_description import describe_server
+from catoptra_server.world.scene_mesh import SceneMesh
 
 _JSON = "application/json; charset=utf-8"
 # Path and, for a camera, its class and name.

@@ -16,7 +16,7 @@ from contextlib import asynccontextmanager
 from aiohttp import web
 
 from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
-from catoptra_server.fault_log import log_fault
+from catoptra_server.runtime.faults import log_fault
 from catoptra_server.transports.listener import AcceptLoop, set_vanished_timeout
 from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT
 from catoptra_server.transports.stream.stream_context import StreamContext

@@ -21,13 +21,11 @@ from catoptra_protocol.optics.mirrors import (
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.fog_medium import FogMedium
-from catoptra_server.capture.shutter import Shutter
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.camera_state import FogMedium, Shutter
+from catoptra_server.world.world_description import (
     Box,
     HemisphereLight,
     Item,
@@ -35,6 +33,7 @@ from catoptra_server.scene.world_description import (
     PointLight,
     Rectangle,
     World,
+    srgb_from_linear,
 )
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.image_comparison import level_differences

@@ -10,7 +10,6 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace.kernel.exposure_arrays import (
     ObjectTable,
     exposure_arrays,
@@ -18,6 +17,7 @@ from catoptra_server.render.trace.kernel.exposure_arrays import (
 )
 from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct, MeshArrays
 from catoptra_server.render.trace.trace_engine import MovingExposure, TracedExposure
+from catoptra_server.world.camera_state import CameraState
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
 from helpers.trace_kernels import make_omni_table
 

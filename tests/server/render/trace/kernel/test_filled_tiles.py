@@ -16,7 +16,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.ray_table import face_ray_table, lens_ray_table
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.world_description import (
     HemisphereLight,
     PointLight,
 )

@@ -16,8 +16,8 @@ from catoptra_server.render.trace.kernel.flat_surfaces import (
     has_corner_colours,
     uv_planes,
 )
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import (
     Box,
     Cylinder,
     Item,

@@ -12,12 +12,12 @@ import numpy.typing as npt
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.kernel.instruction_sets import available_instruction_sets
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import MovingExposure, TracedExposure
-from catoptra_server.scene.world_description import Item, Material, Rectangle, World
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.world_description import Item, Material, Rectangle, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.image_comparison import level_differences
 from helpers.trace_kernels import make_omni_table, open_kernel

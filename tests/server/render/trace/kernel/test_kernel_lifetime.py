@@ -18,8 +18,8 @@ from catoptra_server.render.trace.kernel import kernel_rays
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
 from catoptra_server.render.trace.ray_table import face_ray_table
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import (
     Item,
     Material,
     Rectangle,

@@ -14,7 +14,7 @@ from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from helpers.worlds import make_test_world
 
 NUM_RAYS = 20_000

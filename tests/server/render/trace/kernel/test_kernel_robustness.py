@@ -10,12 +10,12 @@ import pytest
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.ray_table import face_ray_table, lens_ray_table
 from catoptra_server.render.trace.trace_engine import NOTHING
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import (
     Box,
     HemisphereLight,
     Item,

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import MovingExposure
-from catoptra_server.scene.world_description import (
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.world_description import (
     Box,
     DirectionalLight,
     HemisphereLight,

@@ -7,9 +7,9 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.kernel.object_boxes import enclose_parts
-from catoptra_server.scene.dynamic_object import ObjectMesh, build_object_mesh
-from catoptra_server.scene.primitives import Patch
-from catoptra_server.scene.world_description import Material
+from catoptra_server.world.objects import ObjectMesh, build_object_mesh
+from catoptra_server.world.shapes import Patch
+from catoptra_server.world.world_description import Material
 from measurements.scenes import ROBOT
 
 

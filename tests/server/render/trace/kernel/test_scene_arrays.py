@@ -34,9 +34,9 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     surfaces_struct,
     texture_array,
 )
-from catoptra_server.scene import shading
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import (
+from catoptra_server.world import shading
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import (
     Box,
     HemisphereLight,
     Item,

@@ -12,8 +12,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion
 from catoptra_server.render.trace.occlusion.sky_rays import RADIUS_M, occluder_weights
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import Box, Item, Material, Rectangle, World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
 from helpers.standing_things import FLOOR, SKY, bake_scene, integrate_factor, make_box_world
 
 GREY = Material((0.5, 0.5, 0.5))

@@ -6,7 +6,7 @@ import numpy as np
 
 from catoptra_server.render.trace.occlusion.factor_filter import filter_factors
 from catoptra_server.render.trace.occlusion.grid_layout import GridLayout
-from catoptra_server.scene.occlusion_map import OPEN
+from catoptra_server.world.occlusion_map import OPEN
 
 
 def make_layout(columns: int, rows: int) -> GridLayout:

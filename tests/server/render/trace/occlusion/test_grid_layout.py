@@ -11,8 +11,8 @@ from catoptra_server.render.trace.occlusion.grid_layout import (
     frame_surfaces,
     lay_out,
 )
-from catoptra_server.scene.occlusion_map import BLOCK
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.occlusion_map import BLOCK
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from helpers.standing_things import make_box_world
 
 SCENE = build_scene(make_box_world())

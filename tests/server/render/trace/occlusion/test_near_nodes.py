@@ -7,7 +7,7 @@ import numpy as np
 from catoptra_server.render.trace.kernel.flat_surfaces import find_flat_surfaces
 from catoptra_server.render.trace.occlusion.grid_layout import frame_surfaces, lay_out
 from catoptra_server.render.trace.occlusion.near_nodes import enclose_casters, find_near_pairs
-from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import build_scene
 from helpers.standing_things import make_box_world
 
 SCENE = build_scene(make_box_world())

@@ -18,8 +18,8 @@ from catoptra_server.render.trace.reference.placed_mesh import (
     find_first_hits,
     trace_scene,
 )
-from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
-from catoptra_server.scene.world_description import World
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
 from helpers.reference_caster import cast_rays
 from helpers.shadows import (
     DIM_HEMISPHERE_LIGHT,

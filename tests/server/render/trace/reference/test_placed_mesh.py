@@ -19,9 +19,9 @@ from catoptra_server.render.trace.reference.placed_mesh import (
     trace_scene,
 )
 from catoptra_server.render.trace.trace_engine import NOTHING
-from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.shading import sample_texture
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.shading import sample_texture
+from catoptra_server.world.world_description import linear_from_srgb
 from helpers.dynamic_objects import build_cube_mesh
 from helpers.shadows import box_item, floor_item, make_world
 from helpers.worlds import make_test_world, write_smooth_texture

@@ -13,8 +13,8 @@ from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.reference import ray_batches
 from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
 from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE, assemble_grid
-from catoptra_server.scene.scene_mesh import build_scene
-from catoptra_server.scene.world_description import PointLight, World
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import PointLight, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.worlds import (
     CAMERA_STATE,

@@ -11,14 +11,14 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
 from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct, RayTableStruct
 from catoptra_server.render.trace.kernel.object_boxes import enclose_parts
 from catoptra_server.render.trace.kernel.scene_arrays import Owned, object_arrays
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TracedExposure, camera_states
-from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import ObjectMesh
 
 _NO_BOXES = np.zeros((0, 6), dtype=np.float32)
 

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.texture_levels import uv_gradients
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.textures import uv_gradients
 
 Indices = npt.NDArray[np.int32]
 

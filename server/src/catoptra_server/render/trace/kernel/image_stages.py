@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.kernels.disc_kernel import DiscKernelTable
@@ -31,6 +30,7 @@ from catoptra_server.effects.mirror.mirror_dust import coverage_map
 from catoptra_server.effects.mirror.mirror_reflectance import reflectance_map
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern, gain_and_offset_maps
 from catoptra_server.render.trace.kernel.kernel_structs import ImageStage
+from catoptra_server.world.camera_state import NoiseSeed
 
 (
     _GAIN,

@@ -46,9 +46,9 @@ from catoptra_server.render.trace.trace_engine import (
     first_state,
     scene_centre,
 )
-from catoptra_server.scene import shading
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import Light, World
+from catoptra_server.world import shading
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Light, World
 
 
 class KernelEngine:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.dynamic_object import ObjectMesh
+from catoptra_server.world.objects import ObjectMesh
 
 # Every box costs a frame up to six candidates.
 _MAX_BOXES = 8

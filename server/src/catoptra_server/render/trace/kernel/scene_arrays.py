@@ -30,13 +30,13 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     TextureStruct,
 )
 from catoptra_server.render.trace.kernel.padded_texels import pad_texels
-from catoptra_server.scene import shading
-from catoptra_server.scene.dynamic_object import ObjectMesh
-from catoptra_server.scene.occlusion_map import OPEN, OcclusionMap
-from catoptra_server.scene.row_blocks import row_blocks
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.texture_levels import Levels, build_levels
-from catoptra_server.scene.world_description import DirectionalLight, Light, PointLight
+from catoptra_server.world import shading
+from catoptra_server.world.objects import ObjectMesh
+from catoptra_server.world.occlusion_map import OPEN, OcclusionMap
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.textures import Levels, build_levels
+from catoptra_server.world.triangles import row_blocks
+from catoptra_server.world.world_description import DirectionalLight, Light, PointLight
 
 # Embree loads corners by vectors of four floats: the last ones reach beyond the array.
 _CORNER_PADDING = 4

@@ -29,8 +29,8 @@ from catoptra_server.render.trace.occlusion.sky_rays import (
     occluder_weights,
     sky_directions,
 )
-from catoptra_server.scene.occlusion_map import OPEN, OcclusionMap
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.world.occlusion_map import OPEN, OcclusionMap
+from catoptra_server.world.scene_mesh import SceneMesh
 
 # Nodes near casters: 32 rays each take 0.1 to 0.2 s on two processors.
 MAX_NEAR_NODES = 48_000

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.trace.occlusion.grid_layout import GridLayout
-from catoptra_server.scene.occlusion_map import OPEN
+from catoptra_server.world.occlusion_map import OPEN
 
 # Rows of nodes inside a solid that the filter or an interpolation near a visible node reaches.
 _NUM_FILLED = 2

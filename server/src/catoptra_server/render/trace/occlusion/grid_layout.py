@@ -15,8 +15,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.kernel.flat_surfaces import FlatSurfaces
-from catoptra_server.scene.occlusion_map import BLOCK
-from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.world.occlusion_map import BLOCK
+from catoptra_server.world.scene_mesh import SceneMesh
 
 Indices = npt.NDArray[np.int32]
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.occlusion.grid_layout import GridLayout, SurfaceFrames
-from catoptra_server.scene.triangle_clusters import make_clusters
+from catoptra_server.world.triangles import make_clusters
 
 Numbers = npt.NDArray[np.intp]
 

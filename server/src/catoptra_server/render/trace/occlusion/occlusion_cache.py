@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_server import __version__
-from catoptra_server.processor_count import count_processors
 from catoptra_server.render.trace.kernel.flat_surfaces import MAX_TRIANGLES
 from catoptra_server.render.trace.kernel.instruction_sets import AUTO
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
-from catoptra_server.scene import shading
-from catoptra_server.scene.occlusion_map import BLOCK, OcclusionMap
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import World
+from catoptra_server.runtime.memory import count_processors
+from catoptra_server.world import shading
+from catoptra_server.world.occlusion_map import BLOCK, OcclusionMap
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
 

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.reference.placed_mesh import FirstHits, PlacedMesh, WorldRays
-from catoptra_server.scene import shading
-from catoptra_server.scene.shading import ShadowCastingLight
-from catoptra_server.scene.world_description import Rgb
+from catoptra_server.world import shading
+from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.world_description import Rgb
 
 # Distance of a shadow ray's origin in front of its facet, relative to the largest coordinate of
 # hit and camera: positions and corners are rounded to 2^-24 each, and a hit on a plane loses a few

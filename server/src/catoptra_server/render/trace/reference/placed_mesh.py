@@ -12,11 +12,11 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.reference.affine import Affine
 from catoptra_server.render.trace.reference.embree_mesh import EmbreeMesh
 from catoptra_server.render.trace.trace_engine import NOTHING
-from catoptra_server.scene.dynamic_object import ObjectMesh
-from catoptra_server.scene.occlusion_map import OcclusionMap
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.shading import LitFacets
-from catoptra_server.scene.texture_levels import (
+from catoptra_server.world.objects import ObjectMesh
+from catoptra_server.world.occlusion_map import OcclusionMap
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.shading import LitFacets
+from catoptra_server.world.textures import (
     Levels,
     build_levels,
     footprint_texels,
@@ -24,7 +24,7 @@ from catoptra_server.scene.texture_levels import (
     uv_gradients,
     uv_steps,
 )
-from catoptra_server.scene.world_description import Light
+from catoptra_server.world.world_description import Light
 
 Indices = npt.NDArray[np.int32]
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, TILE_PX, RayTable
-from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.world.world_description import srgb_from_linear
 
 # Rays of a batch: arrays of three numbers a ray stay in the cache; 2^16 take 2.5 times as long.
 _RAYS_PER_BATCH = 2**14

@@ -13,8 +13,6 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.capture.fog_medium import FogMedium
 from catoptra_server.render.image_changer import NumpyImageChanger
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.render.srgb_encoding import encode_srgb
@@ -66,10 +64,10 @@ from catoptra_server.render.trace.trace_engine import (
     invert_ranges,
     scene_centre,
 )
-from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.dynamic_object import ObjectMesh
-from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import Light, World
+from catoptra_server.world.camera_state import CameraState, FogMedium
+from catoptra_server.world.objects import ObjectMesh
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Light, World, srgb_from_linear
 
 
 @dataclass(frozen=True, slots=True, eq=False)

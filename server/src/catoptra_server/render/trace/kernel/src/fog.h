@@ -1,4 +1,4 @@
-/* Fog on samples: Koschmieder's law by each hit's own distance. Float64 twin: capture/fog_medium.py.
+/* Fog on samples: Koschmieder's law by each hit's own distance. Float64 twin: world/camera_state.py.
  */
 #ifndef CATOPTRA_FOG_H
 #define CATOPTRA_FOG_H

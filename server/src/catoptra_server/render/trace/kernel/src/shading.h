@@ -1,4 +1,4 @@
-/* Linear radiance of the hits of a block. Float64 twin: scene/shading.py. */
+/* Linear radiance of the hits of a block. Float64 twin: world/shading.py. */
 #ifndef CATOPTRA_SHADING_H
 #define CATOPTRA_SHADING_H
 

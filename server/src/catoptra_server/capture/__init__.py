@@ -1,1 +1,0 @@
-"""State of a camera in one exposure: pose, motion, objects in view, shutter and noise seed."""

@@ -1,0 +1,226 @@
+"""Memory that cameras, meshes and textures would take, compared with a limit before it is taken.
+
+Files can announce more than they contain: a PNG of 22 kB has 13 300 px a side, a camera of 16 x 16
+samples a pixel needs 256 rays for each. Sizes are estimated from such numbers alone. The estimates
+are peaks of the resident size, start included, in tests/measurements/memory_per_item.py.
+
+Dictionary of a limited number of items, without the one used longest ago.
+
+Memory that was freed, given back to the system.
+
+The C library keeps what is freed for later allocations: up to 64 MiB at the end of each of its
+heaps, and all gaps between what is still in use. Preparing a view leaves such gaps, as large as the
+view itself.
+
+Limit of open files of the process: every connection takes at least one descriptor.
+
+Number of processors that this process may use.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import resource
+from collections.abc import Callable
+from functools import cache
+from typing import Generic, TypeVar
+
+from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.slotted_dataclass import dataclass
+
+MIB = 2**20
+# A camera of 2048 px at 2 x 2 samples, or a world of 1.3 million triangles, fits.
+DEFAULT_LIMIT_BYTES = 1024 * MIB
+# A tebibyte: a larger number is taken for bytes.
+MAX_LIMIT_MIB = 2**20
+
+# A triangle in NumPy arrays and in the structures of raster, which takes more than trace: 590, with
+# colours at its corners 670; texture coordinates add 60.
+BYTES_PER_TRIANGLE = 750
+# Three bytes, three linear float32 and four numbers of the trace renderer with a third more for the
+# coarser levels, and four more bytes while Pillow decodes.
+BYTES_PER_TEXEL = 36
+
+# Rays of a sample in two orders, 12 bytes each, and the batch in which these are computed.
+_TRACE_BYTES_PER_SAMPLE = 26
+# Of a mirror without a viewpoint a ray has an origin, too: 39 bytes a sample instead of 19.
+_ORIGIN_BYTES_PER_SAMPLE = 20
+_TRACE_BYTES_PER_PX = 40
+_TRACE_BYTES = 64 * MIB
+# Lookup map of a sample: 8 bytes on the device, as many on the way there.
+_RASTER_BYTES_PER_SAMPLE = 18
+_RASTER_BYTES_PER_PX = 20
+_RASTER_BYTES = 48 * MIB
+# Linear light and depth, of each sample of a texel, and of the texel after they are averaged.
+_RASTER_BYTES_PER_TEXEL = 12
+# All effects of p2at_omni_real.ini at once: 440 in trace, 490 in raster.
+_EFFECT_BYTES_PER_PX = 500
+
+
+@dataclass(frozen=True, slots=True)
+class ViewSize:
+    """Numbers that determine the memory of one camera's view."""
+
+    num_pixels: int
+    samples_per_pixel: int
+    num_texels: int = 0
+    """Texels of all faces in the raster renderer."""
+    samples_per_texel: int = 1
+    has_effects: bool = False
+    """Whether effects may change the image."""
+    has_origins: bool = False
+    """Whether each ray has an origin of its own."""
+
+    @property
+    def num_bytes(self) -> int:
+        """Bytes with the renderer that takes more, since either may be chosen."""
+        samples = self.num_pixels * self.samples_per_pixel
+        origins = _ORIGIN_BYTES_PER_SAMPLE if self.has_origins else 0
+        trace = _TRACE_BYTES + (_TRACE_BYTES_PER_SAMPLE + origins) * samples
+        trace += _TRACE_BYTES_PER_PX * self.num_pixels
+        raster = _RASTER_BYTES + _RASTER_BYTES_PER_SAMPLE * samples
+        raster += _RASTER_BYTES_PER_PX * self.num_pixels
+        raster += _RASTER_BYTES_PER_TEXEL * self.num_texels * (1 + self.samples_per_texel)
+        effects = _EFFECT_BYTES_PER_PX * self.num_pixels if self.has_effects else 0
+        return max(trace, raster) + effects
+
+
+class MemoryBudget:
+    """Memory of one camera's view, or of one world's triangles and textures together."""
+
+    def __init__(self, limit_bytes: int = DEFAULT_LIMIT_BYTES) -> None:
+        self._limit_bytes = limit_bytes
+        self._reserved_bytes = 0
+
+    def for_reading(self) -> MemoryBudget:
+        """Budget of the same limit, for memory that is free again once a file is read."""
+        return MemoryBudget(self._limit_bytes)
+
+    def reserve(
+        self, num_bytes: int, *, where: SourceLocation, key: str, value: str, remedy: str
+    ) -> None:
+        """Count memory that is about to be taken.
+
+        Args:
+            num_bytes: the estimate.
+            where: file and line of the number that the estimate follows from.
+            key: the number's key.
+            value: the number.
+            remedy: acceptable value, as a phrase, such as `a smaller texture`.
+
+        Raises:
+            ConfigError: if the limit is exceeded.
+        """
+        self._reserved_bytes += num_bytes
+        if self._reserved_bytes > self._limit_bytes:
+            total = _format_mib(self._reserved_bytes)
+            limit = _format_mib(self._limit_bytes)
+            expected = (
+                f"{remedy}: this would take {total} MiB of memory, more than the limit of {limit} "
+                "(--memory-limit-mib)"
+            )
+            raise ConfigError(where, key=key, value=value, expected=expected)
+
+
+def _format_mib(num_bytes: int) -> str:
+    return str(math.ceil(num_bytes / MIB))
+
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class LruDict(Generic[K, V]):
+    """Items by key, each made at its first use; no item is None."""
+
+    def __init__(
+        self, max_items: int, *, on_remove: Callable[[K], None] = lambda key: None
+    ) -> None:
+        """Create an empty dictionary.
+
+        Args:
+            max_items: Number of items above which the one used longest ago is removed.
+            on_remove: Receives the key of each item that is removed.
+        """
+        self._max_items = max_items
+        self._on_remove = on_remove
+        self._items: dict[K, V] = {}  # the last used at the end
+
+    def __len__(self) -> int:
+        """Number of items."""
+        return len(self._items)
+
+    def get(self, key: K) -> V | None:
+        """Item of a key, which does not count as a use."""
+        return self._items.get(key)
+
+    def get_or_make(self, key: K, make: Callable[[], V]) -> V:
+        """Item of a key, made by a function if there is none."""
+        # Removed and inserted again: dicts keep the order of insertion.
+        item = self._items.pop(key, None)
+        if item is None:
+            item = make()
+        self._items[key] = item
+        while len(self._items) > self._max_items:
+            self.remove(next(iter(self._items)))
+        return item
+
+    def put(self, key: K, item: V) -> None:
+        """Set the item of a key, in place of another one; `on_remove` is not called for that."""
+        self._items.pop(key, None)
+        self.get_or_make(key, lambda: item)
+
+    def remove(self, key: K) -> None:
+        """Remove the item of a key."""
+        del self._items[key]
+        self._on_remove(key)
+
+    def clear(self) -> None:
+        """Remove all items."""
+        for key in self.keys():
+            self.remove(key)
+
+    def keys(self) -> tuple[K, ...]:
+        """Keys, the one used longest ago first."""
+        return tuple(self._items)
+
+
+def release_freed_memory() -> None:
+    """Give the pages of freed memory back; without effect where the C library is not glibc."""
+    _find_malloc_trim()(0)
+
+
+@cache
+def _find_malloc_trim() -> Callable[[int], object]:
+    """The function of glibc that trims all heaps, keeping some bytes at the end of the first."""
+    return getattr(ctypes.CDLL(None), "malloc_trim", lambda _: 0)
+
+
+# Limits of a million, as some containers set, suggest tables of that size to libraries.
+MAX_DESCRIPTORS = 65_536
+
+
+def raise_descriptor_limit() -> int:
+    """Raise the soft limit of open files to the hard limit, or to MAX_DESCRIPTORS.
+
+    Returns:
+        The soft limit now.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MAX_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, MAX_DESCRIPTORS)
+    if soft == resource.RLIM_INFINITY or soft >= wanted:
+        return soft
+    resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+    return wanted
+
+
+def count_processors() -> int:
+    """Processors of the affinity mask, or of the machine where the system has no such mask.
+
+    The mask, since containers and tests restrict a process to fewer processors than there are.
+    """
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -1,0 +1,391 @@
+"""Obstacles of a robot's base: the scene's triangles between ankle and mirror height, from above.
+
+A robot is a rectangle on the floor. By the separating axis theorem two convex shapes are disjoint
+exactly if the normal of some edge separates them.
+
+Sorting of many boxes into the cells of a square grid, and rows of numbers that occur once.
+
+A million boxes take 0.1 s: nearly all lie in one cell, the others are repeated for each cell that
+they reach into, and one sort puts the members of a cell side by side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import field, replace
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.world.objects import OrientedBox
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.triangles import row_blocks, sorted_rows
+
+Indices = npt.NDArray[np.intp]
+Cell = tuple[int, int]
+
+
+def cell_members(low: Floats, high: Floats, cell_m: float) -> dict[Cell, Indices]:
+    """Boxes that reach into each cell of a grid.
+
+    Args:
+        low: (2, n) smallest coordinates of each box, n at least 1.
+        high: (2, n) largest coordinates.
+        cell_m: side of a cell; cell (0, 0) begins at the origin.
+
+    Returns:
+        Indices of the boxes by cell; no entry for a cell without any.
+    """
+    first, last = (np.floor(edge / cell_m).astype(np.int32) for edge in (low, high))
+    origin = first.min(axis=1)
+    num_rows = int(last[1].max() - origin[1]) + 1
+    keys = (first[0] - origin[0]) * num_rows + (first[1] - origin[1])
+    boxes, offsets = _further_cells(first, last, num_rows)
+    keys = np.concatenate((keys, keys[boxes] + offsets))
+    # Whole numbers of 16 bits are sorted by counting, five times as fast.
+    order = np.argsort(keys.astype(np.int16) if keys.max() < 2**15 else keys, kind="stable")
+    sorted_keys = keys[order]
+    starts = np.flatnonzero(np.diff(sorted_keys, prepend=-1))
+    members = np.split(np.concatenate((np.arange(len(low.T)), boxes))[order], starts[1:])
+    columns, rows = np.divmod(sorted_keys[starts], num_rows) + origin[:, None]
+    return dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), members, strict=True))
+
+
+def _further_cells(
+    first: npt.NDArray[np.int32], last: npt.NDArray[np.int32], num_rows: int
+) -> tuple[Indices, Indices]:
+    """Index of the box, and distance of keys from its first cell, for each further cell of a box.
+
+    Args:
+        first: (2, n) first column and row of each box.
+        last: (2, n) last column and row.
+        num_rows: Distance of the keys of two columns.
+    """
+    several = np.flatnonzero((first != last).any(axis=0))
+    columns, rows = last[:, several] - first[:, several] + 1
+    counts = columns.astype(np.intp) * rows - 1
+    # 1 to `counts` for each box: positions among its cells, column by column.
+    position = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + 1
+    column, row = np.divmod(position, np.repeat(rows, counts))
+    return np.repeat(several, counts), column * num_rows + row
+
+
+# Odd numbers with bits all over: one for each number of a row of `first_occurrences`.
+_HASH_FACTORS = np.random.default_rng(1).integers(0, 2**63, 16, dtype=np.uint64) * 2 + 1
+
+
+def first_occurrences(values: Floats, rows: Indices) -> Indices:
+    """Those of some rows that equal no earlier one of them.
+
+    Rows are compared by a hash of 64 bits, and in full where two hashes agree. Two equal rows with
+    a different row of the same hash between them would both count.
+
+    Args:
+        values: (n, ...) finite numbers, at most 16 a row.
+        rows: Indices of the rows that are compared, ascending.
+    """
+    hashes = np.zeros(len(rows), dtype=np.uint64)
+    for block in row_blocks(len(rows)):
+        hashes[block] = _hash_rows(sorted_rows(values, rows[block]))
+    # Sorting values takes a third of the time of sorting indices: most scenes end here.
+    if not _has_equal_neighbours(np.sort(hashes)).any():
+        return rows
+    order = np.argsort(hashes, kind="stable")
+    same_hash = np.flatnonzero(_has_equal_neighbours(hashes[order]))
+    earlier, later = rows[order[same_hash]], order[same_hash + 1]
+    is_equal = values[earlier] == values[rows[later]]
+    is_first = np.ones(len(rows), dtype=bool)
+    is_first[later[is_equal.reshape(len(later), -1).all(axis=1)]] = False
+    return rows[is_first]
+
+
+def _hash_rows(values: Floats) -> npt.NDArray[np.uint64]:
+    """(n,) hashes of (n, ...) numbers; those of equal rows are equal."""
+    columns = np.ascontiguousarray(np.moveaxis(values, 0, -1)).reshape(-1, len(values))
+    hashes = np.zeros(len(values), dtype=np.uint64)
+    # -0.0 + 0.0 is 0.0: equal numbers have equal bits.
+    for column, factor in zip((columns + 0.0).view(np.uint64), _HASH_FACTORS, strict=False):
+        # Low bits of round numbers are zeros, which a product alone would keep.
+        hashes = (hashes ^ column ^ (column >> np.uint64(31))) * factor
+    return hashes
+
+
+def _has_equal_neighbours(values: npt.NDArray[np.uint64]) -> Bools:
+    """(n - 1,) whether each value equals the next one."""
+    is_equal: Bools = values[1:] == values[:-1]
+    return is_equal
+
+
+# Obstacles lower than this are driven over: carpets, lines, sills.
+GROUND_CLEARANCE_M = 0.03
+
+
+# Cells along a side of the grid over the world: a triangle as large as the world lies in all of
+# them, a robot in four.
+_CELLS_PER_SIDE = 64
+_MIN_CELL_M = 0.5
+# Limit of all cells that triangles reach into, each with its triangle: 40 bytes while sorted.
+_OCCUPIED_CELLS_PER_TRIANGLE = 8
+_MIN_OCCUPIED_CELLS = 2**20
+# Three corners (x, y).
+Triangle2D = list[list[float]]
+# Both corners of each edge, and the third.
+_TRIANGLE_EDGES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+
+_NO_TRIANGLES: Floats = np.zeros((0, 3, 2))
+# Triangles that many rectangles are compared with in one operation: 1300 rectangles take 13 MB.
+_TRIANGLES_PER_PORTION = 128
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObstacleGrid:
+    """Triangles from above, in the cells of a square grid."""
+
+    cell_m: float
+    static_triangles: Floats
+    """(n, 3, 2) triangles, of which those in the cells count."""
+    cells: Mapping[tuple[int, int], Indices]
+    """Indices of the triangles that reach into each cell."""
+    dynamic_triangles: Floats = field(default_factory=lambda: _NO_TRIANGLES)
+    """(m, 3, 2) further triangles, in no cell."""
+
+    def find_near(self, centre: tuple[float, float], radius_m: float) -> list[Triangle2D]:
+        """Triangles that reach into a square about a point."""
+        near: list[Triangle2D] = self.triangles_near(centre, radius_m).tolist()
+        return near
+
+    def triangles_near(self, centre: tuple[float, float], radius_m: float) -> Floats:
+        """(n, 3, 2) triangles of `find_near`, as an array."""
+        columns, rows = (self._cell_range(coordinate, radius_m) for coordinate in centre)
+        found = [self.cells[cell] for cell in product(columns, rows) if cell in self.cells]
+        triangles = self.dynamic_triangles
+        if found:
+            # A large triangle is in several cells.
+            static = self.static_triangles[np.unique(np.concatenate(found))]
+            triangles = np.concatenate((static, triangles))
+        if not len(triangles):
+            return triangles
+        # Most triangles of the same cells are out of reach, and this test is cheap.
+        low, high = triangles.min(axis=1), triangles.max(axis=1)
+        point = np.array(centre)
+        within = ((low <= point + radius_m) & (high >= point - radius_m)).all(axis=1)
+        near: Floats = triangles[within]
+        return near
+
+    def _cell_range(self, centre_m: float, radius_m: float) -> range:
+        """Columns, or rows, that an interval reaches into."""
+        first = math.floor((centre_m - radius_m) / self.cell_m)
+        return range(first, math.floor((centre_m + radius_m) / self.cell_m) + 1)
+
+    def with_dynamic_triangles(self, triangles: Sequence[Floats]) -> ObstacleGrid:
+        """Same obstacles with further triangles, such as footprints of robots."""
+        return replace(self, dynamic_triangles=np.concatenate(triangles)) if triangles else self
+
+
+def box_footprint(box: OrientedBox) -> Floats:
+    """(2, 3, 2) triangles of an upright box from above."""
+    half_length, half_width = 0.5 * box.size_m[0], 0.5 * box.size_m[1]
+    corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
+    pose = box.world_from_box
+    level = corners * (half_length, half_width) @ pose.rotation[:2, :2].T + pose.translation[:2]
+    return level[[[0, 1, 2], [0, 2, 3]]]
+
+
+def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> ObstacleGrid:
+    """Grid of the triangles that reach into a band of heights above the floor z = 0."""
+    # A view: of a million triangles outlines of their own would be 48 MB.
+    outlines = scene.corners[..., :2]
+    within = [np.zeros(0, dtype=np.intp)]
+    for block in row_blocks(len(scene)):
+        is_within = _reach_into_band(scene.corners[block], low_m, high_m)
+        within.append(block.start + np.flatnonzero(is_within))
+    # From above many triangles of a scene are one: a third of those of the football field remain.
+    triangles = first_occurrences(outlines, np.concatenate(within))
+    if not len(triangles):
+        return ObstacleGrid(_MIN_CELL_M, outlines, {})
+    low, high = _boxes_from_above(outlines, triangles)
+    cell_m = _suitable_cell_m(low, high)
+    cells = cell_members(low, high, cell_m)
+    return ObstacleGrid(cell_m, outlines, {cell: triangles[own] for cell, own in cells.items()})
+
+
+def _reach_into_band(corners: Floats, low_m: float, high_m: float) -> Bools:
+    """(n,) whether (n, 3, 3) triangles reach into a band of heights."""
+    first, second, third = -np.ascontiguousarray(corners[..., 2].T)
+    highest = np.maximum(np.maximum(first, second), third)
+    lowest = np.minimum(np.minimum(first, second), third)
+    within: Bools = (highest > low_m) & (lowest < high_m)
+    return within
+
+
+def _boxes_from_above(outlines: Floats, triangles: Indices) -> tuple[Floats, Floats]:
+    """(2, m) smallest and largest coordinates of some of (n, 3, 2) triangles."""
+    low, high = np.zeros((2, len(triangles))), np.zeros((2, len(triangles)))
+    for block in row_blocks(len(triangles)):
+        corners = sorted_rows(outlines, triangles[block])
+        # Columns and rows in arrays of their own: twice as fast as pairs.
+        first, second, third = np.ascontiguousarray(corners.transpose(1, 2, 0))
+        np.minimum(np.minimum(first, second), third, out=low[:, block])
+        np.maximum(np.maximum(first, second), third, out=high[:, block])
+    return low, high
+
+
+def _suitable_cell_m(low: Floats, high: Floats) -> float:
+    """Side of the cells for boxes between (2, n) corners."""
+    extent = float((high.max(axis=1) - low.min(axis=1)).max())
+    cell_m = max(_MIN_CELL_M, extent / _CELLS_PER_SIDE)
+    length, width = high - low
+    # Thousands of triangles as large as the world would fill gigabytes with their cells.
+    while float(((length / cell_m + 1.0) * (width / cell_m + 1.0)).sum()) > max(
+        _MIN_OCCUPIED_CELLS, _OCCUPIED_CELLS_PER_TRIANGLE * len(length)
+    ):
+        cell_m *= 2.0
+    return cell_m
+
+
+def rectangle_intersects(
+    triangles: Iterable[Triangle2D],
+    centre: tuple[float, float],
+    yaw_rad: float,
+    *,
+    half_size_m: tuple[float, float],
+) -> bool:
+    """Whether a rectangle intersects any of some triangles.
+
+    Args:
+        centre: Of the rectangle, metres, world frame.
+        yaw_rad: Of the rectangle's length.
+        half_size_m: Half length, half width.
+    """
+    return any(
+        not _has_separating_axis(along, across, half_size_m)
+        for along, across in _corners_in_rectangle(triangles, centre, yaw_rad)
+    )
+
+
+def _has_separating_axis(
+    along: list[float], across: list[float], half_size_m: tuple[float, float]
+) -> bool:
+    """Whether the normal of a side of the rectangle or of the triangle separates the two.
+
+    The triangle's corners are in the rectangle's axes.
+    """
+    length, width = half_size_m
+    # The rectangle's own sides first: they separate most pairs, without a product.
+    if min(along) > length or max(along) < -length or min(across) > width or max(across) < -width:
+        return True
+    for i, j, k in _TRIANGLE_EDGES:
+        normal = (across[j] - across[i], along[i] - along[j])
+        reach = length * abs(normal[0]) + width * abs(normal[1])
+        edge = along[i] * normal[0] + across[i] * normal[1]
+        corner = along[k] * normal[0] + across[k] * normal[1]
+        if min(edge, corner) > reach or max(edge, corner) < -reach:
+            return True
+    return False
+
+
+def penetration_depths(
+    triangles: Iterable[Triangle2D],
+    centre: tuple[float, float],
+    yaw_rad: float,
+    *,
+    half_size_m: tuple[float, float],
+) -> list[float]:
+    """Least translation that separates a rectangle from each of some triangles, metres.
+
+    0 for a triangle that the rectangle does not intersect. The arguments are those of
+    `rectangle_intersects`.
+    """
+    return [
+        _penetration_depth(along, across, half_size_m)
+        for along, across in _corners_in_rectangle(triangles, centre, yaw_rad)
+    ]
+
+
+def _corners_in_rectangle(
+    triangles: Iterable[Triangle2D], centre: tuple[float, float], yaw_rad: float
+) -> Iterator[tuple[list[float], list[float]]]:
+    """Yield the corners of each triangle along and across a rectangle."""
+    # Plain floats: a handful of triangles is near, for which arrays take ten times as long.
+    x, y = centre
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    for outline in triangles:
+        along = [(u - x) * cos + (v - y) * sin for u, v in outline]
+        across = [(v - y) * cos - (u - x) * sin for u, v in outline]
+        yield along, across
+
+
+def _penetration_depth(
+    along: list[float], across: list[float], half_size_m: tuple[float, float]
+) -> float:
+    """Smallest overlap of rectangle and triangle over the axes of `_has_separating_axis`."""
+    length, width = half_size_m
+    # The rectangle leaves each axis by the nearer end.
+    depth = min(max(along), -min(along)) + length
+    depth = min(depth, min(max(across), -min(across)) + width)
+    for i, j, k in _TRIANGLE_EDGES:
+        normal = (across[j] - across[i], along[i] - along[j])
+        norm = math.hypot(*normal)
+        if norm > 0.0:  # an edge of no length separates nothing
+            reach = length * abs(normal[0]) + width * abs(normal[1])
+            edge = along[i] * normal[0] + across[i] * normal[1]
+            corner = along[k] * normal[0] + across[k] * normal[1]
+            depth = min(depth, (reach + min(max(edge, corner), -min(edge, corner))) / norm)
+    return max(depth, 0.0)
+
+
+def rectangles_intersect(
+    triangles: Floats, centres: Floats, yaw_rad: float, *, half_size_m: tuple[float, float]
+) -> Bools:
+    """Which of many rectangles of one heading intersect any of some triangles.
+
+    Args:
+        triangles: (t, 3, 2) corners, metres, world frame.
+        centres: (n, 2) centres of the rectangles, metres, world frame.
+        yaw_rad: Of the rectangles' length.
+        half_size_m: Half length, half width.
+
+    Returns:
+        (n,) True for a rectangle in contact.
+    """
+    corners, points = (_rectangle_frame(array, yaw_rad) for array in (triangles, centres))
+    hit = np.zeros(len(points), dtype=bool)
+    # Every portion is spread over all triangles, which lie in the order of the scene's parts: in
+    # dense surroundings the first portion already meets nearly every rectangle.
+    num_portions = math.ceil(len(corners) / _TRIANGLES_PER_PORTION)
+    for first in range(num_portions):
+        candidates = np.flatnonzero(~hit)
+        if not len(candidates):
+            break
+        portion = corners[first::num_portions]
+        hit[candidates] = _intersect_any(portion, points[candidates], half_size_m)
+    return hit
+
+
+def _intersect_any(corners: Floats, points: Floats, half_size_m: tuple[float, float]) -> Bools:
+    """(n,) whether rectangles at (n, 2) points intersect any of (t, 3, 2) triangles."""
+    # The rectangle's own directions first, for all pairs: few are left for the triangles' edges.
+    low, high = corners.min(axis=1) - half_size_m, corners.max(axis=1) + half_size_m
+    x, y = points[:, :1], points[:, 1:]
+    near = (low[:, 0] <= x) & (x <= high[:, 0]) & (low[:, 1] <= y) & (y <= high[:, 1])
+    point, triangle = np.nonzero(near)
+    edges = np.roll(corners, -1, axis=1) - corners
+    normals = edges[..., ::-1] * (-1.0, 1.0)
+    reach = np.abs(normals) @ np.array(half_size_m)
+    projected = normals @ corners.swapaxes(1, 2)
+    low, high = projected.min(axis=-1) - reach, projected.max(axis=-1) + reach
+    offset = np.einsum("nij,nj->ni", normals[triangle], points[point])
+    hit = np.zeros(len(points), dtype=bool)
+    hit[point[((low[triangle] <= offset) & (offset <= high[triangle])).all(axis=-1)]] = True
+    return hit
+
+
+def _rectangle_frame(points: Floats, yaw_rad: float) -> Floats:
+    """(..., 2) points turned from the world into the axes of a rectangle, about the origin."""
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    turned: Floats = points @ np.array([[cos, -sin], [sin, cos]])
+    return turned

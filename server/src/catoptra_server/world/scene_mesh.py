@@ -1,0 +1,411 @@
+"""Triangles of a whole static world, the input of both renderers.
+
+A triangle soup in the world frame: each triangle has one normal, one material and three texture
+coordinates. Colours belong to materials; only a mesh file with colours at its vertices has colours
+that vary over a triangle.
+
+Shapes of landmarks, beacons and goals, each built from one row of the landmark file.
+
+The file is `catoptra_protocol.landmarks`, from which clients localize: rendered shapes and promised
+positions have one source.
+
+Triangles of a world's items: shapes built, mesh files and textures loaded, within one budget.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import field, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
+from catoptra_server.world import shapes as primitives
+from catoptra_server.world.mesh_files import load_mesh_file
+from catoptra_server.world.occlusion_map import OcclusionMap
+from catoptra_server.world.shapes import Patch, bounding_box, facet_normals
+from catoptra_server.world.textures import (
+    MeshAppearance,
+    Texture,
+    load_texture,
+    no_texture_coordinates,
+)
+from catoptra_server.world.triangles import row_blocks
+from catoptra_server.world.world_description import (
+    Box,
+    Cylinder,
+    Item,
+    Material,
+    MeshFile,
+    Primitive,
+    Rectangle,
+    Rgb,
+    Ring,
+    SceneObject,
+    SphereBand,
+    World,
+    object_of_part,
+)
+
+WHITE: Rgb = (0.80, 0.80, 0.80)
+GOAL_WALL_THICKNESS_M = 0.02
+
+
+def items_from_landmark(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
+    """Items of a landmark, with a linear albedo for each colour name."""
+    return {"beacon": _beacon_items, "goal": _goal_items}[landmark.kind](landmark, albedos)
+
+
+def _beacon_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
+    """Beacon: a white post below the band, then the band's lower and upper colour."""
+    centre = landmark.band_centre_m
+    parts = [
+        ("post", 0.0, landmark.band_bottom_m, WHITE),
+        ("lower", landmark.band_bottom_m, centre, albedos[landmark.lower_colour]),
+        ("upper", centre, landmark.band_top_m, albedos[landmark.upper_colour]),
+    ]
+    return tuple(
+        Item(
+            name=f"{landmark.name}.{part}",
+            shape=Cylinder(radius_m=0.5 * landmark.width_m, height_m=top - bottom),
+            world_from_item=Pose.from_rpy((landmark.x_m, landmark.y_m, -0.5 * (bottom + top))),
+            material=Material(albedo),
+            object_name=landmark.name,
+            class_name=landmark.kind,
+        )
+        for part, bottom, top, albedo in parts
+        # A band that begins at the floor has no post.
+        if top > bottom
+    )
+
+
+def _goal_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
+    """Goal: a back and two sides, open towards the world's origin, without floor and top."""
+    # The mouth faces the origin along x: +1 for a goal at positive x, whose back is at larger x.
+    outward = math.copysign(1.0, landmark.x_m)
+    half, height = 0.5 * landmark.width_m, landmark.band_top_m
+    back_x = landmark.x_m + outward * (landmark.depth_m + 0.5 * GOAL_WALL_THICKNESS_M)
+    side_x = landmark.x_m + outward * 0.5 * landmark.depth_m
+    boards = [
+        (
+            "back",
+            back_x,
+            0.0,
+            (GOAL_WALL_THICKNESS_M, landmark.width_m + 2 * GOAL_WALL_THICKNESS_M, height),
+        ),
+        (
+            "left",
+            side_x,
+            -half - 0.5 * GOAL_WALL_THICKNESS_M,
+            (landmark.depth_m, GOAL_WALL_THICKNESS_M, height),
+        ),
+        (
+            "right",
+            side_x,
+            half + 0.5 * GOAL_WALL_THICKNESS_M,
+            (landmark.depth_m, GOAL_WALL_THICKNESS_M, height),
+        ),
+    ]
+    material = Material(albedos[landmark.upper_colour])
+    return tuple(
+        Item(
+            name=f"{landmark.name}.{board}",
+            shape=Box(size),
+            world_from_item=Pose.from_rpy((x, landmark.y_m + y, -0.5 * height)),
+            material=material,
+            object_name=landmark.name,
+            class_name=landmark.kind,
+        )
+        for board, x, y, size in boards
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ItemPart:
+    """Triangles of an item that share an appearance."""
+
+    item: int
+    """Index of the item."""
+    corners: Floats
+    """(n, 3, 3) metres, world frame."""
+    normals: Floats
+    """(n, 3) unit, world frame, from the winding; 0 for a triangle without area."""
+    appearance: MeshAppearance
+    node: str = ""
+    """Node of the item's mesh file; empty for one that has no nodes."""
+
+
+def empty_part() -> ItemPart:
+    """Part without a triangle."""
+    no_vectors = np.zeros((0, 3))
+    appearance = MeshAppearance(no_texture_coordinates(0), no_vectors, None, None, unlit=False)
+    return ItemPart(-1, np.zeros((0, 3, 3)), no_vectors, appearance)
+
+
+class ItemLoader:
+    """Loader of the items of one scene."""
+
+    def __init__(self, world_name: str, memory: MemoryBudget) -> None:
+        """Load nothing yet.
+
+        Args:
+            world_name: named in errors.
+            memory: budget of all triangles and textures.
+        """
+        self._where = SourceLocation(world_name)
+        self._memory = memory
+        self._textures: dict[Path, Texture] = {}
+
+    def load_parts(self, index: int, item: Item) -> Iterator[ItemPart]:
+        """Yield the parts of an item.
+
+        Raises:
+            ConfigError: A mesh or texture file is missing or unusable, or the budget is exceeded.
+        """
+        try:
+            yield from self._load_parts(index, item)
+        except ConfigError as error:
+            if item.where is None:
+                raise
+            # The line that names the file: a mesh may be one of fifty, and refer to others.
+            source = str(error.location)
+            expected = error.expected if source == error.value else f"{error.expected}; {source}"
+            key = f"{item.name}.{error.key}"
+            raise ConfigError(item.where, key=key, value=error.value, expected=expected) from error
+
+    def _load_parts(self, index: int, item: Item) -> Iterator[ItemPart]:
+        if isinstance(item.shape, MeshFile):
+            yield from self._load_mesh_file(index, item, item.shape)
+            return
+        assert item.material is not None, "only mesh files bring materials of their own"
+        num_triangles = primitives.max_triangles(item.shape)
+        self._memory.reserve(
+            BYTES_PER_TRIANGLE * num_triangles,
+            where=self._where,
+            key=item.name,
+            value=f"{num_triangles} triangles",
+            remedy="fewer items, Sectors or Rings",
+        )
+        patch = _build_shape(item.shape)
+        corners = item.world_from_item.transform_points(patch.corners)
+        # The winding alone gives the normal: vertex normals of files are ignored, facets are flat.
+        normals, _ = facet_normals(corners)
+        yield ItemPart(index, corners, normals, self._apply_material(patch.uv, item.material))
+
+    def _load_mesh_file(self, index: int, item: Item, shape: MeshFile) -> Iterator[ItemPart]:
+        for mesh in load_mesh_file(shape, self._memory):
+            appearance = mesh.appearance
+            if item.material is not None:
+                appearance = self._apply_material(appearance.uv, item.material)
+            if item.unlit is not None:
+                appearance = replace(appearance, unlit=item.unlit)
+            _transform_to_world(mesh.corners, mesh.normals, item.world_from_item)
+            yield ItemPart(index, mesh.corners, mesh.normals, appearance, mesh.node)
+
+    def _apply_material(self, uv: Floats, material: Material) -> MeshAppearance:
+        """Appearance of n triangles of a material, with (n, 3, 2) texture coordinates."""
+        albedo = np.broadcast_to(np.array(material.albedo), (len(uv), 3))
+        texture = self._load_texture(material)
+        return MeshAppearance(uv, albedo, None, texture, unlit=material.unlit)
+
+    def _load_texture(self, material: Material) -> Texture | None:
+        """Texture of a material, loaded once for all items that have it."""
+        if material.texture is None:
+            return None
+        path = material.texture.resolve()
+        if path not in self._textures:
+            self._textures[path] = load_texture(path, self._memory)
+        return self._textures[path]
+
+
+def _build_shape(shape: Primitive) -> Patch:
+    match shape:
+        case Box():
+            return primitives.box(shape)
+        case Cylinder():
+            return primitives.cylinder(shape)
+        case Rectangle():
+            return primitives.rectangle(shape)
+        case Ring():
+            return primitives.ring(shape)
+        case SphereBand():
+            return primitives.sphere_band(shape)
+
+
+def _transform_to_world(corners: Floats, normals: Floats, world_from_item: Pose) -> None:
+    """Move (n, 3, 3) corners and (n, 3) normals into the world.
+
+    In place: new arrays of a million triangles are 96 MB, which a process gets page by page in up
+    to 0.2 s.
+    """
+    rotation, translation = world_from_item.rotation, world_from_item.translation
+    if np.array_equal(rotation, np.eye(3)):
+        if translation.any():
+            corners += translation
+        return
+    for block in row_blocks(len(corners)):
+        # Rows of points: a product of n small matrices takes five times as long.
+        moved = world_from_item.transform_points(corners[block].reshape(-1, 3))
+        corners[block] = moved.reshape(-1, 3, 3)
+        normals[block] = world_from_item.rotate_directions(normals[block])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneMesh:
+    """Triangles of a world."""
+
+    corners: Floats
+    """(n, 3, 3) metres, world frame."""
+    normals: Floats
+    """(n, 3) unit, from the winding; 0 for a triangle without area."""
+    uv: Floats
+    """(n, 3, 2) texture coordinates; zeros that take no memory in a scene without textures."""
+    albedo: Floats
+    """(n, 3) linear; the mean of the corners where these differ."""
+    unlit: Bools
+    """(n,) whether the triangle is shown at its albedo, whatever the lights."""
+    texture_index: npt.NDArray[np.int32]
+    """(n,) index into `textures`; -1 for none."""
+    textures: tuple[Texture, ...]
+    """(h, w, 3) uint8 sRGB each."""
+    item_index: npt.NDArray[np.int32]
+    """(n,) index into `item_names`."""
+    item_names: tuple[str, ...]
+    """Names of the world's items, landmarks' last."""
+    casts_shadows: Bools
+    """(n,) whether the triangle occludes lights."""
+    object_index: npt.NDArray[np.int32]
+    """(n,) index into `objects`."""
+    objects: tuple[SceneObject, ...]
+    """Objects in the order of their first items, landmarks last."""
+    corner_albedo: Floats | None = None
+    """(n, 3, 3) linear albedos at the corners, interpolated linearly over each triangle; None in a
+    scene whose triangles have one albedo each."""
+    occlusion: OcclusionMap | None = None
+    """How much of the sky's light reaches each point; None: all of it, everywhere."""
+    box_min: Floats = field(init=False)
+    """(3,) smallest coordinates; inf in a scene without triangles."""
+    box_max: Floats = field(init=False)
+    """(3,) largest coordinates; -inf in a scene without triangles."""
+
+    def __post_init__(self) -> None:
+        """Find the box around all triangles, which renderers and bounds need in several places."""
+        low, high = bounding_box(self.corners)
+        object.__setattr__(self, "box_min", low)
+        object.__setattr__(self, "box_max", high)
+        for array in (self.corners, self.normals, self.uv, self.albedo, self.unlit, low, high):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        """Number of triangles."""
+        return len(self.corners)
+
+    def max_albedo(self, triangles: slice | npt.NDArray[np.intp]) -> Floats:
+        """(m, 3) largest albedo of each of some triangles, in each colour channel."""
+        if self.corner_albedo is None:
+            return self.albedo[triangles]
+        first, second, third = np.moveaxis(self.corner_albedo[triangles], 1, 0)
+        largest: Floats = np.maximum(np.maximum(first, second), third)
+        return largest
+
+    def smallest_sky_factors(self, triangles: slice) -> Floats:
+        """(m,) smallest factor of hemisphere light on each of some triangles."""
+        if self.occlusion is None:
+            return np.ones(len(self.corners[triangles]))
+        return self.occlusion.smallest_factors(triangles)
+
+    def has_varying_albedo(self, triangles: slice) -> Bools:
+        """(m,) triangles of which some points may be darker than `max_albedo`, by any factor."""
+        index = self.texture_index[triangles]
+        return index >= 0 if self.corner_albedo is None else np.ones(len(index), dtype=bool)
+
+
+def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
+    """Build the triangles of a world, landmarks included.
+
+    Args:
+        world: the description.
+        memory: budget of all triangles and textures; None for the default.
+
+    Raises:
+        ConfigError: A mesh or texture file is missing or unusable, or the budget is exceeded.
+    """
+    landmark_items = [
+        item
+        for landmark in world.landmarks
+        for item in items_from_landmark(landmark, world.landmark_albedos)
+    ]
+    items = (*world.items, *landmark_items)
+    loader = ItemLoader(world.name, memory or MemoryBudget())
+    parts = [part for index, item in enumerate(items) for part in loader.load_parts(index, item)]
+    return _concatenate_parts(parts, items)
+
+
+def _concatenate_parts(parts: list[ItemPart], items: tuple[Item, ...]) -> SceneMesh:
+    # An empty world is valid: concatenation needs at least one array of the right shape.
+    parts = parts or [empty_part()]
+    looks = [part.appearance for part in parts]
+    counts = [len(part.corners) for part in parts]
+    owners = [object_of_part(items[part.item], part.node) for part in parts if part.item >= 0]
+    objects = tuple(dict.fromkeys(owners))
+    numbers = {one: index for index, one in enumerate(objects)}
+    textures = _distinct_textures(looks)
+    casts_shadows = [part.item >= 0 and items[part.item].casts_shadows for part in parts]
+    return SceneMesh(
+        corners=_concatenate([part.corners for part in parts]),
+        normals=_concatenate([part.normals for part in parts]),
+        uv=_concatenate([look.uv for look in looks])
+        if textures
+        else no_texture_coordinates(sum(counts)),
+        albedo=_concatenate([look.albedo for look in looks]),
+        corner_albedo=_concatenate_corner_albedos(looks),
+        unlit=np.repeat(np.array([look.unlit for look in looks]), counts),
+        texture_index=_repeat([_find_texture(textures, look.texture) for look in looks], counts),
+        textures=tuple(textures),
+        item_index=_repeat([part.item for part in parts], counts),
+        item_names=tuple(item.name for item in items),
+        casts_shadows=np.repeat(np.array(casts_shadows), counts),
+        object_index=_repeat([numbers[owner] for owner in owners] or [-1], counts),
+        objects=objects,
+    )
+
+
+def _distinct_textures(looks: list[MeshAppearance]) -> list[Texture]:
+    """Textures of all parts, by identity, not by content: each file is loaded once."""
+    by_identity = {id(look.texture): look.texture for look in looks}
+    return [texture for texture in by_identity.values() if texture is not None]
+
+
+def _find_texture(textures: list[Texture], texture: Texture | None) -> int:
+    """Index of a texture; -1 for none."""
+    return next((index for index, other in enumerate(textures) if other is texture), -1)
+
+
+def _repeat(values: list[int], counts: Sequence[int]) -> npt.NDArray[np.int32]:
+    return np.repeat(np.array(values, dtype=np.int32), counts)
+
+
+def _concatenate(arrays: list[Floats]) -> Floats:
+    """All rows; the array itself where there is one, so that a large mesh is not copied."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+def _concatenate_corner_albedos(looks: list[MeshAppearance]) -> Floats | None:
+    """(n, 3, 3) albedos at the corners; None where all triangles have one albedo each."""
+    if all(look.corner_albedo is None for look in looks):
+        return None
+    return _concatenate([_albedos_at_corners(look) for look in looks])
+
+
+def _albedos_at_corners(look: MeshAppearance) -> Floats:
+    if look.corner_albedo is not None:
+        return look.corner_albedo
+    return np.broadcast_to(look.albedo[:, None], (len(look.albedo), 3, 3))

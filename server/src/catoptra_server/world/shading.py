@@ -1,0 +1,173 @@
+"""Lighting and texture model in float64, the reference of both renderers.
+
+Twin: glsl/include/point_irradiance.glsl.
+
+A triangle is a Lambertian facet with one normal, lit on its outer side; its radiance is albedo
+times irradiance, with 1 = a white facet at full scale. Hemisphere and directional lights depend on
+the normal alone, so their irradiance is computed once a triangle; a point light's depends on the
+position and is computed per sample. With shadows, directional lights are computed per sample as
+well, since they may be occluded. Textures repeat and are interpolated bilinearly in linear light.
+Encoding to sRGB comes last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.world.triangles import row_blocks
+from catoptra_server.world.world_description import (
+    DirectionalLight,
+    HemisphereLight,
+    Light,
+    PointLight,
+)
+
+# Lights that a surface can occlude.
+ShadowCastingLight = DirectionalLight | PointLight
+
+
+class LitFacets(Protocol):
+    """Surfaces to be lit: the triangles of a scene, or of a dynamic object at its pose."""
+
+    @property
+    def normals(self) -> Floats:
+        """(n, 3) unit normals, world frame."""
+
+    @property
+    def albedo(self) -> Floats:
+        """(n, 3) linear albedos."""
+
+    @property
+    def unlit(self) -> Bools:
+        """(n,) triangles shown at their albedo, whatever the lights."""
+
+
+def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
+    """(n, 3) irradiance by hemisphere and directional lights on facets of (n, 3) normals."""
+    # A row for each colour channel: operations on rows of three take five times as long.
+    total = np.zeros((3, len(normals)))
+    for light in lights:
+        match light:
+            case HemisphereLight(up_irradiance, down_irradiance):
+                # z points down: an upward facet has normal z = -1.
+                upward = 0.5 * (1.0 - normals[:, 2])
+                for channel, up, down in zip(total, up_irradiance, down_irradiance, strict=True):
+                    channel += upward * up + (1.0 - upward) * down
+            case DirectionalLight(direction, irradiance):
+                cosine = np.maximum(-(normals @ np.asarray(direction)), 0.0)
+                for channel, value in zip(total, irradiance, strict=True):
+                    channel += cosine * value
+            case PointLight():
+                pass
+    return total.T
+
+
+def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -> Floats:
+    """(n, 3) irradiance by point lights at (n, 3) points with (n, 3) normals.
+
+    At the light itself, where the inverse square has no value, the irradiance is that of a
+    millimetre.
+    """
+    total = np.zeros_like(normals)
+    for light in point_lights(lights):
+        towards = np.asarray(light.position_m) - points
+        # Light and point may coincide where a lamp touches a surface.
+        squared = np.maximum(np.einsum("ij,ij->i", towards, towards), 1e-6)
+        cosine = np.maximum(np.einsum("ij,ij->i", towards, normals), 0.0) / np.sqrt(squared)
+        total += (cosine / squared)[:, None] * np.asarray(light.intensity)
+    return total
+
+
+def point_lights(lights: Iterable[Light]) -> tuple[PointLight, ...]:
+    """Point lights among the lights."""
+    return tuple(light for light in lights if isinstance(light, PointLight))
+
+
+def shadow_casting_lights(lights: Iterable[Light]) -> tuple[ShadowCastingLight, ...]:
+    """Lights that cast shadows: directional lights first, then point lights."""
+    directional = tuple(light for light in lights if isinstance(light, DirectionalLight))
+    return (*directional, *point_lights(lights))
+
+
+def hemisphere_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
+    """Hemisphere lights among the lights; no surface occludes them."""
+    return tuple(light for light in lights if isinstance(light, HemisphereLight))
+
+
+def unshadowed_irradiance(light: ShadowCastingLight, points: Floats, normals: Floats) -> Floats:
+    """(n, 3) irradiance by one light at (n, 3) points, without occlusion."""
+    if isinstance(light, PointLight):
+        return point_irradiance((light,), points, normals)
+    return facet_irradiance((light,), normals)
+
+
+def direction_to_light(light: ShadowCastingLight, points: Floats) -> tuple[Floats, Floats]:
+    """(n, 3) unit directions from points to a light, and (n,) distances, inf for directional
+    ones."""
+    if isinstance(light, DirectionalLight):
+        towards = np.broadcast_to(-np.asarray(light.direction), points.shape)
+        return towards, np.full(len(points), np.inf)
+    offset = np.asarray(light.position_m) - points
+    distance = np.linalg.norm(offset, axis=-1)
+    return offset / np.maximum(distance, 1e-3)[:, None], distance
+
+
+def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:
+    """(n, 3) linear radiance of each triangle without texture and point lights."""
+    radiance = np.zeros(facets.normals.shape)
+    write_facet_radiance(facets, lights, radiance)
+    return radiance
+
+
+def write_facet_radiance(
+    facets: LitFacets, lights: Iterable[Light], radiance: npt.NDArray[np.floating]
+) -> None:
+    """Write the result of `facet_radiance` into an (n, 3) array, rounded to its type."""
+    lights = tuple(lights)
+    for block in row_blocks(len(radiance)):
+        irradiance = facet_irradiance(lights, facets.normals[block])
+        np.copyto(irradiance, 1.0, where=facets.unlit[block, None])
+        np.multiply(facets.albedo[block], irradiance, out=radiance[block], casting="same_kind")
+
+
+def corner_radiance(facets: LitFacets, corner_albedo: Floats, lights: Iterable[Light]) -> Floats:
+    """(n, 3, 3) linear radiance at the corners of triangles without texture and point lights.
+
+    Radiance is proportional to the albedo, so interpolation of either gives the same.
+    """
+    irradiance = facet_irradiance(lights, facets.normals)
+    return corner_albedo * np.where(facets.unlit[:, None], 1.0, irradiance)[:, None]
+
+
+def interpolate_albedo(corner_albedo: Floats, u: Floats, v: Floats) -> Floats:
+    """(n, 3) albedos at points of triangles with (n, 3, 3) albedos at the corners.
+
+    Args:
+        u: (n,) barycentric weight of corner 1.
+        v: (n,) barycentric weight of corner 2.
+    """
+    weights = np.stack((1.0 - u - v, u, v), axis=-1)
+    albedo: Floats = np.einsum("ni,nik->nk", weights, corner_albedo)
+    return albedo
+
+
+def sample_texture(linear_texture: Floats, uv: Floats) -> Floats:
+    """(n, 3) linear colours of a (h, w, 3) linear texture at (n, 2) coordinates.
+
+    (0, 0) is the top left corner of the image, (1, 1) the bottom right; the texture repeats.
+    """
+    height, width = linear_texture.shape[:2]
+    x, y = uv[:, 0] * width - 0.5, uv[:, 1] * height - 0.5
+    left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
+    fx, fy = (x - left)[:, None], (y - top)[:, None]
+    # Modulo before the lookup: the texel beyond the last column is the first.
+    xa, xb, ya, yb = left % width, (left + 1) % width, top % height, (top + 1) % height
+    upper = (1.0 - fx) * linear_texture[ya, xa] + fx * linear_texture[ya, xb]
+    lower = (1.0 - fx) * linear_texture[yb, xa] + fx * linear_texture[yb, xb]
+    value: Floats = (1.0 - fy) * upper + fy * lower
+    return value

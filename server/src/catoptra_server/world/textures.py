@@ -1,0 +1,386 @@
+"""Image files as textures; the only module of the server that imports Pillow.
+
+An image file announces its size in the first bytes, long before Pillow decodes it: 22 kB of a PNG
+are 530 MB of pixels. The size is compared with the memory budget in between.
+
+Textures at ever coarser levels, and which of them a sample sees: no texel is finer than samples.
+
+Twins: render/trace/kernel/src/texture_levels.h, glsl/include/texture_levels.glsl.
+
+A sample covers a part of a surface; steps to the two neighbouring samples, in texels, are its
+footprint. Where these are longer than a texel, a look-up in the image itself picks single texels of
+many: a distant pattern flickers. Each level halves the one before by the mean of what its texels
+cover, so a look-up in the level of the footprint averages all of it, at the cost of two look-ups.
+
+The footprint is an ellipse, a level's texel is a square. Seen at a grazing angle the ellipse is
+long: the level of its longer axis would blur the texture across it, that of the shorter one would
+leave it aliased. As a compromise the longer axis counts at most `MAX_STRETCH` times the shorter.
+Source: Williams 1983 for levels, Igehy 1999 for steps on a surface, Heckbert 1989 for the ellipse.
+
+Appearance of a mesh as trimesh reads it: colours of corners, faces or material, texture, unlit.
+
+Used as far as the shading model goes. Colours between the corners of a triangle are interpolated in
+linear light, as glTF defines; a mesh whose triangles have one colour each has no corner colours.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import IO, Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.runtime.memory import BYTES_PER_TEXEL, MemoryBudget
+from catoptra_server.world.shading import sample_texture
+from catoptra_server.world.triangles import select_rows
+from catoptra_server.world.world_description import linear_from_srgb
+
+Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
+
+# Pillow's readers of other formats decode with programs of the system (EPS) or are rarely used.
+_FORMATS = ("PNG", "JPEG", "BMP", "GIF", "PPM", "TGA", "TIFF", "WEBP")
+
+
+def load_texture(path: Path, memory: MemoryBudget | None = None) -> Texture:
+    """Load an image file as (h, w, 3) uint8 sRGB.
+
+    Args:
+        path: the file.
+        memory: budget of the scene; None for a budget of this texture's own.
+
+    Raises:
+        ConfigError: The file is no readable image, or larger than the budget.
+    """
+    where = SourceLocation(str(path))
+    with _open_image(path, where) as image:
+        reserve_texels(image.size, memory or MemoryBudget(), where)
+        return decode_image(image, where)
+
+
+def reserve_texels(size: tuple[int, int], memory: MemoryBudget, where: SourceLocation) -> None:
+    """Count the memory of a texture of (width, height) texels.
+
+    Raises:
+        ConfigError: The budget is exceeded.
+    """
+    width, height = size
+    memory.reserve(
+        BYTES_PER_TEXEL * width * height,
+        where=where,
+        key="Texture",
+        value=f"{width} x {height} px",
+        remedy="a smaller image",
+    )
+
+
+def read_image_size(data: bytes, where: SourceLocation) -> tuple[int, int]:
+    """Width and height that the first bytes of an image file state.
+
+    Raises:
+        ConfigError: The bytes are no image.
+    """
+    with _open_image(io.BytesIO(data), where) as image:
+        width, height = image.size
+        return int(width), int(height)
+
+
+def decode_image(image: Any, where: SourceLocation) -> Texture:
+    """(h, w, 3) uint8 sRGB of a Pillow image, read-only.
+
+    Raises:
+        ConfigError: The image is damaged, or of a format that is not read.
+    """
+    if image.format is not None and image.format not in _FORMATS:
+        raise _image_error(where, f"its format {image.format} is not read")
+    try:
+        texture = np.array(image.convert("RGB"))
+    except (OSError, SyntaxError, ValueError) as error:  # Pillow reports damage by all of these
+        raise _image_error(where, str(error)) from error
+    texture.setflags(write=False)
+    return texture
+
+
+def _open_image(file: Path | IO[bytes], where: SourceLocation) -> Any:
+    """Pillow image of a file whose header alone is read."""
+    # Imported on demand: most worlds have no texture.
+    from PIL import Image, UnidentifiedImageError
+
+    with warnings.catch_warnings():
+        # Large images are rejected by the memory that they take.
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        try:
+            return Image.open(file, formats=_FORMATS)
+        except UnidentifiedImageError as error:
+            reason = f"it is damaged, or none of {', '.join(_FORMATS)}"
+            raise _image_error(where, reason) from error
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            raise _image_error(where, str(error)) from error
+
+
+def _image_error(where: SourceLocation, reason: str) -> ConfigError:
+    expected = f"an image file ({reason})"
+    return ConfigError(where, key="Texture", value=where.file, expected=expected)
+
+
+MAX_STRETCH = 3.0
+"""Longer axis of a footprint over the shorter, beyond which it is not averaged any further.
+
+Chosen in tests/measurements/texture_aliasing.py."""
+
+Levels = tuple[npt.NDArray[np.float32], ...]
+"""(h, w, 3) linear texels of the image, then of each coarser level, to one texel."""
+
+
+def build_levels(image: Texture) -> Levels:
+    """All levels of an image; each side is half the one before, rounded down, as in OpenGL."""
+    # Float32: in float64 a texture of 4096 px would take 400 MB.
+    levels = [linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)[image]]
+    while max(levels[-1].shape[:2]) > 1:
+        levels.append(_halve_rows(_halve_rows(levels[-1]).swapaxes(0, 1)).swapaxes(0, 1))
+    return tuple(np.ascontiguousarray(level) for level in levels)
+
+
+def _halve_rows(texels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Half as many rows of the same height together: means by the covered parts."""
+    count = len(texels)
+    half = count // 2
+    if half == 0:
+        return texels
+    if count % 2 == 0:
+        return 0.5 * (texels[0::2] + texels[1::2])
+    # Row k of n covers 2 + 1/n old rows, from k (2 + 1/n) on: a part of the first, the second,
+    # a part of the third.
+    row = np.arange(half, dtype=np.float32)[:, None, None]
+    parts = (half - row) * texels[0:-2:2] + half * texels[1:-1:2] + (row + 1.0) * texels[2::2]
+    return np.asarray(parts / np.float32(count), dtype=np.float32)
+
+
+def uv_gradients(corners: Floats, uv: Floats) -> Floats:
+    """(n, 2, 3) change of texture coordinates a metre, in the planes of (n, 3, 3) triangles.
+
+    Zero for a triangle without area.
+
+    Args:
+        corners: positions, metres.
+        uv: (n, 3, 2) texture coordinates of the corners.
+    """
+    edges = corners[:, 1:] - corners[:, :1]
+    # The dual of the two edges within their plane.
+    gram = np.einsum("nai,nbi->nab", edges, edges)
+    area = gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2
+    adjugate = np.stack((gram[:, 1, 1], -gram[:, 0, 1], -gram[:, 1, 0], gram[:, 0, 0]), axis=-1)
+    inverse = adjugate.reshape(-1, 2, 2) / np.where(area > 0.0, area, 1.0)[:, None, None]
+    dual = np.einsum("nab,nbi->nai", inverse, edges)
+    gradient: Floats = np.einsum("nak,nai->nki", uv[:, 1:] - uv[:, :1], dual)
+    return gradient
+
+
+def uv_steps(
+    gradients: Floats, normals: Floats, hits: Floats, directions: Floats, ray_steps: Floats
+) -> Floats:
+    """(n, 2, 2) texture coordinates from each sample to its two neighbours (second axis).
+
+    Args:
+        gradients: (n, 2, 3) of the coordinates, as `uv_gradients` returns.
+        normals: (n, 3) of the surfaces, of any length but zero.
+        hits: (n,) distances along the directions, metres.
+        directions: (n, 3) unit directions of the rays.
+        ray_steps: (n, 2, 3) from each direction to those of its neighbours.
+    """
+    # A ray beside this one meets the plane where it has gone further, or less far, by the slope.
+    cosine = np.einsum("ni,ni->n", normals, directions)
+    slopes = np.einsum("ni,nsi->ns", normals, ray_steps)
+    # A ray within the plane has no footprint on it: the image itself is as good as any level.
+    slopes = slopes / np.where(cosine == 0.0, np.inf, cosine)[:, None]
+    on_plane = ray_steps - slopes[..., None] * directions[:, None]
+    steps: Floats = hits[:, None, None] * np.einsum("nki,nsi->nsk", gradients, on_plane)
+    return steps
+
+
+def footprint_texels(steps: Floats, size: tuple[int, int]) -> Floats:
+    """(n,) texels across the footprint of samples, of which one level's texel should be.
+
+    Args:
+        steps: (n, 2, 2) coordinates to the neighbouring samples, as `uv_steps` returns.
+        size: (width, height) of the image.
+    """
+    texels = steps * np.asarray(size, dtype=np.float64)
+    squares = np.square(texels).sum(axis=(-2, -1))
+    area = np.abs(texels[:, 0, 0] * texels[:, 1, 1] - texels[:, 0, 1] * texels[:, 1, 0])
+    # Longer axis squared, as the larger singular value: in this form nothing cancels.
+    root = np.sqrt(np.maximum(squares - 2.0 * area, 0.0) * (squares + 2.0 * area))
+    longer = np.sqrt(0.5 * (squares + root))
+    # The shorter axis is the area over the longer one.
+    limit = MAX_STRETCH * area / np.where(longer > 0.0, longer, 1.0)
+    result: Floats = np.minimum(longer, limit)
+    return result
+
+
+def sample_levels(levels: Levels, uv: Floats, footprint: Floats) -> Floats:
+    """(n, 3) linear colours at (n, 2) coordinates, averaged over (n,) footprints in texels.
+
+    A footprint of up to one texel reads the image itself, as `sample_texture` does; one from 2^k to
+    1.5 2^k texels level k alone, since that halves the look-ups. From there on the colour is linear
+    in the footprint, up to level k + 1.
+    """
+    fraction, exponent = np.frexp(np.maximum(footprint, 1.0))
+    level = np.minimum(exponent - 1, len(levels) - 1)
+    weight = np.where(level < len(levels) - 1, np.maximum(4.0 * fraction - 3.0, 0.0), 0.0)[:, None]
+    colours = np.zeros((len(uv), 3))
+    for number, (fine, coarse) in enumerate(zip(levels, (*levels[1:], levels[-1]), strict=True)):
+        rays = np.flatnonzero(level == number)
+        # Float64 by its coordinates, whatever the texels are.
+        one, other = (sample_texture(cast(Floats, each), uv[rays]) for each in (fine, coarse))
+        colours[rays] = (1.0 - weight[rays]) * one + weight[rays] * other
+    return colours
+
+
+Faces = npt.NDArray[np.int64]
+
+# Colour of a surface whose file gives none: without a texture, and under one.
+_MID_GREY = np.full(3, 0.5)
+_WHITE = np.ones(3)
+# trimesh's placeholder for a colour that an MTL file does not give.
+_TRIMESH_DEFAULT_COLOUR = (102, 102, 102, 255)
+
+
+class UnlitName(str):
+    """Name that the reader of mesh files gives to a material that is shown whatever the lights."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshAppearance:
+    """Appearance of n triangles."""
+
+    uv: Floats
+    """(n, 3, 2) texture coordinates."""
+    albedo: Floats
+    """(n, 3) linear; the mean of the corners where these differ."""
+    corner_albedo: Floats | None
+    """(n, 3, 3) linear albedos at the corners; None for triangles of one albedo each."""
+    texture: Texture | None
+    """None for a mesh of plain colours."""
+    unlit: bool
+    """Whether the file shows the mesh at its albedo, whatever the lights."""
+
+    def select(self, mask: Bools) -> MeshAppearance:
+        """Appearance of the triangles of a (n,) mask."""
+        at_corners = self.corner_albedo
+        return replace(
+            self,
+            uv=select_rows(self.uv, mask),
+            albedo=select_rows(self.albedo, mask),
+            corner_albedo=None if at_corners is None else select_rows(at_corners, mask),
+        )
+
+
+def read_appearance(
+    mesh: Any, faces: Faces, make_texture: Callable[[Any], Texture], *, is_gltf: bool
+) -> MeshAppearance:
+    """Appearance of a mesh of trimesh's.
+
+    Args:
+        mesh: the mesh.
+        faces: (n, 3) vertices of the triangles, in the order of the corners.
+        make_texture: texture of an image of Pillow's.
+        is_gltf: whether colours are linear; those of other files are sRGB.
+    """
+    visual = mesh.visual
+    material = getattr(visual, "material", None)
+    unlit = isinstance(getattr(material, "name", None), UnlitName)
+    uv, image = getattr(visual, "uv", None), _texture_image(material)
+    if uv is None or image is None:
+        albedo, corner_albedo = _plain_albedo(visual, material, faces, is_gltf=is_gltf)
+        return MeshAppearance(
+            no_texture_coordinates(len(faces)), albedo, corner_albedo, None, unlit
+        )
+    base = _base_colour(material, _WHITE, is_gltf=is_gltf)
+    albedo, corner_albedo = _tinted_albedo(base, visual, faces, is_gltf=is_gltf)
+    # trimesh counts v from the bottom, images count rows from the top.
+    flipped = np.asarray(uv, dtype=np.float64) * (1.0, -1.0) + (0.0, 1.0)
+    corner_uv = flipped.take(faces, axis=0)
+    return MeshAppearance(corner_uv, albedo, corner_albedo, make_texture(image), unlit)
+
+
+def no_texture_coordinates(num_triangles: int) -> Floats:
+    """(n, 3, 2) zeros that take no memory, for triangles without a texture."""
+    return np.broadcast_to(0.0, (num_triangles, 3, 2))
+
+
+def _plain_albedo(
+    visual: Any, material: Any, faces: Faces, *, is_gltf: bool
+) -> tuple[Floats, Floats | None]:
+    """(n, 3) albedos of triangles without a texture, and those at their corners."""
+    if material is not None or visual.kind is None:
+        base = _base_colour(material, _MID_GREY, is_gltf=is_gltf)
+        return _tinted_albedo(base, visual, faces, is_gltf=is_gltf)
+    if visual.kind == "vertex":
+        return _corner_albedos(_linear_light(visual.vertex_colors, is_gltf=is_gltf), faces)
+    return _linear_light(visual.face_colors, is_gltf=is_gltf), None
+
+
+def _tinted_albedo(
+    base: Floats, visual: Any, faces: Faces, *, is_gltf: bool
+) -> tuple[Floats, Floats | None]:
+    """(n, 3) albedos of a material's base colour times the colours at vertices, if there are any.
+
+    Source: glTF 2.0, 3.7.2.1: COLOR_0 multiplies the base colour.
+    """
+    attributes = getattr(visual, "vertex_attributes", None)
+    if attributes is None or "color" not in attributes:
+        return np.broadcast_to(base, (len(faces), 3)), None
+    return _corner_albedos(base * _linear_light(attributes["color"], is_gltf=is_gltf), faces)
+
+
+def _corner_albedos(vertex_albedo: Floats, faces: Faces) -> tuple[Floats, Floats | None]:
+    """(n, 3) mean albedos of triangles with (v, 3) albedos at vertices, and those at corners."""
+    corners = vertex_albedo.take(faces, axis=0)
+    first, second, third = np.moveaxis(corners, 1, 0)
+    if (first == second).all() and (first == third).all():
+        return first.copy(), None  # a copy: the view would keep all corners
+    return (first + second + third) / 3.0, corners
+
+
+def _texture_image(material: Any) -> Any:
+    """Image of a material as Pillow has it, not decoded yet; None without one."""
+    return getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+
+
+def _base_colour(material: Any, default: Floats, *, is_gltf: bool) -> Floats:
+    """(3,) linear base colour of a material; the default for a file that gives none."""
+    factor = getattr(material, "baseColorFactor", None)
+    if factor is None:
+        factor = getattr(material, "diffuse", None)
+    if factor is None or tuple(factor) == _TRIMESH_DEFAULT_COLOUR:
+        return default
+    return _linear_light(factor, is_gltf=is_gltf)
+
+
+def _linear_light(colours: npt.ArrayLike, *, is_gltf: bool) -> Floats:
+    """(..., 3) linear light of (..., 3 or 4) colours: glTF's are linear, those of others sRGB.
+
+    Whole numbers are fractions of the largest one of their type; fractions beyond [0, 1] and NaN
+    are clipped. Source: glTF 2.0, 3.9.2 and 3.7.2.1: baseColorFactor and COLOR_0 are linear.
+    """
+    values = np.asarray(colours)[..., :3]
+    if values.dtype == np.uint8:
+        return _linear_table(is_gltf=is_gltf).take(values)
+    limit = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else 1.0
+    fractions = np.clip(np.nan_to_num(values.astype(np.float64) / limit), 0.0, 1.0)
+    return fractions if is_gltf else linear_from_srgb(fractions)
+
+
+def _linear_table(*, is_gltf: bool) -> Floats:
+    """(256,) linear light of each byte: a look-up is a hundred times as fast as the power."""
+    fractions = np.arange(256) / 255.0
+    return fractions if is_gltf else linear_from_srgb(fractions)
