@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.usarsim.commands import Init
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice

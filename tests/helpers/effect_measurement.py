@@ -12,9 +12,13 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.effects.effect import Effect, ImageEffect, is_image_effect
-from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.effect import (
+    CaptureContext,
+    Effect,
+    ImageEffect,
+    SceneSummary,
+    is_image_effect,
+)
 from catoptra_server.world.camera_state import CameraState, NoiseSeed
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.shapes import box

@@ -7,8 +7,8 @@ from contextlib import ExitStack
 import pytest
 
 from catoptra_server.render.image_changer import ImageChanger
-from catoptra_server.render.trace.kernel.kernel_image_changer import open_image_changer
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.image import open_image_changer
+from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 
 
 def open_changer_or_skip(stack: ExitStack) -> ImageChanger:

@@ -19,8 +19,8 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.ground_truth.label_renderer import LabelRenderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.engine_choice import EngineName
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.library import KernelUnavailableError
+from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World

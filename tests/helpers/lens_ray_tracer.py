@@ -20,14 +20,14 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.reference.affine import interpolate_poses
-from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
-from catoptra_server.render.trace.reference.placed_mesh import (
+from catoptra_server.render.trace.reference.meshes import (
     PlacedMesh,
     WorldRays,
     find_first_hits,
+    interpolate_poses,
     trace_scene,
 )
+from catoptra_server.render.trace.reference.pixels import Lighting, shade_hits
 from catoptra_server.render.trace.trace_engine import scene_centre
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World

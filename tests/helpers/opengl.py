@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_server.render.raster import OpenGLMissingError, open_device
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 
 
 def device_or_skip() -> GlDevice:

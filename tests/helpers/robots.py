@@ -25,10 +25,10 @@ from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.perspective_plan import plan_perspective_view
 from catoptra_server.planning.plan_choice import PlanChoice
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.robot.robot_description import (
     DriveBase,
     OmniCameraDescription,

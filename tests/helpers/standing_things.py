@@ -8,8 +8,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.occlusion.baking import bake_occlusion
-from catoptra_server.render.trace.occlusion.sky_rays import occluder_weights
+from catoptra_server.render.trace.occlusion.baking import bake_occlusion, occluder_weights
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import (

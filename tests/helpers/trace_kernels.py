@@ -11,9 +11,8 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_server.render.renderer import Image
-from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
-from catoptra_server.render.trace.kernel.kernel_rays import KernelRays
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.engine import KernelEngine, KernelRays
+from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedExposure
 from catoptra_server.world.camera_state import CameraState

@@ -37,11 +37,10 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscrib
 from catoptra_protocol.optics.radial_camera import RadialProjection
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
-from catoptra_server.render.trace.kernel.kernel_rays import KernelRays
+from catoptra_server.render.trace.kernel.engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.world.scene_mesh import build_scene
 
 RIM_RAD = math.radians(100.0)

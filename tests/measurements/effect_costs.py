@@ -20,8 +20,8 @@ from drive_path import drive_path
 from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
     EffectMode,
@@ -35,7 +35,7 @@ from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 

@@ -6,8 +6,8 @@ Prints, for the field, the corridor, 60 000 and a million triangles, the process
 frame of the scene summary and of the decision on all kinds of effects with default parameters: at
 rest, and mean and maximum of a drive of 400 ticks at 0.5 m/s; then the number of distinct summaries
 of the drive. Decisions: the branching of the tree and the number of boxes that are opened at once
-(bounds/ring_distance_bvh.py), the size of cells (bounds/distance_bound_cache.py), and bounds that
-are cached by the fields that a criterion reads (effects/bound_cache.py).
+(effects/bounds/distances.py), the size of cells (effects/bounds/distances.py), and bounds that
+are cached by the fields that a criterion reads (effects/effect_plan.py).
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ from drive_path import drive_path
 from effect_costs import default_settings
 from scenes import CORRIDOR, make_camera, make_worlds_with_million_triangles
 
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.effect import EffectMode
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect import EffectMode, SceneSummary
 from catoptra_server.effects.effect_plan import plan_effects
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 

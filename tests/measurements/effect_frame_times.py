@@ -21,9 +21,9 @@ from interleaved import median_ms
 from scenes import make_camera
 
 from catoptra_server import explain
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
     EffectMode,
@@ -36,8 +36,8 @@ from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_server.world.camera_state import CameraState
 

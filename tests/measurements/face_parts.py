@@ -19,10 +19,9 @@ from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
 from catoptra_server.planning.renderer_choice import create_renderer
-from catoptra_server.render.face_region import FaceRegion
-from catoptra_server.render.renderer import Renderer, View
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
+from catoptra_server.render.renderer import FaceRegion, Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 

@@ -26,11 +26,11 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.ground_truth.label_renderer import LabelRenderer
 from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import NO_THRESHOLDS
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.omni_view import TraceOmniView
-from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.render.trace.trace_renderer import TraceOmniView
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 

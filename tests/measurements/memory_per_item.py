@@ -27,9 +27,9 @@ from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects.effect import ImageEffect, is_image_effect
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import create_renderer
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Rectangle, World
 

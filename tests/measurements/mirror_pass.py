@@ -4,7 +4,7 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/mirror_pass.py
 
 Prints, for the mirror pass of a 640 x 640 px image, the median milliseconds of wall time and of all
 processors, rendered in turns, and the ratio of the latter to the camera model in the shader with
-the power function of sRGB's definition. Decisions: render/projection/lookup_map.py, and the square
+the power function of sRGB's definition. Decisions: render/projection/atlas.py, and the square
 roots in glsl/include/colour.glsl.
 """
 
@@ -19,14 +19,12 @@ from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.render.projection.atlas import pack_atlas
-from catoptra_server.render.projection.lookup_map import compute_lookup_map
+from catoptra_server.render.projection.atlas import compute_lookup_map, pack_atlas
 from catoptra_server.render.raster import RasterRenderer, open_device
-from catoptra_server.render.raster.atlas_lookup import set_atlas_uniforms
-from catoptra_server.render.raster.mirror_pass import rim_polygon
-from catoptra_server.render.raster.shader_programs import GLSL_VERSION, load_source, set_uniform
+from catoptra_server.render.raster.device import GLSL_VERSION, load_source, set_uniform
+from catoptra_server.render.raster.mirror_pass import rim_polygon, set_atlas_uniforms
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.scene_mesh import build_scene
 
 ROUNDS = 40

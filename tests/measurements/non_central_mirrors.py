@@ -28,11 +28,10 @@ from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
-from catoptra_server.render.trace.kernel.kernel_rays import KernelRays
+from catoptra_server.render.trace.kernel.engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World

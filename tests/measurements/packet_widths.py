@@ -17,13 +17,15 @@ import time
 from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
 
 from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.kernel.instruction_sets import available_instruction_sets
-from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
-from catoptra_server.render.trace.kernel.kernel_library import PACKET_WIDTHS
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.engine import KernelEngine
+from catoptra_server.render.trace.kernel.library import (
+    PACKET_WIDTHS,
+    KernelUnavailableError,
+    available_instruction_sets,
+)
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 

@@ -27,10 +27,9 @@ from catoptra_server.planning.cost_calibration import measure_costs
 from catoptra_server.planning.cost_model import fit_cost_model
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import create_renderer
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
+from catoptra_server.render.renderer import Renderer, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 

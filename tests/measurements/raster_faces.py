@@ -4,7 +4,7 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/raster_faces.py
 
 Prints the median and the minimum milliseconds of the faces of a 640 x 640 px image in two scenes.
 Decisions: RGBA16F in render/raster/passes.py, 96 triangles in world/triangles.py, the wait
-after each stage in render/stage_clock.py, and the plain clear in render/raster/face_pass.py.
+after each stage in render/renderer.py, and the plain clear in render/raster/face_pass.py.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from catoptra_server.planning.face_regions import regions_of_size
 from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster import open_device, scene_buffers
+from catoptra_server.render.raster.device import ShaderPrograms
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.raster.shader_programs import ShaderPrograms
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
+from catoptra_server.render.renderer import StageClock
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.stage_clock import StageClock
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.triangles import TRIANGLES_PER_CLUSTER, make_clusters
 from catoptra_server.world.world_description import World

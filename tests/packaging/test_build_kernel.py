@@ -16,7 +16,7 @@ from types import ModuleType
 
 import pytest
 
-from catoptra_server.render.trace.kernel import library_files
+from catoptra_server.render.trace.kernel import library as library_files
 from helpers.configs import REPOSITORY
 
 

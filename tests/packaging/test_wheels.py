@@ -145,7 +145,7 @@ def test_wheel_when_built_with_the_kernel_is_for_its_platform_and_every_python()
 def test_kernel_when_installed_loads(server: VirtualEnvironment) -> None:
     code = (
         "import ctypes\n"
-        "from catoptra_server.render.trace.kernel.library_files import kernel_library_path\n"
+        "from catoptra_server.render.trace.kernel.library import kernel_library_path\n"
         "for instruction_set in ('sse4.2', 'avx2'):\n"
         "    path = str(kernel_library_path(instruction_set))\n"
         "    assert 'site-packages' in path\n"

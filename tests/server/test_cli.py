@@ -14,7 +14,7 @@ from catoptra_server import cli as module
 from catoptra_server.app import ListeningAddress, serve
 from catoptra_server.cli import main
 from catoptra_server.options import Options
-from catoptra_server.render.raster import gl_device
+from catoptra_server.render.raster import device as gl_device
 from catoptra_server.runtime.faults import Termination
 from catoptra_server.runtime.worker_thread import ThreadFailedError
 from helpers.configs import (

@@ -14,9 +14,9 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Renderer
-from catoptra_server.render.trace.engine_choice import EngineName
+from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.dynamic_objects import TWO_ROBOTS

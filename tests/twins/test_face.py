@@ -12,8 +12,12 @@ from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, face_f
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_server.planning.face_regions import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, AtlasCell, pack_atlas
-from catoptra_server.render.raster.shader_programs import load_source, set_uniform
-from catoptra_server.render.raster.split_positions import SPLIT_FORMAT, split_positions
+from catoptra_server.render.raster.device import (
+    SPLIT_FORMAT,
+    load_source,
+    set_uniform,
+    split_positions,
+)
 
 ATLAS = pack_atlas(regions_of_size(math.pi - 1e-3, 512), guard_texels=GUARD_TEXELS, max_texels=4096)
 TURN = rotation_from_rpy(0.02, -0.03, 0.3)

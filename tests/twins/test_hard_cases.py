@@ -11,7 +11,7 @@ import pytest
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_server.planning.face_regions import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.raster.atlas_lookup import atlas_definitions
+from catoptra_server.render.raster.mirror_pass import atlas_definitions
 from helpers.shaders import evaluate_shader
 from stability.catalogue import Case, load
 

@@ -20,8 +20,12 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
-from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.projection.lookup_map import atlas_coordinates
+from catoptra_server.render.projection.atlas import (
+    GUARD_TEXELS,
+    Atlas,
+    atlas_coordinates,
+    pack_atlas,
+)
 from helpers.shaders import evaluate_shader
 from helpers.worlds import make_omni_camera
 

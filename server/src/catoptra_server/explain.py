@@ -15,8 +15,8 @@ from dataclasses import asdict
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
 from catoptra_server.frames.effect_times import measure_effect_times
 from catoptra_server.frames.frame_request import ViewRequest

@@ -11,8 +11,8 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.config.server_file import ServerSettings, resolve_settings
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame_plan import ErrorBoundTable
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.frames.mounted_camera import mounted_camera_state

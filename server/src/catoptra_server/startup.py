@@ -15,7 +15,7 @@ from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, r
 from catoptra_server.config.unknown_names import report_unknown_names
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.cost_cache import default_cache_folder
-from catoptra_server.render.embreex_package import has_embreex, require_embreex
+from catoptra_server.render.renderer_kind import has_embreex, require_embreex
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
 from catoptra_server.sensors import casts_rays

@@ -5,9 +5,12 @@ from __future__ import annotations
 import platform
 from importlib import metadata
 
-from catoptra_server.render.trace.kernel.instruction_sets import AUTO, choose_instruction_set
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.library import (
+    AUTO,
+    KernelDevice,
+    KernelUnavailableError,
+    choose_instruction_set,
+)
 
 
 def describe_version() -> str:

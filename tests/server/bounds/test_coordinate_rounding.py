@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.coordinate_rounding import (
+from catoptra_server.effects.bounds.coordinate_rounding import (
     UNIT_ROUNDOFF,
     CoordinateErrors,
     CoordinateRounding,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.distance_bound_cache import (
+from catoptra_server.effects.bounds.distances import (
     DistanceBoundCache,
     mirror_axis,
     rotation_to_axis,

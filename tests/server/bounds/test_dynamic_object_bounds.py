@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.dynamic_object_bounds import DynamicObjectBounds
-from catoptra_server.bounds.image_rings import image_rings
+from catoptra_server.effects.bounds.distances import image_rings
+from catoptra_server.effects.bounds.scene_summarizer import DynamicObjectBounds
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.world_description import Twist
 from helpers.dynamic_objects import ROBOT_MESH, TWO_ROBOTS, build_cube_mesh

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
-from catoptra_server.bounds.image_rings import (
+from catoptra_server.effects.bounds.distances import (
     box_distance_bounds,
     image_rings,
     plane_distance_bounds,
 )
-from catoptra_server.effects.scene_summary import NUM_RINGS
+from catoptra_server.effects.effect import NUM_RINGS
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera()

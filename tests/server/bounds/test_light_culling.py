@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.light_culling import MAX_CULLED_GREY_LEVELS, cull_lights
+from catoptra_server.effects.bounds.light import MAX_CULLED_GREY_LEVELS, cull_lights
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.world import shading
 from catoptra_server.world.camera_state import CameraState

@@ -7,9 +7,8 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.light_shafts import LightShafts
-from catoptra_server.bounds.radiance_loss import grey_level_change
-from catoptra_server.bounds.shadow_bounds import ShadowBounds
+from catoptra_server.effects.bounds.light import grey_level_change
+from catoptra_server.effects.bounds.shadows import LightShafts, ShadowBounds
 from catoptra_server.world import shading
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import (

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.bounds.nearness import Nearness, NearTriangles, longest_edges
+from catoptra_server.effects.bounds.coordinate_rounding import (
+    Nearness,
+    NearTriangles,
+    longest_edges,
+)
 from catoptra_server.world.triangles import triangle_distances
 
 

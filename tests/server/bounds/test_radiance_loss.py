@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.bounds.radiance_loss import grey_level_change, max_visible_loss
-from catoptra_server.effects.kernels.grey_levels import grey_level
-from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
+from catoptra_server.effects.bounds.light import grey_level_change, max_visible_loss
+from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
+from catoptra_server.effects.kernels.light import grey_level
 
 
 def rows(*values: float) -> np.ndarray:

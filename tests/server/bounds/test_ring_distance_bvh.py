@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.bounds.distance_bound_cache import rotation_to_axis
-from catoptra_server.bounds.image_rings import image_rings
-from catoptra_server.bounds.ring_distance_bvh import RingDistanceBvh, ViewpointBox
-from catoptra_server.effects.scene_summary import NUM_RINGS
+from catoptra_server.effects.bounds.distances import (
+    RingDistanceBvh,
+    ViewpointBox,
+    image_rings,
+    rotation_to_axis,
+)
+from catoptra_server.effects.effect import NUM_RINGS
 from helpers.worlds import make_omni_camera
 
 RING = image_rings(make_omni_camera())

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.bounds import round_outward
+from catoptra_server.effects.bounds import round_outward
 from catoptra_server.world.world_description import AT_REST, Twist
 
 VALUES = [*np.geomspace(1e-5, 1e5, 101).tolist(), 1.0, 0.5, 2.0 ** (3 / 8)]

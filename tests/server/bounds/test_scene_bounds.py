@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_bounds import SceneBounds
+from catoptra_server.effects.bounds.scene_summarizer import SceneBounds
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import place_cube

@@ -8,10 +8,10 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds import round_outward
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.scene_summary import NUM_RINGS
+from catoptra_server.effects.bounds import round_outward
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect import NUM_RINGS
 from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.scene_radiance import max_object_radiance, max_radiance

@@ -13,12 +13,12 @@ from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
 )
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.self_view_bounds import (
+from catoptra_server.effects.bounds.scene_summarizer import (
     NOT_VISIBLE,
     bound_self_view,
     max_angle_from_axis,
 )
-from catoptra_server.effects.scene_summary import NUM_RINGS
+from catoptra_server.effects.effect import NUM_RINGS
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.radiance_loss import grey_level_change
-from catoptra_server.bounds.shadow_bounds import ShadowBounds
-from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
+from catoptra_server.effects.bounds.light import grey_level_change
+from catoptra_server.effects.bounds.shadows import ShadowBounds
+from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shapes import box

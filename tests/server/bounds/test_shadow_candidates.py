@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.bounds.shadow_candidates import AxisAlignedBox, make_bound, shadow_candidates
+from catoptra_server.effects.bounds.shadows import AxisAlignedBox, make_bound, shadow_candidates
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import DirectionalLight, PointLight, World
 from helpers.shadows import (

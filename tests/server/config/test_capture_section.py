@@ -15,7 +15,7 @@ from catoptra_server.config.capture_section import (
 )
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.robot.render_settings import AccuracyTarget, PerPixel
+from catoptra_server.render.render_settings import AccuracyTarget, PerPixel
 
 
 def read_section(folder: Path, *lines: str) -> SectionReader:

@@ -11,7 +11,7 @@ from catoptra_server.datasets.drawing_environment import (
     pinning_variables,
 )
 from catoptra_server.datasets.pinned_process import run_in_pinned_process
-from catoptra_server.render.trace.kernel.instruction_sets import available_instruction_sets
+from catoptra_server.render.trace.kernel.library import available_instruction_sets
 
 HAS_AVX2 = "avx2" in available_instruction_sets()
 needs_avx2 = pytest.mark.skipif(not HAS_AVX2, reason="needs a processor with AVX2")
@@ -61,7 +61,7 @@ def test_worker_with_another_version_is_refused_by_name() -> None:
 
 def test_processor_without_the_instruction_set_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "catoptra_server.render.trace.kernel.instruction_sets.available_instruction_sets",
+        "catoptra_server.render.trace.kernel.library.available_instruction_sets",
         lambda: ("sse4.2",),
     )
     assert "this processor has no avx2" in find_processor_error("avx2")

@@ -8,9 +8,8 @@ import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.bound_cache import BoundCache
-from catoptra_server.effects.effect import Effect, EffectBound
-from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary, ShadowLoss
+from catoptra_server.effects.effect import NUM_RINGS, Effect, EffectBound, SceneSummary, ShadowLoss
+from catoptra_server.effects.effect_plan import BoundCache
 from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import CAMERA, make_any_effect
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from catoptra_server.effects.capture_context import EMPTY_CONTEXT
+from catoptra_server.effects.effect import EMPTY_CONTEXT
 from catoptra_server.world.camera_state import ZERO_SEED
 
 

@@ -7,11 +7,13 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
+    NUM_RINGS,
     DecisionBasis,
     Effect,
     EffectMode,
     EffectSetting,
     EffectSettings,
+    SceneSummary,
     needs_radiance_only,
 )
 from catoptra_server.effects.effect_plan import (
@@ -29,7 +31,6 @@ from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.effects.scene.shadows import Shadows
-from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.effects.sensor.quantisation import Quantisation

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import math
 
-from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
+from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 
 NEAR = (0.5, *(2.0,) * (NUM_RINGS - 1))
 EGO_BODY_DISTANCES_M = (*(0.3,) * 2, *(math.inf,) * (NUM_RINGS - 2))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.frames.frame_labeller import FrameLabeller
 from catoptra_server.frames.frame_request import CameraChannel, ViewRequest
@@ -21,7 +21,7 @@ from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.robot.render_settings import (
+from catoptra_server.render.render_settings import (
     MirrorSurface,
     PerPixel,
     RenderSettings,

@@ -15,7 +15,7 @@ from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.coordinate_rounding import CoordinateErrors
+from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.frames.frame_plan import CameraPlan, ErrorBoundTable, FramePlanner
 from catoptra_server.planning.budget_monitor import BudgetMonitor
 from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
@@ -28,9 +28,9 @@ from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from helpers.robots import CAMERA
 from helpers.worlds import make_omni_camera

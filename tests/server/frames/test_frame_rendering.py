@@ -14,7 +14,7 @@ from catoptra_server.frames.frame_request import (
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from helpers.frame_requests import VIEW, make_request
 from helpers.robots import CAMERA, FakeViewProvider

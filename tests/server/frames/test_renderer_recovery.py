@@ -14,17 +14,17 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.capture_context import EMPTY_CONTEXT
+from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.effect import (
+    EMPTY_CONTEXT,
     EffectMode,
     EffectSetting,
     EffectSettings,
     EffectType,
     ImageEffect,
+    SceneSummary,
 )
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.renderer_recovery import ViewFailedError
 from catoptra_server.frames.view_cache import ViewCache
@@ -33,8 +33,7 @@ from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage
+from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState
 from helpers.robots import CAMERA

@@ -15,18 +15,18 @@ from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.coordinate_rounding import CoordinateErrors
+from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
     EffectMode,
     EffectSetting,
     EffectSettings,
     ImageEffect,
+    SceneSummary,
 )
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.effects.scene.motion_blur import MotionBlur
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.quantisation import Quantisation
 from catoptra_server.frames.frame_plan import ErrorBoundTable
@@ -38,10 +38,9 @@ from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage
+from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
+from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.world_description import Twist
 from helpers.mirror_checks import make_camera

@@ -21,10 +21,9 @@ from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.perspective_plan import plan_perspective_view
 from catoptra_server.planning.renderer_choice import RendererChoice, create_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import Renderer, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import make_effect

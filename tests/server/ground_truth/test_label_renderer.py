@@ -17,10 +17,10 @@ from catoptra_server.effects.medium.misalignment import Misalignment, lookup_off
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.ground_truth.label_renderer import DrawnExposure
 from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import advance
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.time_samples import advance
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.world.camera_state import INSTANTANEOUS, FogMedium
 from catoptra_server.world.world_description import Twist
 from helpers.labelled_rooms import (

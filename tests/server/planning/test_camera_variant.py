@@ -23,8 +23,8 @@ from catoptra_server.planning.camera_variant import (
     parse_reference,
     parse_renderer,
 )
+from catoptra_server.render.render_settings import AccuracyTarget, PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import AccuracyTarget, PerPixel, RenderSettings
 from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera
 

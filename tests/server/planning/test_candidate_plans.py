@@ -13,9 +13,9 @@ from catoptra_server.planning.candidate_plans import (
 )
 from catoptra_server.planning.cost_model import cost_group
 from catoptra_server.planning.view_size import plan_view_size
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera

@@ -18,8 +18,8 @@ from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.worlds import make_omni_camera, make_test_world

@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_server.planning import cost_cache
 from catoptra_server.planning.cost_cache import CostCache, default_cache_folder, hash_scene
-from catoptra_server.robot.render_settings import PerPixel
+from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.standing_things import bake_scene, make_box_world

@@ -10,8 +10,8 @@ from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSett
 from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_corrections import CostCorrections, added_ms
+from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
 from helpers.worlds import make_omni_camera
 
 TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER

@@ -16,9 +16,9 @@ from catoptra_server.planning.cost_model import (
     fit_nonnegative_rates,
 )
 from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import RenderSettings
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=640)

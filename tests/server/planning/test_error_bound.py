@@ -8,9 +8,9 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from helpers.worlds import make_omni_camera
 

@@ -14,9 +14,9 @@ from catoptra_server.planning.explicit_plan import (
     plan_from_settings,
 )
 from catoptra_server.planning.face_regions import max_face_size_px
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera
 

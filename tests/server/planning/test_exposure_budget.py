@@ -17,9 +17,9 @@ from catoptra_server.planning.exposure_budget import (
     explain_limit,
     limit_time_samples,
 )
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState, Shutter
 from catoptra_server.world.objects import DynamicObject
 from helpers.dynamic_objects import ROBOT_MESH, place_cube

@@ -29,7 +29,7 @@ from catoptra_server.planning.face_regions import (
     regions_of_size,
     visible_window,
 )
-from catoptra_server.render.face_region import FaceRegion
+from catoptra_server.render.renderer import FaceRegion
 from helpers.worlds import make_omni_camera
 
 RIMS_DEG = (40.0, 60.0, 90.0, 91.0, 105.0, 120.0, 125.2, 130.0, 140.0, 150.0)

@@ -9,9 +9,9 @@ import pytest
 from catoptra_server.planning.candidate_plans import generate_candidate_plans
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.plan_choice import PlanChoice, PlanOption, choose_plan, pareto_front
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import AccuracyTarget, PerPixel
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import AccuracyTarget, PerPixel
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)

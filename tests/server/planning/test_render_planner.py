@@ -20,9 +20,9 @@ from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene

@@ -19,11 +19,10 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixe
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.rounding_error import coordinate_errors, corner_error, rounding_error
 from catoptra_server.planning.texel_footprint import texel_footprint
-from catoptra_server.render.projection.atlas import GUARD_TEXELS, pack_atlas
-from catoptra_server.render.projection.lookup_map import atlas_coordinates
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.projection.atlas import GUARD_TEXELS, atlas_coordinates, pack_atlas
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.world.mirror_mesh import Tessellation
 from helpers.mirror_checks import make_camera as make_ball_camera
 from helpers.worlds import make_omni_camera

@@ -11,8 +11,8 @@ from catoptra_server.planning.sampling_error import (
     SamplingError,
     sampling_error,
 )
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)

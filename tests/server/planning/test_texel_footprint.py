@@ -12,7 +12,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
 from catoptra_server.planning.texel_footprint import texel_footprint
-from catoptra_server.render.face_region import FaceRegion
+from catoptra_server.render.renderer import FaceRegion
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)

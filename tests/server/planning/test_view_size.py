@@ -13,8 +13,8 @@ from catoptra_server.planning.view_size import (
     perspective_view_size,
     plan_view_size,
 )
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.runtime.memory import ViewSize
 from helpers.mirror_checks import make_camera
 from helpers.worlds import make_omni_camera, make_plan

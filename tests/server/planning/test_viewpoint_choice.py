@@ -20,7 +20,7 @@ from catoptra_server.planning.viewpoint_choice import (
     leaves_choice,
     shows_ego_body,
 )
-from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
+from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
 from helpers.mirror_checks import make_camera
 
 CAMERA = make_camera(SphericalMirror(0.03, 0.2), 360)

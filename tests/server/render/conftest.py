@@ -8,7 +8,7 @@ from contextlib import ExitStack
 import pytest
 
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.scene_mesh import build_scene

@@ -25,11 +25,10 @@ from catoptra_protocol.optics.mirrors import (
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import FaceCamera, Image
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel
+from catoptra_server.render.renderer import FaceCamera, Image, RenderPlan
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import (
     Interpolation,

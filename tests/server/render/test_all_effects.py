@@ -19,7 +19,7 @@ from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import FogMedium, Shutter

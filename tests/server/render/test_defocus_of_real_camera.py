@@ -26,8 +26,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
-from catoptra_server.effects.kernels.lens_blur import lens_focus_coordinate
+from catoptra_server.effects.kernels.lens_blur import Aperture, lens_focus_coordinate
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.render.trace import TraceRenderer

@@ -16,7 +16,7 @@ import pytest
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world import shapes as primitives

@@ -16,11 +16,11 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import FogMedium, NoiseSeed

@@ -11,9 +11,8 @@ from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.planning import renderer_choice
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.render.embreex_package import EmbreexMissingError, has_embreex
-from catoptra_server.render.raster import gl_device
-from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.raster import device as gl_device
+from catoptra_server.render.renderer_kind import EmbreexMissingError, RendererKind, has_embreex
 from catoptra_server.startup import create_ray_caster, read_startup_config
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.opengl import device_or_skip

@@ -31,13 +31,12 @@ from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.texel_footprint import texel_footprint
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import Image, Renderer
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
+from catoptra_server.render.renderer import Image, Renderer, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_table import omni_ray_table
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from catoptra_server.world.scene_mesh import build_scene

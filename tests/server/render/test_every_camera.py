@@ -21,11 +21,11 @@ from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.explicit_choice import can_follow_settings
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, World
 from helpers.long_cases import quick_cases

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.optics.cube_map import Face
-from catoptra_server.render.face_region import FaceRegion, FaceWindow
+from catoptra_server.render.renderer import FaceRegion, FaceWindow
 
 
 def test_size_of_a_region_is_window_times_density() -> None:

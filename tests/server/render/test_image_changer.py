@@ -10,9 +10,9 @@ from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.render.image_changer import (
     ExposedImage,
     NumpyImageChanger,
+    encode_srgb,
     measure_change,
 )
-from catoptra_server.render.srgb_encoding import encode_srgb
 from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, make_test_pattern
 
 PATTERN = make_test_pattern().astype(np.float32)

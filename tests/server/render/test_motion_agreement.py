@@ -15,13 +15,13 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.startup import StartupConfig

@@ -25,9 +25,9 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_candidate_plans
 from catoptra_server.planning.explicit_choice import can_follow_settings, choose_by_settings
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, World

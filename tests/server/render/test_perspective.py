@@ -12,7 +12,7 @@ from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import FaceCamera, Renderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.scene_mesh import build_scene

@@ -16,12 +16,12 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import EffectPlan, apply_scene_effects, plan_effects
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import CameraState, NoiseSeed

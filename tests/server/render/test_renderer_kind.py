@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 from catoptra_server.render.renderer_kind import INSTRUCTION_SETS, RENDERER_NAMES, RendererKind
-from catoptra_server.render.trace.kernel import instruction_sets
+from catoptra_server.render.trace.kernel import library as instruction_sets
 
 
 def test_names_are_auto_and_every_kind() -> None:

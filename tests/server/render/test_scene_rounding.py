@@ -19,17 +19,16 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.planning.error_bound import add_scene, error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.rounding_error import coordinate_errors
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import Renderer, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject, OrientedBox, box_distances
 from catoptra_server.world.scene_mesh import build_scene

@@ -14,7 +14,7 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.self_view_bounds import bound_self_view
+from catoptra_server.effects.bounds.scene_summarizer import bound_self_view
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import CameraState

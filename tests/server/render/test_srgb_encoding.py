@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.render.srgb_encoding import MAX_LEVEL, encode_srgb, srgb_table
+from catoptra_server.render.image_changer import MAX_LEVEL, encode_srgb, srgb_table
 from catoptra_server.world.world_description import srgb_from_linear
 
 

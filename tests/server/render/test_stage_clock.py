@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from catoptra_server.render.stage_clock import StageClock
+from catoptra_server.render.renderer import StageClock
 
 
 def test_stages_are_named_in_order_and_each_waits_for_the_device() -> None:

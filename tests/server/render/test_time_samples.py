@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from catoptra_server.render.time_samples import advance, sample_shutter, trajectory
+from catoptra_server.render.renderer import advance, sample_shutter, trajectory
 from catoptra_server.world.camera_state import Shutter
 from helpers.effect_measurement import DRIVING_STATE
 from helpers.motion_reference import camera_state_after, driving_camera_state

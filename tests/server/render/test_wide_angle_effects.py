@@ -16,14 +16,13 @@ from catoptra_protocol.optics.lenses import EquidistantLens, EquisolidLens
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import EffectPlan, apply_scene_effects, plan_effects
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
-from catoptra_server.effects.kernels.lens_blur import circle_of_confusion
+from catoptra_server.effects.kernels.lens_blur import Aperture, circle_of_confusion
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene

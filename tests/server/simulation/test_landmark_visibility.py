@@ -15,8 +15,8 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, dire
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.sensors.sensor_environment import (
     EMPTY_ENVIRONMENT,
     EmptyScene,

@@ -11,11 +11,11 @@ from catoptra_protocol.usarsim.reports import (
     OdometryReading,
     line_from_report,
 )
+from catoptra_server.render.render_settings import AccuracyTarget
 from catoptra_server.robot.mount import (
     Mount,
 )
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.render_settings import AccuracyTarget
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.set_commands import execute_set

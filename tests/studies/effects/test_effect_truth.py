@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
+from catoptra_server.effects.kernels.lens_blur import Aperture
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.scene.motion_blur import MotionBlur

@@ -1,5 +1,5 @@
 // Provides input_0.xy, atlas coordinates as a shader reads them from a texture, and their validity.
-// Twin: catoptra_server.render.projection.lookup_map.atlas_coordinates.
+// Twin: catoptra_server.render.projection.atlas.atlas_coordinates.
 uniform sampler2D input_0;
 out vec4 result;
 

@@ -6,7 +6,7 @@ from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.planning.explicit_plan import requested_samples
 from catoptra_server.planning.view_size import omni_view_size
-from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
+from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.runtime.memory import MemoryBudget
 

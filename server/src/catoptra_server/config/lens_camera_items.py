@@ -33,7 +33,7 @@ from catoptra_server.config.effect_settings import read_lens_effect_settings
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mounting import read_mount
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.robot.render_settings import PerPixel
+from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
 

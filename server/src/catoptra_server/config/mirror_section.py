@@ -26,7 +26,7 @@ from catoptra_protocol.optics.mirrors import (
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.config.number_columns import read_columns
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel
 from catoptra_server.world.mirror_mesh import (
     Interpolation,
     Tessellation,

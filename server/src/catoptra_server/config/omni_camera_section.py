@@ -36,7 +36,7 @@ from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.texture_client_sections import read_texture_clients
 from catoptra_server.config.unknown_names import is_own_section
-from catoptra_server.robot.render_settings import (
+from catoptra_server.render.render_settings import (
     MirrorSurface,
     PerPixel,
     require_mesh_viewpoint,

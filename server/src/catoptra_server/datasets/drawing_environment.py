@@ -18,8 +18,7 @@ import catoptra_protocol
 import catoptra_server
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_server.datasets import png_files
-from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
-from catoptra_server.render.trace.kernel.library_files import kernel_library_path
+from catoptra_server.render.trace.kernel.library import choose_instruction_set, kernel_library_path
 
 # Features that NumPy may choose code for, by the instruction set that first has them: those of
 # later ones are disabled. By prefix, since NumPy 2.4 has renamed them.

@@ -34,7 +34,7 @@ from catoptra_server.datasets.recipe import (
 )
 from catoptra_server.datasets.recipe_values import read_range_struct, read_words
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.kernel.instruction_sets import INSTRUCTION_SETS
+from catoptra_server.render.trace.kernel.library import INSTRUCTION_SETS
 
 FORMATS = ("coco", "tum", "parquet")
 """Files that a recipe may have beside its shards."""

@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 from catoptra_protocol.labels.channels import GroundTruth
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeWorld
 from catoptra_server.datasets.light_scaling import scale_lights
 from catoptra_server.datasets.sample import RenderedSample, SampleDescription
@@ -21,6 +20,7 @@ from catoptra_server.datasets.sample_annotations import (
     wants_annotations,
 )
 from catoptra_server.datasets.sample_metadata import describe_sample_metadata
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import RenderedView, ViewCache
 from catoptra_server.ground_truth.label_renderer import LabelRenderer

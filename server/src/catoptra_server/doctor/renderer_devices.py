@@ -13,7 +13,7 @@ from pathlib import Path
 from catoptra_server.doctor.egl_devices import LIBRARY
 from catoptra_server.doctor.finding import Finding, fault, ok, warning
 from catoptra_server.doctor.subprocess_check import CheckResult, run_in_subprocess
-from catoptra_server.render.embreex_package import PACKAGE, has_embreex
+from catoptra_server.render.renderer_kind import PACKAGE, has_embreex
 
 OPENGL_PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
 # Folders in which libglvnd, the dispatching libEGL, searches for drivers.

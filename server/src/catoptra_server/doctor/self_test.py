@@ -23,8 +23,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import Image
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Ring, World, linear_from_srgb

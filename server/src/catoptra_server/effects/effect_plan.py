@@ -2,6 +2,12 @@
 
 Decisions follow optical order: the bound of an effect is that of the light that reaches it, after
 the enabled effects before it.
+
+Cache of an effect's bounds, keyed by the summary fields that the effect declares to read.
+
+Most frames of a driving robot have a new summary, but only a speed or a distance differs: a bound
+that depends on neither is the same. A bound is a pure function of the declared fields and the
+camera; a test compares the declaration with the fields that each criterion reads.
 """
 
 from __future__ import annotations
@@ -12,7 +18,6 @@ from functools import lru_cache
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.bound_cache import BoundCache
 from catoptra_server.effects.effect import (
     DecisionBasis,
     Effect,
@@ -22,11 +27,37 @@ from catoptra_server.effects.effect import (
     EffectSettings,
     ImageEffect,
     SceneEffect,
+    SceneSummary,
     is_image_effect,
     is_scene_effect,
 )
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.world.camera_state import CameraState
+
+# Summaries are rounded to cells, so a drive through a world has some hundreds of them.
+_MAX_ENTRIES = 512
+
+
+class BoundCache:
+    """Bounds of one effect in the images of one camera."""
+
+    def __init__(self, effect: Effect, camera: RadialCamera) -> None:
+        self._effect = effect
+        self._camera = camera
+        self._field_names = tuple(effect.reads)
+        self._bounds: dict[tuple[object, ...], EffectBound] = {}
+
+    def get(self, summary: SceneSummary) -> EffectBound:
+        """Return the effect's bound, computed only for values not met before."""
+        key = tuple(getattr(summary, name) for name in self._field_names)
+        bound = self._bounds.get(key)
+        if bound is None:
+            # First in, first out: a robot leaves cells behind, so the oldest entry is the one
+            # least likely to return.
+            while len(self._bounds) >= _MAX_ENTRIES:
+                self._bounds.pop(next(iter(self._bounds)))
+            bound = self._bounds[key] = self._effect.bound(summary, self._camera)
+        return bound
+
 
 # As many decisions per effect as its cache has bounds.
 _MAX_CACHED_DECISIONS = 512

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.labels.channels import LABEL_CHANNELS, count_bytes
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.frames.frame_labels import FrameLabels
 from catoptra_server.frames.frame_request import Channel
@@ -22,8 +22,7 @@ from catoptra_server.world.camera_state import CameraState
 
 if TYPE_CHECKING:
     from catoptra_server.ground_truth.label_renderer import LabelRenderer
-    from catoptra_server.render.trace.label_tables import LabelRequest
-    from catoptra_server.render.trace.trace_engine import PixelLabels
+    from catoptra_server.render.trace.trace_engine import LabelRequest, PixelLabels
 
 # All channels of one frame: what a client accepts of an image. Frames wait one a client.
 MAX_CHANNEL_BYTES = 64 * 2**20

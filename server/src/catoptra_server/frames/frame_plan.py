@@ -21,7 +21,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import needs_radiance_only
 from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
@@ -46,8 +46,7 @@ from catoptra_server.planning.viewpoint_choice import (
     leaves_choice,
     shows_ego_body,
 )
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.render.renderer import RenderedImage, RenderPlan
 from catoptra_server.runtime.memory import LruDict
 from catoptra_server.world.camera_state import CameraState
 

@@ -24,7 +24,7 @@ from catoptra_server.frames.view_cache import RenderedView
 from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer import Image
-from catoptra_server.render.trace.label_tables import LabelRequest
+from catoptra_server.render.trace.trace_engine import LabelRequest
 
 
 class ViewProvider(Protocol):

@@ -16,7 +16,7 @@ from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.ground_truth.label_rays import DrawnExposure
 from catoptra_server.planning.camera_spec import CameraSpec
 from catoptra_server.planning.camera_variant import CameraVariant
-from catoptra_server.render.trace.label_tables import LabelRequest
+from catoptra_server.render.trace.trace_engine import LabelRequest
 from catoptra_server.world.camera_state import CameraState
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame_labeller import FrameLabeller
 from catoptra_server.frames.frame_labels import FrameLabels
@@ -31,8 +31,7 @@ from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.render.renderer import RenderedImage, View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.label_tables import LabelRequest
-from catoptra_server.render.trace.trace_engine import LabellingView, PixelLabels
+from catoptra_server.render.trace.trace_engine import LabellingView, LabelRequest, PixelLabels
 from catoptra_server.world.camera_state import CameraState
 
 

@@ -23,9 +23,8 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.medium.misalignment import lookup_offset_map
 from catoptra_server.ground_truth.label_rays import LabelCamera, RaySource
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.flow_tables import FlowTables
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
-from catoptra_server.render.trace.trace_engine import FlowRays, TracedRays
+from catoptra_server.render.trace.trace_engine import FlowRays, FlowTables, TracedRays
 from catoptra_server.world.camera_state import CameraState
 
 Flow = npt.NDArray[np.float32]

@@ -20,7 +20,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
-from catoptra_server.render.time_samples import trajectory
+from catoptra_server.render.renderer import trajectory
 from catoptra_server.render.trace.ray_table import (
     BLOCK_RAYS,
     TILE_PX,

@@ -23,10 +23,14 @@ from catoptra_server.ground_truth.label_rays import (
 from catoptra_server.ground_truth.occluded_fraction import OcclusionMeter, PixelRayGrid
 from catoptra_server.ground_truth.scene_labels import SceneLabels
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.kernel.instruction_sets import AUTO
-from catoptra_server.render.trace.label_tables import LabelRequest, LabelTables
+from catoptra_server.render.trace.kernel.library import AUTO
 from catoptra_server.render.trace.ray_table import RayTable
-from catoptra_server.render.trace.trace_engine import PixelLabels, TracedRays
+from catoptra_server.render.trace.trace_engine import (
+    LabelRequest,
+    LabelTables,
+    PixelLabels,
+    TracedRays,
+)
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 

@@ -17,10 +17,10 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.ground_truth.label_rays import mask_of_rays
 from catoptra_server.ground_truth.scene_labels import SceneLabels
-from catoptra_server.render.trace.kernel.instruction_sets import AUTO
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
+from catoptra_server.render.trace.kernel.library import AUTO
 from catoptra_server.render.trace.ray_table import RayTable
-from catoptra_server.render.trace.reference.embree_mesh import EmbreeMesh
+from catoptra_server.render.trace.reference.meshes import EmbreeMesh
 from catoptra_server.render.trace.trace_engine import assemble_grid
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import ObjectMesh

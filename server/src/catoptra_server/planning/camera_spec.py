@@ -6,7 +6,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
-from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.render.render_settings import RenderSettings
 
 
 @dataclass(frozen=True, slots=True)

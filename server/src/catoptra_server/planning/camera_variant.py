@@ -16,14 +16,14 @@ from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import EffectMode, EffectSettings
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import (
+from catoptra_server.render.render_settings import (
     AccuracyTarget,
     MirrorSurface,
     PerPixel,
     RenderSettings,
     require_mesh_viewpoint,
 )
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 
 POLYGON_COUNTS = (16, 64, 256, 1024, 4096)

@@ -14,9 +14,9 @@ from dataclasses import replace
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.planning.explicit_plan import needs_exact_rays, plan_from_settings
 from catoptra_server.planning.view_size import plan_view_size
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import MirrorSurface, RenderSettings
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface, RenderSettings
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 
 SAMPLE_COUNTS = tuple(range(1, 9))

@@ -22,9 +22,9 @@ from catoptra_server.planning.cost_model import (
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.plan_choice import PlanOption
 from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.render.render_settings import MirrorSurface
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.world.camera_state import CameraState
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server import __version__
 from catoptra_server.planning.cost_model import Rates
-from catoptra_server.robot.render_settings import MirrorSurface
+from catoptra_server.render.render_settings import MirrorSurface
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
 

@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
+from catoptra_server.render.render_settings import MirrorSurface
 from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface
 from catoptra_server.world.camera_state import CameraState
 
 Clock = Callable[[], float]

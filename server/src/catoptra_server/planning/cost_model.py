@@ -26,7 +26,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import RenderPlan
 
 Rates = Mapping[str, tuple[float, ...]]  # ms for one unit of each quantity, by stage
 

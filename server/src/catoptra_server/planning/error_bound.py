@@ -42,7 +42,7 @@ from catoptra_server.planning.facet_error import facet_error, facet_error_by_rad
 from catoptra_server.planning.geometric_error import GeometricError, apply_floor, sum_errors
 from catoptra_server.planning.rounding_error import corner_error, rounding_error, scene_error
 from catoptra_server.planning.sampling_error import SamplingError, sampling_error
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.world.mirror_mesh import Tessellation
 
 __all__ = ["ErrorBound", "ErrorComponent", "GeometricError", "SamplingError", "error_bound"]

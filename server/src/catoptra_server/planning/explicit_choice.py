@@ -12,7 +12,7 @@ from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.planning.explicit_plan import needs_exact_rays, plan_from_settings
 from catoptra_server.planning.plan_choice import PlanChoice
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 
 log = logging.getLogger(__name__)

@@ -11,9 +11,9 @@ import math
 from catoptra_protocol.optics.cube_map import visible_faces
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.planning.face_regions import face_regions, max_face_size_px
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import MirrorSurface, RenderSettings
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface, RenderSettings
 from catoptra_server.world.mirror_mesh import Tessellation
 
 # 2 x 2 removes most of the aliasing and still leaves a frame of 640 px within a tenth of a second

@@ -17,7 +17,7 @@ from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.planning.perspective_plan import PerspectivePlan
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
 

@@ -22,7 +22,7 @@ import math
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.planning.geometric_error import GeometricError
 from catoptra_server.planning.texel_footprint import texel_footprint
-from catoptra_server.render.face_region import FaceRegion
+from catoptra_server.render.renderer import FaceRegion
 
 # Largest displacement in texels by samples a texel. 1: one half, and 1 / (8 * 2) by which an arc of
 # radius two departs from a chord of one texel. More: the worst of arcs from radius two to straight,

@@ -24,7 +24,7 @@ from catoptra_protocol.optics.cube_map import (
 )
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.render.face_region import FaceRegion, FaceWindow
+from catoptra_server.render.renderer import FaceRegion, FaceWindow
 
 # 512 MiB of linear light for all regions. The longest side leaves space for two regions in a
 # texture of 16 384.

@@ -14,8 +14,8 @@ from dataclasses import replace
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.robot.render_settings import AccuracyTarget
+from catoptra_server.render.render_settings import AccuracyTarget
+from catoptra_server.render.renderer import RenderPlan
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,9 +32,9 @@ from catoptra_server.planning.plan_choice import (
 )
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.planning.viewpoint_choice import describe_viewpoint
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import MirrorSurface
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import MirrorSurface
 from catoptra_server.runtime.memory import LruDict
 from catoptra_server.world.camera_state import CameraState
 

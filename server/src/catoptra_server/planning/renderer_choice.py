@@ -21,22 +21,24 @@ from typing import TYPE_CHECKING
 
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.bounds.light_culling import cull_lights
-from catoptra_server.render.embreex_package import (
+from catoptra_server.effects.bounds.light import cull_lights
+from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
+from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer_kind import (
+    AUTO,
     PACKAGE,
     REMEDY,
+    RENDERER_NAMES,
+    RendererKind,
     has_embreex,
     require_embreex,
 )
-from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
-from catoptra_server.render.renderer import Renderer
-from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES, RendererKind
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World
 
 if TYPE_CHECKING:  # loaded with the renderer that is chosen or probed
-    from catoptra_server.render.raster.gl_device import GlDevice
+    from catoptra_server.render.raster.device import GlDevice
     from catoptra_server.render.trace import TraceRenderer
 
 log = logging.getLogger(__name__)
@@ -184,8 +186,8 @@ def open_image_changer(threads: int = 0, instruction_set: str = AUTO) -> ImageCh
         instruction_set: Instruction set of the kernel.
     """
     # Loaded where it is needed: raster serves without the kernel, and without Embree.
-    from catoptra_server.render.trace.kernel import kernel_image_changer
-    from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+    from catoptra_server.render.trace.kernel import image as kernel_image_changer
+    from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 
     try:
         return kernel_image_changer.open_image_changer(

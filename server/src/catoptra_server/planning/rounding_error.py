@@ -17,12 +17,11 @@ from dataclasses import replace
 from catoptra_protocol.optics.camera_rays import max_miss_m
 from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.bounds.coordinate_rounding import UNIT_ROUNDOFF, CoordinateErrors
+from catoptra_server.effects.bounds.coordinate_rounding import UNIT_ROUNDOFF, CoordinateErrors
 from catoptra_server.planning.geometric_error import GeometricError, sum_errors
 from catoptra_server.planning.texel_footprint import texel_footprint
-from catoptra_server.render.face_region import FaceRegion
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.robot.render_settings import PerPixel
+from catoptra_server.render.render_settings import PerPixel
+from catoptra_server.render.renderer import FaceRegion, RenderPlan
 
 # Rounding errors of a handful of operations rarely all have one sign. Measured in rays: an rms of
 # 0.51 u where the largest was 2.44 u.

@@ -17,7 +17,7 @@ import math
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.planning.texel_footprint import TexelFootprint, texel_footprint
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import RenderPlan
 
 # Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
 # samples; less for larger discs. Searched in tests/server/planning/test_sampling_error.py.

@@ -19,7 +19,7 @@ from catoptra_protocol.optics.image_scale import ImageScale, compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.face_region import FaceRegion
+from catoptra_server.render.renderer import FaceRegion
 
 # From the centre of the forward face to the right edge: the other side faces have the same regions,
 # each symmetric, so the other seven eighths of the turn repeat.

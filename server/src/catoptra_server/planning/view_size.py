@@ -7,9 +7,9 @@ import math
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.planning.explicit_plan import DEFAULT_SAMPLES, plan_from_settings
-from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.runtime.memory import ViewSize
 
 

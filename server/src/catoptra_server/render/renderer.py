@@ -2,27 +2,230 @@
 
 To add a renderer, implement Renderer and View in a folder of its own and add a line to
 `planning/renderer_choice.py`.
+
+Wall times of the stages of a frame.
+
+Time samples of a long exposure: sharp camera states whose mean is the exposure.
+
+Raster and the float64 reference render each of them (`sample_shutter`); the native kernel takes the
+poses of the whole exposure (`trajectory`) and chooses the instants of each part of the image.
+
+Regions of the cube's faces that the mirror sees, with their texel density.
+
+Data only: `planning/face_regions.py` computes the regions of a camera, raster packs them into an
+atlas. Coordinates on a face are (s, t) of `optics/cube_map`, -1 to 1 for its 90 degrees.
+
+Plan of an omnidirectional frame: renderer, mirror surface, samples and faces, with a reason.
+
+Data only, and all that a renderer reads to prepare a view. `planning/` makes plans: from explicit
+numbers (`explicit_plan`), or as the best candidate for an accuracy target (`plan_choice`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import field
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import field, replace
 from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.world.camera_state import CameraState
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.world.camera_state import CameraState, RowWeights
+from catoptra_server.world.mirror_mesh import Tessellation
+
+
+class StageClock:
+    """Milliseconds by stage of one frame, each from the end of the stage before.
+
+    `wait_for_device` blocks until the device has finished all queued work: without this call OpenGL
+    only queues, and the whole frame would be charged to the readback. Waiting costs as much as the
+    stages could have overlapped: nothing measurable on llvmpipe, which finishes one target after
+    the other (tests/measurements/raster_faces.py).
+    """
+
+    def __init__(self, wait_for_device: Callable[[], None]) -> None:
+        self._finish = wait_for_device
+        self._last = time.perf_counter()
+        self.stage_ms: dict[str, float] = {}
+
+    def end_stage(self, stage: str) -> None:
+        """Charge the time since the last stage's end to a stage."""
+        self._finish()
+        # perf_counter: monotonic, and its resolution is far below a stage of a tenth of a
+        # millisecond.
+        now = time.perf_counter()
+        self.stage_ms[stage] = 1e3 * (now - self._last)
+        self._last = now
+
+
+# Between two rotations 2 degrees apart the entries are those of a rotation to 2e-4.
+_MAX_TURN_RAD = 0.035
+# A robot that spins for the longest exposure of a minute: coarser, but bounded.
+_MAX_TURNS = 256
+
+
+def sample_shutter(
+    camera_state: CameraState, num_rows: int
+) -> list[tuple[CameraState, RowWeights]]:
+    """Sharp camera states of an exposure, and the weight of each by row.
+
+    Samples that weigh nothing in every row are left out. Without a shutter the only sample is the
+    camera state itself.
+
+    Args:
+        camera_state: Camera state with its shutter.
+        num_rows: Rows of the image.
+
+    Returns:
+        Pairs of a camera state without a shutter and (num_rows,) weights.
+    """
+    shutter = camera_state.shutter
+    if shutter is None:
+        return [(camera_state, np.ones(num_rows, dtype=np.float32))]
+    weights = shutter.row_weights(num_rows)
+    samples = zip(shutter.times_s, weights, strict=True)
+    return [
+        (advance(camera_state, time_s), row_weights)
+        for time_s, row_weights in samples
+        if row_weights.any()
+    ]
+
+
+def trajectory(camera_state: CameraState) -> tuple[CameraState, ...]:
+    """Sharp camera states, evenly spaced from the begin to the end of an exposure.
+
+    Two, or as many as turns take for poses between two of them to be interpolated entry by entry.
+    Without a shutter the only state is the camera state itself.
+    """
+    shutter = camera_state.shutter
+    if shutter is None:
+        return (camera_state,)
+    total_s = shutter.exposure_s + shutter.readout_s
+    twists = (camera_state.twist, *(placed.twist for placed in camera_state.objects))
+    turn_rad = total_s * max(math.hypot(*twist.angular_rad_s) for twist in twists)
+    steps = min(1 + int(turn_rad / _MAX_TURN_RAD), _MAX_TURNS)
+    return tuple(advance(camera_state, (i / steps - 0.5) * total_s) for i in range(steps + 1))
+
+
+def advance(camera_state: CameraState, time_s: float) -> CameraState:
+    """Camera state at a later time, with camera and objects carried on by their own twists."""
+    objects = (
+        replace(
+            dynamic_object,
+            world_from_object=dynamic_object.twist.integrate_pose(
+                dynamic_object.world_from_object, time_s
+            ),
+        )
+        for dynamic_object in camera_state.objects
+    )
+    # The noise seed stays: all samples belong to one exposure, which draws its noise once at the
+    # end.
+    return replace(
+        camera_state,
+        world_from_mirror=camera_state.twist.integrate_pose(camera_state.world_from_mirror, time_s),
+        objects=tuple(objects),
+        shutter=None,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FaceWindow:
+    """Rectangle on a face's plane: s from `left` to `right`, t from `top` to `bottom`."""
+
+    left: float = -1.0
+    top: float = -1.0
+    right: float = 1.0
+    bottom: float = 1.0
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the window has no area."""
+        return self.left >= self.right or self.top >= self.bottom
+
+
+@dataclass(frozen=True, slots=True)
+class FaceRegion:
+    """Window of a face, with the texel density in both directions."""
+
+    face: Face
+    window: FaceWindow
+    columns_per_unit: float
+    """Texel columns for one unit of s."""
+    rows_per_unit: float
+    """Texel rows for one unit of t."""
+
+    @property
+    def size_texels(self) -> tuple[float, float]:
+        """Width and height in texels, not rounded."""
+        window = self.window
+        width = (window.right - window.left) * self.columns_per_unit
+        return width, (window.bottom - window.top) * self.rows_per_unit
+
+    @property
+    def num_texels(self) -> float:
+        """Number of texels, not rounded."""
+        width, height = self.size_texels
+        return width * height
+
+
+@dataclass(frozen=True, slots=True)
+class RenderPlan:
+    """Plan of one camera's frames."""
+
+    renderer: RendererKind
+    surface: MirrorSurface
+    samples: int
+    """Samples along a pixel's side; a pixel has samples^2."""
+    face_size_px: int
+    """Side of a whole face in the texels of the finest region; faces only."""
+    face_samples: int
+    """Samples of a face's texel; faces only."""
+    faces: tuple[Face, ...]
+    """Faces that the mirror sees."""
+    face_regions: tuple[FaceRegion, ...]
+    """Visible regions of the faces, with their texel densities."""
+    reason: str
+    """Reason for this plan, for the log."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.samples <= 16:
+            raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
+
+    def __str__(self) -> str:
+        return f"{self.description}: {self.reason}"
+
+    @property
+    def has_exact_rays(self) -> bool:
+        """Whether each pixel has the ray of the camera model, not of a mirror mesh."""
+        return isinstance(self.surface, PerPixel)
+
+    @property
+    def description(self) -> str:
+        """All numbers of the plan in words, without its reason."""
+        match self.surface:
+            case PerPixel():
+                surface = "per pixel"
+            case Tessellation(sectors, rings, interpolation):
+                surface = f"{sectors} x {rings} polygons ({interpolation.value})"
+        details = ""
+        if self.renderer.uses_faces:
+            names = "".join(face.name for face in self.faces)
+            details = f", faces {names} of {self.face_size_px} px"
+            details += f" with {self.face_samples} samples each" if self.face_samples > 1 else ""
+        return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{details}"
+
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top

@@ -15,9 +15,9 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.robot.joint_chain import MissionPackageDescription
 from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.render_settings import RenderSettings
 
 
 @dataclass(frozen=True, slots=True)

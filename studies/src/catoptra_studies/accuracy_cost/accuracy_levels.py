@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 
 # (sectors, rings); the products of the square ones are POLYGON_COUNTS of paper_values.

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.world.mirror_mesh import Tessellation, tessellation_from_polygon_count
 from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel, signed_difference

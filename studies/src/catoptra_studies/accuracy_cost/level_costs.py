@@ -18,11 +18,10 @@ import numpy as np
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.planning.error_bound import ErrorBound, GeometricError, add_scene, error_bound
 from catoptra_server.planning.rounding_error import coordinate_errors
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import View
+from catoptra_server.render.renderer import RenderPlan, View
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini
 from catoptra_studies.accuracy_cost.cost_results import MIN_GAIN, LevelCost, pareto_front

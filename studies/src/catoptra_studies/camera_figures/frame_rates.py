@@ -17,11 +17,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.sensors.range_scanner import RangeScannerDescription, RangeScannerSensor

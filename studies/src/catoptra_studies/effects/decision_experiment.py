@@ -28,8 +28,8 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import DecisionBasis, Effect, EffectMode
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state
@@ -41,9 +41,9 @@ from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.engine_choice import create_engine
 from catoptra_server.render.trace.ray_table import Float32s, omni_ray_table
 from catoptra_server.render.trace.trace_engine import assemble_grid
+from catoptra_server.render.trace.trace_renderer import create_engine
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.startup import StartupConfig, read_startup_config

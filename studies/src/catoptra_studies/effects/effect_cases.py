@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 from catoptra_server.effects.effect import Effect
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
-from catoptra_server.effects.kernels.contaminants import Contaminants
+from catoptra_server.effects.kernels.lens_blur import Aperture
+from catoptra_server.effects.kernels.mirror_surface import Contaminants
 from catoptra_server.effects.medium.chromatic_aberration import ChromaticAberration
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth

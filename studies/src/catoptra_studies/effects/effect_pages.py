@@ -18,16 +18,21 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.config.bundled_files import find_configuration
-from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect import (
+    Effect,
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    SceneSummary,
+)
 from catoptra_server.effects.effect_plan import EffectDecision, apply_scene_effects, plan_effects
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import create_renderer
+from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.simulation.robot_meshes import build_ego_mesh
 from catoptra_server.startup import read_startup_config

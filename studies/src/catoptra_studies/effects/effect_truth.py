@@ -17,8 +17,13 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.effects.effect import Effect, ImageEffect, is_image_effect, is_scene_effect
+from catoptra_server.effects.effect import (
+    CaptureContext,
+    Effect,
+    ImageEffect,
+    is_image_effect,
+    is_scene_effect,
+)
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.scene.motion_blur import MotionBlur

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from catoptra_server.effects.kernels.circle_of_confusion import CircleOfConfusion
+from catoptra_server.effects.kernels.lens_blur import CircleOfConfusion
 
 CIRCLE = CircleOfConfusion(np.array(-2.0), np.array(3.0), np.array(1.0), np.array(0.5))
 

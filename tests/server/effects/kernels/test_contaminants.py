@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.kernels.contaminants import (
+from catoptra_server.effects.kernels.light import camera_noise_key, pcg3d
+from catoptra_server.effects.kernels.mirror_surface import (
     ContaminantCells,
     Contaminants,
+    mirror_surface_table,
     particle_cells,
     pixel_coverage,
     scratch_cells,
 )
-from catoptra_server.effects.kernels.mirror_surface_table import mirror_surface_table
-from catoptra_server.effects.kernels.noise import camera_noise_key, pcg3d
 from catoptra_server.world.camera_state import NoiseSeed
 from helpers.worlds import make_omni_camera
 

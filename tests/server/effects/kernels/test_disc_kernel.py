@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.kernels.disc_kernel import (
+from catoptra_server.effects.kernels.convolution import (
     MAX_DIAMETER_PX,
     disc_area_fractions,
     disc_kernel_table,
+    offset_pairs,
+    pair_multiplicities,
     table_row,
 )
-from catoptra_server.effects.kernels.symmetric_kernels import offset_pairs, pair_multiplicities
 
 # Between rows of the table, on rows, and where kernels begin to reach another pixel.
 DIAMETERS = [0.0, 0.05, 0.5, 1.0, math.sqrt(2.0), 1.7, 2.0, 3.3, 5.0, 8.0]

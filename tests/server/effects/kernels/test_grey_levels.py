@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.kernels.grey_levels import (
+from catoptra_server.effects.kernels.light import (
     grey_level,
     max_change_by_exchange,
     max_change_by_gain,

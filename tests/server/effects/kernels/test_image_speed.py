@@ -10,13 +10,13 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.bounds.distance_bound_cache import rotation_to_axis
-from catoptra_server.effects.kernels.image_speed import (
+from catoptra_server.effects.bounds.distances import rotation_to_axis
+from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
+from catoptra_server.effects.kernels.warp import (
     bound_motion,
     max_speeds_px_s,
     ring_scales_and_radii,
 )
-from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from catoptra_server.world.world_description import Twist
 from helpers.motion_reference import displacements_px
 from helpers.worlds import make_omni_camera

@@ -11,8 +11,9 @@ import pytest
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
+from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 from catoptra_server.effects.kernels.lens_blur import (
+    Aperture,
     circle_of_confusion,
     circle_of_confusion_map,
     describe_lens,
@@ -23,7 +24,6 @@ from catoptra_server.effects.kernels.lens_blur import (
     sample_radii_px,
     virtual_image_depth_m,
 )
-from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from helpers.lens_ray_tracer import Quadric
 from helpers.worlds import make_omni_camera
 

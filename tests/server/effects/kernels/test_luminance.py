@@ -5,7 +5,7 @@ import pytest
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_server.effects.kernels.luminance import count_valid_pixels, mean_luminance
+from catoptra_server.effects.kernels.light import count_valid_pixels, mean_luminance
 from helpers.effect_measurement import CAMERA, make_test_pattern
 
 ON_MIRROR = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA))[1]

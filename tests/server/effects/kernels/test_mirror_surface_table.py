@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
-from catoptra_server.effects.kernels.mirror_surface_table import mirror_surface_table
+from catoptra_server.effects.kernels.mirror_surface import mirror_surface_table
 from helpers.worlds import make_omni_camera
 
 PAPER = make_omni_camera(width_px=360)

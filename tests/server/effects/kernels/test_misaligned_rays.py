@@ -13,7 +13,7 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.transforms import rotation_from_rpy
-from catoptra_server.effects.kernels.misaligned_rays import (
+from catoptra_server.effects.kernels.warp import (
     CameraPoseOffset,
     lookup_offsets_px,
     reflect_rays,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.kernels.noise import (
+from catoptra_server.effects.kernels.light import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
     frame_noise_key,

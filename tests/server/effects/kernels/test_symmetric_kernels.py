@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.kernels.symmetric_kernels import (
+from catoptra_server.effects.kernels.convolution import (
     convolve_symmetric,
     convolve_symmetric_within,
     num_offset_pairs,

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
 from catoptra_server.effects.kernels.lens_blur import (
+    Aperture,
     describe_lens,
     interior_mask,
     lens_focus_coordinate,
+    thin_lens_circle_of_confusion,
 )
-from catoptra_server.effects.kernels.thin_lens import thin_lens_circle_of_confusion
 
 CAMERA = PerspectiveCamera(640, 480, math.radians(40.0))
 PITCH_M = 7.4e-6

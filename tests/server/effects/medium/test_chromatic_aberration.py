@@ -5,8 +5,8 @@ import pytest
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.image_scale import visible_radii_px
+from catoptra_server.effects.effect import SceneSummary
 from catoptra_server.effects.medium.chromatic_aberration import ChromaticAberration
-from catoptra_server.effects.scene_summary import SceneSummary
 from helpers.bilinear import sample_bilinear
 from helpers.displacement_measurement import (
     add_margin,

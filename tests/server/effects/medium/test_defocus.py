@@ -7,13 +7,13 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
+from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 from catoptra_server.effects.kernels.lens_blur import (
+    Aperture,
     circle_of_confusion_map,
     interior_mask,
 )
 from catoptra_server.effects.medium.defocus import Defocus
-from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from helpers.blur_measurement import inner_pixels, make_point_source, measure_blur_diameters_px
 from helpers.effect_measurement import (
     CAPTURE_CONTEXT,

@@ -6,16 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects.effect import (
+    NUM_RINGS,
+    CaptureContext,
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    SceneSummary,
+)
 from catoptra_server.effects.effect_plan import plan_effects
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture, CircleOfConfusion
 from catoptra_server.effects.kernels.lens_blur import (
+    Aperture,
+    CircleOfConfusion,
     circle_of_confusion_map,
 )
 from catoptra_server.effects.medium.defocus import Defocus
 from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth, max_diameter_change_px
-from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.blur_measurement import inner_pixels, measure_blur_diameters_px
 from helpers.effect_measurement import CAPTURE_CONTEXT, assert_summary_bounds_effect

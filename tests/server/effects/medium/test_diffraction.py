@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.kernels.symmetric_kernels import pair_multiplicities
+from catoptra_server.effects.effect import SceneSummary
+from catoptra_server.effects.kernels.convolution import pair_multiplicities
 from catoptra_server.effects.medium.diffraction import (
     WAVELENGTHS_M,
     Diffraction,
@@ -15,7 +16,6 @@ from catoptra_server.effects.medium.diffraction import (
     kernel_weights,
     truncated_fraction,
 )
-from catoptra_server.effects.scene_summary import SceneSummary
 from helpers.blur_measurement import make_point_source
 from helpers.effect_measurement import (
     CAMERA,

@@ -8,11 +8,10 @@ import pytest
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
-from catoptra_server.effects.kernels.contaminants import Contaminants
-from catoptra_server.effects.kernels.mirror_surface_table import mirror_surface_table
+from catoptra_server.effects.effect import SceneSummary
+from catoptra_server.effects.kernels.lens_blur import Aperture
+from catoptra_server.effects.kernels.mirror_surface import Contaminants, mirror_surface_table
 from catoptra_server.effects.mirror.mirror_dust import MirrorDust, coverage_map, max_coverage
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.world.camera_state import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import (

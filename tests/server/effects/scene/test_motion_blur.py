@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import is_scene_effect
+from catoptra_server.effects.effect import NUM_RINGS, SceneSummary, is_scene_effect
 from catoptra_server.effects.scene.motion_blur import MotionBlur
-from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import CAMERA
 from helpers.motion_reference import displacements_px

@@ -5,15 +5,16 @@ import math
 import pytest
 
 from catoptra_server.effects.effect import (
+    NUM_RINGS,
     Effect,
     EffectMode,
     EffectSetting,
     EffectSettings,
+    SceneSummary,
     is_scene_effect,
 )
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.self_view import SelfView
-from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from helpers.effect_measurement import CAMERA
 
 AUTO = EffectSettings((EffectSetting(SelfView(), EffectMode.AUTO),))

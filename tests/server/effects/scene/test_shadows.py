@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.config.world_file import read_world
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import (
     EffectMode,
     EffectSetting,
     EffectSettings,
+    SceneSummary,
+    ShadowLoss,
     is_scene_effect,
 )
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.shadows import Shadows
-from catoptra_server.effects.scene_summary import SceneSummary, ShadowLoss
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject, build_object_mesh

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.capture_context import CaptureContext
+from catoptra_server.effects.effect import CaptureContext
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern
 from catoptra_server.world.camera_state import NoiseSeed
 from helpers.effect_measurement import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.projection.depth_range import (
+from catoptra_server.render.projection.cameras import (
     MAX_NEAR_M,
     MIN_NEAR_M,
     DepthRange,

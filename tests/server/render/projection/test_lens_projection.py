@@ -8,7 +8,7 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.render.projection.lens_projection import make_lens_projection
+from catoptra_server.render.projection.cameras import make_lens_projection
 
 CAMERA = PerspectiveCamera(320, 200, math.radians(100.0))
 

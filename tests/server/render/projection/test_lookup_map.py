@@ -7,11 +7,12 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_server.planning.face_regions import regions_of_size
-from catoptra_server.render.projection.atlas import Atlas, pack_atlas
-from catoptra_server.render.projection.lookup_map import (
+from catoptra_server.render.projection.atlas import (
     OUTSIDE_MIRROR,
+    Atlas,
     atlas_coordinates,
     compute_lookup_map,
+    pack_atlas,
 )
 from helpers.worlds import make_omni_camera
 

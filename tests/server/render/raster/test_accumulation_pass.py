@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.time_samples import sample_shutter
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.renderer import sample_shutter
 from catoptra_server.world.camera_state import CameraState, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_effect

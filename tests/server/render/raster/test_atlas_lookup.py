@@ -6,7 +6,7 @@ import pytest
 
 from catoptra_server.planning.face_regions import regions_of_size
 from catoptra_server.render.projection.atlas import pack_atlas
-from catoptra_server.render.raster.atlas_lookup import atlas_definitions
+from catoptra_server.render.raster.mirror_pass import atlas_definitions
 
 
 @pytest.mark.parametrize(("limit_deg", "compared"), [(125.0, 5), (126.0, 6)])

@@ -9,11 +9,11 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.dynamic_object_buffer import (
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.raster.scene_batches import (
     DynamicObjectBuffer,
     object_distance_range,
 )
-from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World

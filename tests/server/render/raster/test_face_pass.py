@@ -11,8 +11,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.planning.face_regions import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS
 from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.raster.face_pass import DrawCounts
-from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene

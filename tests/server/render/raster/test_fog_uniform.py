@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_server.render.raster import fog_uniform
+from catoptra_server.render.raster import device as fog_uniform
 from catoptra_server.world.camera_state import FogMedium
 
 

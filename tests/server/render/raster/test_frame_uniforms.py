@@ -3,9 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms
+from catoptra_server.render.raster.device import (
+    FrameUniforms,
+    GlDevice,
+    ProgramSpec,
+    ShaderPrograms,
+)
 from catoptra_server.world.world_description import PointLight
 
 LIGHTS = (PointLight((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),)

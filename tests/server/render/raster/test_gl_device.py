@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from catoptra_server.render.raster import gl_device as module
-from catoptra_server.render.raster.gl_device import GlDevice, OpenGLMissingError, open_device
+from catoptra_server.render.raster import device as module
+from catoptra_server.render.raster.device import GlDevice, OpenGLMissingError, open_device
 
 
 @pytest.mark.parametrize("library", ["EGL_LIBRARY", "GL_LIBRARY"])

@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.world.camera_state import Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import make_effect

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.raster.linear_image_target import LinearImageTarget
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.raster.passes import LinearImageTarget
 
 
 def test_image_when_read_back_has_its_rows_and_its_light_beyond_white(device: GlDevice) -> None:

@@ -10,7 +10,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.raster.mirror_pass import rim_polygon
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.world.camera_state import FogMedium, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import CAMERA, make_effect

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.effect_measurement import CAMERA, DRIVING_STATE
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world

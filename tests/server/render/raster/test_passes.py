@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, AveragePass, OutputImage
-from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.world_description import srgb_from_linear
 

@@ -12,11 +12,10 @@ from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, pack_atlas
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.mirror_pass import make_lookup_texture
 from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World

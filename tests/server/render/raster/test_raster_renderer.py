@@ -12,9 +12,9 @@ from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel
 from catoptra_server.render.renderer import FaceCamera, Image
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene

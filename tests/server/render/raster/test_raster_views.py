@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.render.image_changer import ImageChanger, measure_change
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
+from catoptra_server.render.raster.device import GlDevice
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel
 from catoptra_server.world.camera_state import Shutter
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene

@@ -12,7 +12,7 @@ from catoptra_protocol.optics.mirrors import (
     Mirror,
     ParabolicMirror,
 )
-from catoptra_server.render.raster.sample_spacing import fit_spacing
+from catoptra_server.render.raster.device import fit_spacing
 from helpers.worlds import make_omni_camera
 
 MIRRORS: list[tuple[Mirror, float]] = [

@@ -11,10 +11,8 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice, ShaderPrograms, split_positions
 from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, upload_values
-from catoptra_server.render.raster.shader_programs import ShaderPrograms
-from catoptra_server.render.raster.split_positions import split_positions
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import facet_irradiance, interpolate_albedo, point_irradiance
 from catoptra_server.world.triangles import make_clusters

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.scene_buffers import MAX_POINT_LIGHTS, SceneBuffers
-from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.worlds import (

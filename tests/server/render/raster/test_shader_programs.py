@@ -7,8 +7,8 @@ from pkgutil import resolve_name
 import numpy as np
 import pytest
 
-from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.raster.shader_programs import (
+from catoptra_server.render.raster.device import (
+    GlDevice,
     ProgramSpec,
     ShaderPrograms,
     load_source,

@@ -10,8 +10,7 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.raster.shader_programs import ShaderPrograms
+from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.shadow_maps import (
     MAX_SHADOWED_DIRECTIONAL_LIGHTS,
     MAX_SHADOWED_POINT_LIGHTS,

@@ -5,9 +5,8 @@ import dataclasses
 import numpy as np
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.dynamic_objects import TWO_ROBOTS

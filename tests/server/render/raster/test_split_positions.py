@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.render.raster.split_positions import split_positions
+from catoptra_server.render.raster.device import split_positions
 
 
 def test_split_position_is_a_float32_number_and_what_it_lacks() -> None:

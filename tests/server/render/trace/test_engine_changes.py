@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import TraceRequest
+from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.camera_state import CameraState, Shutter
 from catoptra_server.world.world_description import (
     HemisphereLight,

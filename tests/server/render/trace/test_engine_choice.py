@@ -7,8 +7,8 @@ import logging
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.render.trace.engine_choice import EngineName, EngineRequest, create_engine
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.library import KernelUnavailableError
+from catoptra_server.render.trace.trace_renderer import EngineName, EngineRequest, create_engine
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.worlds import make_test_world
 

@@ -10,9 +10,9 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
+from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.camera_state import CameraState, FogMedium, Shutter
 from catoptra_server.world.world_description import (
     Box,

@@ -14,9 +14,9 @@ import pytest
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import face_ray_table
 from catoptra_server.render.trace.trace_engine import NOTHING
+from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     Box,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE
+from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.shapes import box
 from catoptra_server.world.world_description import (

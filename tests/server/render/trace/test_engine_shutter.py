@@ -10,8 +10,8 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.kernel.kernel_rays import KernelRays
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.engine import KernelRays
+from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedFrame, TraceRequest
 from catoptra_server.render.trace.trace_renderer import TraceRenderer

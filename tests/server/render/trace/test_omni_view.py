@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.capture_context import CaptureContext
+from catoptra_server.effects.effect import CaptureContext
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import assemble_grid
-from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
+from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world.camera_state import NoiseSeed
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.world_description import World, srgb_from_linear

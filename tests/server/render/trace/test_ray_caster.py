@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_server.render.trace import ray_caster
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_caster import (
     EmbreeRayCaster,
     SceneRayCaster,

@@ -13,6 +13,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace import ray_table
 from catoptra_server.render.trace.ray_table import (
@@ -21,7 +22,6 @@ from catoptra_server.render.trace.ray_table import (
     lens_ray_table,
     omni_ray_table,
 )
-from catoptra_server.robot.render_settings import PerPixel
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from helpers.ray_grids import grid_directions, grid_validity
 from helpers.worlds import make_omni_camera, make_plan

@@ -25,11 +25,10 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import FaceCamera, Image
+from catoptra_server.render.renderer import FaceCamera, Image, RenderPlan
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.engine_choice import EngineName
 from catoptra_server.render.trace.ray_table import omni_ray_table
+from catoptra_server.render.trace.trace_renderer import EngineName
 from catoptra_server.world import textures as texture_levels
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count

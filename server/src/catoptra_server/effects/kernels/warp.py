@@ -2,15 +2,41 @@
 
 Bilinear in linear radiance, with neighbours and weights computed once; outside the image the border
 pixel is repeated. A pixel whose displacement is a whole number of pixels is copied bit by bit.
+
+Directions seen by a capture camera that is displaced from the mirror's second focus.
+
+A pixel's ray leaves the displaced pinhole, meets the mirror and is reflected; the pixel of the
+aligned camera with the same direction is the one to read. The normal of a central mirror needs no
+derivative: the normal bisects the angle between the outward direction from the viewpoint and the
+direction to the second focus. Domain: any central mirror; distant scenes, since the reflected rays
+no longer meet in one viewpoint.
+
+Largest speed in an image, ring by ring, before anything is rendered.
+
+A speed v past the nearest distance D turns directions by |v| / D, times px per radian; dynamic
+objects pass at the rates of the summary; a turn about the optical axis moves a pixel by the angle
+times the image radius, a turn about another axis by px per radian. All are added as if they agreed
+in one pixel, so the sum is a bound.
 """
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
+from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.radial_camera import RadialCamera
+from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import Real
+from catoptra_server.effects.effect import NUM_RINGS, EffectBound, Real, SceneSummary
+from catoptra_server.effects.kernels.light import max_change_by_shift
 
 Indices = npt.NDArray[np.intp]
 Float32Array = npt.NDArray[np.float32]
@@ -64,3 +90,223 @@ def warp(image: npt.NDArray[Real], warp_map: WarpMap) -> npt.NDArray[Real]:
     below += warp_map.right_weights * (diagonal - below)
     above += warp_map.lower_weights * (below - above)
     return above.reshape(image.shape)
+
+
+# Newton's method squares the error in each step; for offsets of a tenth of the mirror twelve steps
+# are enough. Rays that have not converged by then count as missing the mirror.
+_MAX_NEWTON_STEPS = 12
+_CONVERGENCE_TOLERANCE = 1e-12
+# Offsets are rounded to a nanopixel: the search's residue would otherwise mix neighbours where a
+# pixel is to be copied.
+_DECIMALS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPoseOffset:
+    """Displacement of the capture camera from its aligned pose, in the mirror frame."""
+
+    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Displacement of the pinhole."""
+    roll_rad: float = 0.0
+    """Turn about x through the pinhole; of an orthographic camera through the viewpoint."""
+    pitch_rad: float = 0.0
+    """Turn about y through the same point."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReflectedRays:
+    """Rays of the capture camera after their reflection at the mirror, (...) rays."""
+
+    point_m: Floats
+    """(..., 3) points of reflection, mirror frame."""
+    direction: Floats
+    """(..., 3) directions away from the mirror, mirror frame, not of unit length."""
+    is_hit: Bools
+    """(...) whether the ray meets the mirror within its rim."""
+
+
+def lookup_offsets_px(camera: OmniCamera, pose_offset: CameraPoseOffset) -> tuple[Floats, Bools]:
+    """Offset from each pixel to the aligned camera's pixel with the same direction.
+
+    Returns:
+        (h, w, 2) offsets, px, 0 where invalid; (h, w) validity: False for pixels that miss the
+        mirror, or whose direction lies beyond the aligned camera's rim.
+    """
+    pixels = pixel_sample_positions(camera)[:, :, 0]
+    reflected = reflect_rays(camera, pose_offset, pixels)
+    aligned, in_view = pixel_from_direction(camera, reflected.direction)
+    valid = in_view & reflected.is_hit
+    return np.where(valid[..., None], np.round(aligned - pixels, _DECIMALS), 0.0), valid
+
+
+def reflect_rays(
+    camera: OmniCamera, pose_offset: CameraPoseOffset, pixels: Floats
+) -> ReflectedRays:
+    """Reflect the rays of (..., 2) pixels at the mirror."""
+    # Vectors lie along the first axis here: three planes with one number per ray, which NumPy
+    # works through faster than triples.
+    origin, direction = _camera_rays(camera, pose_offset, pixels)
+    distance = (origin[2] - _initial_mirror_height_m(camera, pixels)) / -direction[2]
+    # Rays that miss the mirror have no root: the bounds keep them finite until they are dropped.
+    lower, upper = 0.5 * distance, 2.0 * distance
+    for _ in range(_MAX_NEWTON_STEPS):
+        point = origin + distance * direction
+        above, normal, t = _height_above_mirror(camera, point)
+        is_hit = t <= camera.rim_t
+        if not (np.abs(above) > _CONVERGENCE_TOLERANCE * distance)[is_hit].any():
+            break
+        # Heights are measured along the ray from the viewpoint: its angle with the normal turns
+        # the slope along the capture ray into that of `above`.
+        slope = _dot(normal, direction) / _dot(normal, _unit_vectors(point))
+        distance = np.clip(distance - above / slope, lower, upper)
+    is_hit &= np.abs(above) <= _CONVERGENCE_TOLERANCE * distance
+    reflected = direction - 2.0 * _dot(normal, direction) * normal
+    return ReflectedRays(np.moveaxis(point, 0, -1), np.moveaxis(reflected, 0, -1), is_hit)
+
+
+def _camera_rays(
+    camera: OmniCamera, pose_offset: CameraPoseOffset, pixels: Floats
+) -> tuple[Floats, Floats]:
+    """Origins and directions, (3, ...) each, in the mirror frame."""
+    # Directions have length 1 along the camera's own axis.
+    du, dv = np.moveaxis(pixels - np.asarray(camera.centre_px), -1, 0)
+    cosine, sine = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
+    x, y, zero = sine * du - cosine * dv, -cosine * du - sine * dv, np.zeros_like(du)
+    rotation = rotation_from_rpy(pose_offset.roll_rad, pose_offset.pitch_rad, 0.0)
+    translation = _column_vector(pose_offset.translation_m, du.ndim)
+    if math.isinf(camera.mirror.pinhole_distance_m):
+        # Parallel rays: pixels are points of a plane beyond the mirror, two rim radii away.
+        rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
+        scale = rim_m / camera.rim_radius_px
+        start = np.stack((scale * x, scale * y, zero + 2.0 * rim_m))
+        origin = _rotate(rotation, start) + translation
+        return origin, _rotate(rotation, np.stack((zero, zero, zero - 1.0)))
+    origin = _column_vector((0.0, 0.0, camera.mirror.pinhole_distance_m), du.ndim) + translation
+    scale = camera.inverse_focal_length
+    return origin, _rotate(rotation, np.stack((scale * x, scale * y, zero - 1.0)))
+
+
+def _initial_mirror_height_m(camera: OmniCamera, pixels: Floats) -> Floats:
+    """Height of the mirror at the aligned camera's pixels: the start of Newton's method."""
+    radius_px = np.hypot(*np.moveaxis(pixels - np.asarray(camera.centre_px), -1, 0))
+    within = np.minimum(radius_px, camera.rim_radius_px) / camera.scale_px
+    return camera.mirror.surface_point(camera.projection.t_from_radius_ratio(within))[1]
+
+
+def _height_above_mirror(camera: OmniCamera, points: Floats) -> tuple[Floats, Floats, Floats]:
+    """Height of (3, ...) points above the mirror.
+
+    Returns:
+        Height along the ray from the viewpoint, m; the surface normal there, (3, ...); t of the
+        direction. Beyond the rim the mirror continues for a little.
+    """
+    away = np.sqrt(_dot(points, points))
+    # Half-angle tangent of the direction; the floor keeps the antipode of the axis finite, which
+    # no rim reaches.
+    t = np.hypot(points[0], points[1]) / np.maximum(away + points[2], 1e-9 * away)
+    limit = min(2.0 * camera.rim_t, 0.5 * (camera.rim_t + camera.projection.t_limit))
+    r, z = camera.mirror.surface_point(np.minimum(t, limit))
+    radius = np.hypot(r, z)
+    outward = points / away
+    to_focus = _column_vector((0.0, 0.0, 1.0), outward.ndim - 1)
+    if math.isfinite(camera.mirror.pinhole_distance_m):
+        to_focus = _unit_vectors(camera.mirror.pinhole_distance_m * to_focus - radius * outward)
+    return away - radius, _unit_vectors(outward + to_focus), t
+
+
+def _column_vector(vector: tuple[float, float, float], dimensions: int) -> Floats:
+    """Vector of shape (3, 1, ...) that broadcasts against (3, ...) with `dimensions` more axes."""
+    return np.asarray(vector).reshape(3, *(1,) * dimensions)
+
+
+def _rotate(rotation: Floats, vectors: Floats) -> Floats:
+    rotated: Floats = np.tensordot(rotation, vectors, axes=1)
+    return rotated
+
+
+def _unit_vectors(vectors: Floats) -> Floats:
+    unit: Floats = vectors / np.sqrt(_dot(vectors, vectors))
+    return unit
+
+
+def _dot(one: Floats, other: Floats) -> Floats:
+    dot: Floats = one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+    return dot
+
+
+# Scales are known at sampled radii and smooth between them; a pixel centre exceeds them by less.
+_INTERPOLATION_MARGIN = 1.001
+
+# Fields of a summary that all functions of this module read.
+MOTION_FIELDS = frozenset(
+    {"scene_twist", "min_distances_m", "max_object_rates_rad_s", "max_radiance"}
+)
+
+
+def bound_motion(
+    summary: SceneSummary, camera: RadialCamera, durations_s: Floats | float
+) -> EffectBound:
+    """Bound the change of an image in which everything moves, with its cause.
+
+    The change is that of the continuous image, which has no samples that pass an edge all at once.
+
+    Args:
+        summary: Distances and motions.
+        camera: Camera of the image.
+        durations_s: Duration of the motion, one or (NUM_RINGS,).
+    """
+    durations_s = np.broadcast_to(durations_s, NUM_RINGS)
+    displacements_px = durations_s * max_speeds_px_s(summary, camera)
+    ring = int(displacements_px.argmax())
+    displacement_px = float(displacements_px[ring])
+    return EffectBound(
+        max_change_by_shift(displacement_px, summary.max_radiance),
+        describe_motion(summary, ring, float(durations_s[ring])),
+        displacement_px,
+    )
+
+
+def max_speeds_px_s(summary: SceneSummary, camera: RadialCamera) -> Floats:
+    """Largest speed in each ring of the image, (NUM_RINGS,), px/s."""
+    scale, radius_px = ring_scales_and_radii(camera)
+    x, y, z = summary.scene_twist.angular_rad_s
+    # An infinite distance gives a rate of 0: a world without anything near needs no special case.
+    rates = summary.scene_twist.speed_m_s / np.asarray(summary.min_distances_m)
+    rates = rates + np.asarray(summary.max_object_rates_rad_s) + math.hypot(x, y)
+    # The turn about the axis acts by the radius itself: near the image centre that is far less
+    # than px per radian.
+    speeds: Floats = rates * scale + abs(z) * radius_px
+    return speeds
+
+
+@lru_cache(maxsize=16)
+def ring_scales_and_radii(camera: RadialCamera) -> tuple[Floats, Floats]:
+    """Largest px per radian of each ring, and the ring's outer radius in px, (NUM_RINGS,) each."""
+    scale = compute_image_scale(camera)
+    largest = np.maximum(scale.radial, scale.tangential)
+    radius_px = scale.radius_px
+    edges_px = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1)
+    # The maximum of a ring may lie on its edge, between two sampled radii: both edges belong to
+    # each ring.
+    radii = np.concatenate((radius_px, edges_px))
+    at_edges = np.interp(edges_px, radius_px, largest)
+    values = np.concatenate((largest, at_edges))
+    rings = [
+        values[(inner <= radii) & (radii <= outer)].max() for inner, outer in pairwise(edges_px)
+    ]
+    return _INTERPOLATION_MARGIN * np.array(rings), edges_px[1:]
+
+
+def describe_motion(summary: SceneSummary, ring: int, duration_s: float) -> str:
+    """Describe the motion in a ring and its duration, for the reason of a bound."""
+    min_distance_m = summary.min_distances_m[ring]
+    parts = []
+    if summary.scene_twist.speed_m_s > 0.0 and math.isfinite(min_distance_m):
+        parts.append(f"up to {summary.scene_twist.speed_m_s:.2g} m/s at {min_distance_m:.2g} m")
+    turn = math.degrees(math.hypot(*summary.scene_twist.angular_rad_s))
+    if turn > 0.0:
+        parts.append(f"turns by up to {turn:.3g} degrees/s")
+    object_rate_rad_s = summary.max_object_rates_rad_s[ring]
+    if object_rate_rad_s > 0.0:
+        parts.append(f"objects pass by at {math.degrees(object_rate_rad_s):.2g} degrees/s")
+    return ", ".join((*parts, f"{1e3 * duration_s:.3g} ms")) if parts else "nothing moves"

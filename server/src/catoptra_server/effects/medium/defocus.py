@@ -23,22 +23,23 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
+    CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
     Real,
+    SceneSummary,
 )
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
-from catoptra_server.effects.kernels.disc_kernel import (
+from catoptra_server.effects.kernels.convolution import (
     DiscKernelTable,
+    convolve_symmetric_within,
     disc_kernel_table,
     table_row,
 )
-from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.lens_blur import (
     DISTANCE_FIELDS,
+    Aperture,
     circle_of_confusion,
     circle_of_confusion_map,
     describe_lens,
@@ -47,8 +48,7 @@ from catoptra_server.effects.kernels.lens_blur import (
     min_distance_at_radius,
     sample_radii_px,
 )
-from catoptra_server.effects.kernels.symmetric_kernels import convolve_symmetric_within
-from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.kernels.light import max_change_by_exchange
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,21 +25,21 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
+    CaptureContext,
     EffectBound,
     EffectType,
     ParameterFault,
     Real,
+    SceneSummary,
 )
-from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
-from catoptra_server.effects.kernels.symmetric_kernels import (
+from catoptra_server.effects.kernels.convolution import (
     convolve_symmetric,
     offset_pairs,
     pair_multiplicities,
 )
+from catoptra_server.effects.kernels.light import max_change_by_exchange
 from catoptra_server.effects.medium.defocus import F_NUMBER, PIXEL_PITCH
-from catoptra_server.effects.scene_summary import SceneSummary
 
 # Assumed: the centres of the bands of a sensor's red, green and blue filters.
 WAVELENGTHS_M = (610e-9, 540e-9, 465e-9)

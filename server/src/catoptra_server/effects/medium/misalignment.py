@@ -25,21 +25,26 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
     NEEDS_MIRROR,
+    CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
     Real,
+    SceneSummary,
 )
-from catoptra_server.effects.kernels.grey_levels import (
+from catoptra_server.effects.kernels.light import (
     max_change_by_exchange,
     max_change_by_shift,
 )
-from catoptra_server.effects.kernels.misaligned_rays import CameraPoseOffset, lookup_offsets_px
-from catoptra_server.effects.kernels.warp import WarpMap, warp, warp_map_from_offsets
-from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.kernels.warp import (
+    CameraPoseOffset,
+    WarpMap,
+    lookup_offsets_px,
+    warp,
+    warp_map_from_offsets,
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,36 +26,39 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
     NEEDS_MIRROR,
+    CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
     Real,
+    SceneSummary,
 )
-from catoptra_server.effects.kernels.circle_of_confusion import Aperture
-from catoptra_server.effects.kernels.contaminants import (
+from catoptra_server.effects.kernels.convolution import (
+    DiscKernelTable,
+    convolve_symmetric,
+    disc_kernel_table,
+    table_row,
+)
+from catoptra_server.effects.kernels.lens_blur import (
+    Aperture,
+    circle_of_confusion_map,
+)
+from catoptra_server.effects.kernels.light import (
+    camera_noise_key,
+    grey_level,
+    max_change_by_gain,
+    mean_luminance,
+)
+from catoptra_server.effects.kernels.mirror_surface import (
     Contaminants,
+    mirror_surface_table,
     particle_cells,
     pixel_coverage,
     scratch_cells,
 )
-from catoptra_server.effects.kernels.disc_kernel import (
-    DiscKernelTable,
-    disc_kernel_table,
-    table_row,
-)
-from catoptra_server.effects.kernels.grey_levels import grey_level, max_change_by_gain
-from catoptra_server.effects.kernels.lens_blur import (
-    circle_of_confusion_map,
-)
-from catoptra_server.effects.kernels.luminance import mean_luminance
-from catoptra_server.effects.kernels.mirror_surface_table import mirror_surface_table
-from catoptra_server.effects.kernels.noise import camera_noise_key
-from catoptra_server.effects.kernels.symmetric_kernels import convolve_symmetric
 from catoptra_server.effects.medium.defocus import APERTURE_PARAMETERS
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.world.camera_state import NoiseSeed
 
 # Logarithm of the number of pixels of which none exceeds the maximum coverage.

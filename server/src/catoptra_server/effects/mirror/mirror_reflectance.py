@@ -22,16 +22,16 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
     NEEDS_MIRROR,
+    CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
     Real,
+    SceneSummary,
 )
-from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
-from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.kernels.light import max_change_by_gain
 
 # Radii of the bound: between them the reflectance of steel in the paper's mirror bends by 6e-7.
 _NUM_RADII = 201

@@ -22,8 +22,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType
-from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType, SceneSummary
 from catoptra_server.world.camera_state import CameraState, FogMedium
 from catoptra_server.world.world_description import srgb_from_linear
 

@@ -18,9 +18,8 @@ from typing import ClassVar
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType
-from catoptra_server.effects.kernels.image_speed import MOTION_FIELDS, bound_motion
-from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.effect import EffectBound, EffectParameter, EffectType, SceneSummary
+from catoptra_server.effects.kernels.warp import MOTION_FIELDS, bound_motion
 from catoptra_server.world.camera_state import INSTANTANEOUS, CameraState
 
 

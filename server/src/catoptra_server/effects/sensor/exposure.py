@@ -14,15 +14,15 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
+    CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
     Real,
+    SceneSummary,
 )
-from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
-from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.kernels.light import max_change_by_gain
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,20 +18,20 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
+    CaptureContext,
     EffectBound,
     EffectParameter,
     EffectType,
     Real,
+    SceneSummary,
 )
-from catoptra_server.effects.kernels.grey_levels import max_change_by_offset
-from catoptra_server.effects.kernels.noise import (
+from catoptra_server.effects.kernels.light import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
+    max_change_by_offset,
     normal_variates,
 )
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.world.camera_state import NoiseSeed
 
 

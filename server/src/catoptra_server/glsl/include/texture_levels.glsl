@@ -3,7 +3,7 @@
 
 // Polynomials in the cosine of the angle to the camera's axis, scaled to -1 to 1: logarithms of the
 // angles between samples along the circles through the axis (x) and across them (y). Twin:
-// catoptra_server.render.raster.sample_spacing.SampleSpacing.at.
+// catoptra_server.render.raster.device.SampleSpacing.at.
 const int SPACING_TERMS = 8;
 uniform vec2 log_spacing[SPACING_TERMS];
 uniform vec3 spacing_axis;           // unit, world axes

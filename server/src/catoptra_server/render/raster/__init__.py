@@ -4,7 +4,7 @@ Only this package imports moderngl. Import the package on demand, as `planning/r
 does: a machine without OpenGL runs the server with the trace renderer.
 """
 
-from catoptra_server.render.raster.gl_device import OpenGLMissingError, open_device
+from catoptra_server.render.raster.device import OpenGLMissingError, open_device
 from catoptra_server.render.raster.raster_renderer import RasterRenderer
 
 __all__ = ["OpenGLMissingError", "RasterRenderer", "open_device"]

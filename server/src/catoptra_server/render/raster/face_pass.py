@@ -14,10 +14,10 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.projection.depth_range import MAX_NEAR_M, DepthRange
-from catoptra_server.render.raster.dynamic_object_buffer import object_distance_range
+from catoptra_server.render.projection.cameras import MAX_NEAR_M, DepthRange
+from catoptra_server.render.raster.device import SampleSpacing
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, image_bytes
-from catoptra_server.render.raster.sample_spacing import SampleSpacing
+from catoptra_server.render.raster.scene_batches import object_distance_range
 from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 from catoptra_server.world.camera_state import CameraState
 

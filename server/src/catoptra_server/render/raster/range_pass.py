@@ -15,16 +15,16 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.render.projection.atlas import Atlas, AtlasCell
-from catoptra_server.render.projection.lens_projection import LensProjection
-from catoptra_server.render.raster.face_pass import frame_depth_range, frustum_planes
-from catoptra_server.render.raster.passes import image_bytes
-from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.raster.shader_programs import (
+from catoptra_server.render.projection.cameras import LensProjection
+from catoptra_server.render.raster.device import (
     ProgramSpec,
     ShaderPrograms,
     set_sampler,
     set_uniform,
 )
+from catoptra_server.render.raster.face_pass import frame_depth_range, frustum_planes
+from catoptra_server.render.raster.passes import image_bytes
+from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.triangles import visible_runs

@@ -24,7 +24,7 @@ from catoptra_server.render.projection.shadow_projections import (
     ShadowProjection,
     fit_shadow_projections,
 )
-from catoptra_server.render.raster.shader_programs import (
+from catoptra_server.render.raster.device import (
     Definitions,
     ProgramSpec,
     ShaderPrograms,

@@ -16,9 +16,8 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.kernel.instruction_sets import AUTO
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.library import AUTO, KernelUnavailableError
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shapes import hit_normals
 

@@ -2,11 +2,15 @@
 
 An engine holds a scene; `prepare` gives it the rays of a camera. Both shade by the same model
 (`scene/shading`) and agree to one grey level wherever all samples of a pixel meet one surface.
+
+Requests for labels: channels of what rays meet, by numbers of objects and classes.
+
+Optical flow of the pixels of one exposure: their points, and the projection of the other one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import field
 from typing import Any, Protocol, runtime_checkable
 
@@ -15,16 +19,69 @@ import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.image_changer import ImageChanger
-from catoptra_server.render.renderer import Image, LinearImage, RenderedImage
-from catoptra_server.render.time_samples import trajectory
-from catoptra_server.render.trace.flow_tables import FlowTables
-from catoptra_server.render.trace.label_tables import LabelRequest
+from catoptra_server.render.renderer import Image, LinearImage, RenderedImage, trajectory
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
+
+LabelNumbers = npt.NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelTables:
+    """Numbers of objects and classes."""
+
+    triangle_numbers: LabelNumbers
+    """(n,) number of the object of each triangle of the static scene."""
+    object_numbers: LabelNumbers
+    """(o,) number of each dynamic object of an exposure, in its order."""
+    class_table: LabelNumbers
+    """(65536,) number of the class of each object's number."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelRequest:
+    """Labels that are wanted of an image."""
+
+    channels: frozenset[str]
+    """Names of the channels."""
+    tables: LabelTables
+    centres: RayTable
+    """Rays of the pixels' centres: one sample a pixel."""
+
+
+NO_MOTION = -1
+"""Index of the motion of what stays where it is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlowTables:
+    """Points of an image, and a camera as tables by the angle from its axis."""
+
+    points: Float32s
+    """(h, w, 3) points that the pixels show, world frame; nan where they show none."""
+    ids: npt.NDArray[np.uint16]
+    """(h, w) numbers of the objects that these belong to."""
+    motions: Mapping[int, Pose]
+    """Motion of each moving object by number, world there from world here."""
+    gone: Collection[int]
+    """Numbers of objects that the other exposure lacks."""
+    places: Floats
+    """(n,) evenly spaced places of the camera's domain: t / (1 + t), t = tan(angle / 2)."""
+    radius_px: Floats
+    """(n,) image radii."""
+    axes: Floats
+    """(2, 2) unit displacements in the image, columns, of the azimuths of x and of y."""
+    centre_px: tuple[float, float]
+    origin_r: Floats | None = None
+    """(n,) distances of the rays' origins from the axis, metres; None: all at the viewpoint."""
+    origin_z: Floats | None = None
+    """(n,) their positions along the axis."""
+
 
 STATIC_SCENE = 0
 """Object number of the static scene; dynamic objects follow in the order of the camera state."""

@@ -1,27 +1,207 @@
 """The trace renderer: one ray a sample, traced and shaded by an engine.
 
 The native kernel where it can run, else its float64 reference in NumPy: `engine_choice`.
+
+The engine of the trace renderer: the native kernel where it can run, else the reference.
+
+A traced image of a camera: encoded at once, or changed by effects first.
+
+The effects are applied by the engine's image changer: native stages, or the formulas of `effects/`.
 """
 
 from __future__ import annotations
 
+import logging
+import time
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
-from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.engine_choice import EngineName, EngineRequest, create_engine
-from catoptra_server.render.trace.omni_view import TraceOmniView
+from catoptra_server.effects.effect import CaptureContext, ImageEffect
+from catoptra_server.render.image_changer import ExposedImage, ImageChanger
+from catoptra_server.render.renderer import (
+    NO_THRESHOLDS,
+    FaceCamera,
+    LinearImage,
+    RenderedImage,
+    RenderPlan,
+)
+from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import (
     RayTable,
     face_ray_table,
     lens_ray_table,
     omni_ray_table,
 )
-from catoptra_server.render.trace.trace_engine import TracedRays
+from catoptra_server.render.trace.trace_engine import (
+    LabelRequest,
+    PixelLabels,
+    TracedFrame,
+    TracedRays,
+    TraceEngine,
+    TraceRequest,
+)
 from catoptra_server.runtime.memory import count_processors
+from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World
+
+log = logging.getLogger(__name__)
+
+
+EngineName = Literal["kernel", "reference"]
+EngineRequest = Literal["auto", "kernel", "reference"]
+
+
+def create_engine(
+    request: EngineRequest,
+    scene: SceneMesh,
+    world: World,
+    *,
+    threads: int,
+    scene_lights: tuple[Light, ...],
+    instruction_set: str,
+) -> tuple[EngineName, TraceEngine]:
+    """Create an engine, and name it.
+
+    Args:
+        request: Engine; "auto" takes the kernel and falls back on the reference, with a warning.
+        scene: Triangles of the static scene.
+        world: Lights of dynamic objects, and background.
+        threads: Threads, at least one.
+        scene_lights: Lights of the static scene.
+        instruction_set: Instruction set of the kernel; "auto" for the processor's best.
+
+    Raises:
+        KernelUnavailableError: The kernel was requested and cannot run.
+    """
+
+    def create_kernel() -> TraceEngine:
+        from catoptra_server.render.trace.kernel.engine import KernelEngine
+
+        return KernelEngine(
+            scene,
+            world,
+            threads=threads,
+            scene_lights=scene_lights,
+            instruction_set=instruction_set,
+        )
+
+    if request not in ("auto", "kernel", "reference"):
+        raise DomainError(f"an engine is auto, kernel or reference, not {request!r}")
+    if request == "kernel":
+        return "kernel", create_kernel()
+    if request == "auto":
+        try:
+            return "kernel", create_kernel()
+        except KernelUnavailableError as error:
+            # The message names the missing part and the remedy.
+            log.warning("%s; tracing with the NumPy reference, many times slower", error)
+    # As above, where the engine is needed: see deferred_modules.
+    from catoptra_server.render.trace.reference.engine import ReferenceEngine
+
+    return "reference", ReferenceEngine(scene, world, threads=threads, scene_lights=scene_lights)
+
+
+class TraceOmniView:
+    """The rays of one camera."""
+
+    def __init__(self, camera: RadialCamera, rays: TracedRays, image_changer: ImageChanger) -> None:
+        """Keep the prepared rays.
+
+        Args:
+            camera: Camera model, for the effects.
+            rays: Rays of the image.
+            image_changer: Applies image effects.
+        """
+        self._camera = camera
+        self._rays = rays
+        self._image_changer = image_changer
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of all arrays."""
+        return self._rays.memory_bytes
+
+    def render(
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...] = (),
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+    ) -> RenderedImage:
+        """Render one exposure of the camera, changed by effects; each effect is a stage."""
+        return self.render_with_labels(camera_state, effects, thresholds, None)[0]
+
+    def render_with_labels(
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...],
+        thresholds: Mapping[str, float],
+        labels: LabelRequest | None,
+    ) -> tuple[RenderedImage, PixelLabels | None]:
+        """Render one exposure, and find labels along its rays where the engine can."""
+        # The engine encodes a frame without image effects itself, without any float image: the
+        # usual case, and the fastest.
+        if not effects:
+            request = TraceRequest(thresholds=thresholds, labels=labels)
+            frame, stage_ms = self._trace(camera_state, request)
+            assert frame.image.dtype == np.uint8
+            return RenderedImage(frame.image, stage_ms, frame.changes), frame.labels
+        frame, stage_ms = self._expose(camera_state, effects, thresholds, labels)
+        exposed = self._expose_image(camera_state, frame)
+        encoded = self._image_changer.encode(exposed, effects, thresholds)
+        changes = {**frame.changes, **encoded.changes}
+        return RenderedImage(encoded.image, stage_ms | encoded.stage_ms, changes), frame.labels
+
+    def render_linear(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+    ) -> LinearImage:
+        """Render one exposure in linear light, after all effects and before the encoding."""
+        frame, _ = self._expose(camera_state, effects, NO_THRESHOLDS, None)
+        exposed = self._expose_image(camera_state, frame)
+        return self._image_changer.change(exposed, effects, NO_THRESHOLDS).image
+
+    def _expose(
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...],
+        thresholds: Mapping[str, float],
+        labels: LabelRequest | None,
+    ) -> tuple[TracedFrame, dict[str, float]]:
+        """Frame of linear light with all that the effects need, and milliseconds by stage."""
+        has_ranges = any(effect.needs_range for effect in effects)
+        request = TraceRequest(
+            is_linear=True, has_ranges=has_ranges, thresholds=thresholds, labels=labels
+        )
+        return self._trace(camera_state, request)
+
+    def _expose_image(self, camera_state: CameraState, frame: TracedFrame) -> ExposedImage:
+        """Linear image at the sensor."""
+        context = CaptureContext(camera_state.noise_seed, range_m=frame.range_m)
+        return ExposedImage(frame.image, self._camera, context)
+
+    def _trace(
+        self, camera_state: CameraState, request: TraceRequest
+    ) -> tuple[TracedFrame, dict[str, float]]:
+        """A frame of the engine, and its milliseconds: its own stages apart from the rest."""
+        begin = time.perf_counter()
+        frame = self._rays.render(camera_state, request)
+        rest_ms = _elapsed_ms(begin) - sum(frame.stage_ms.values())
+        return frame, {"trace": rest_ms, **frame.stage_ms}
+
+    def close(self) -> None:
+        """Free the rays."""
+        self._rays.close()
+
+
+def _elapsed_ms(begin_s: float) -> float:
+    """Milliseconds since a reading of the performance counter."""
+    return 1e3 * (time.perf_counter() - begin_s)
 
 
 class TraceRenderer:

@@ -16,7 +16,7 @@ from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.plan_choice import PlanOption
-from catoptra_server.robot.render_settings import AccuracyTarget
+from catoptra_server.render.render_settings import AccuracyTarget
 from catoptra_server.simulation import AccuracyTargetChanged, Fault
 from catoptra_server.transports.stream.pending_requests import PendingRequest
 from catoptra_server.transports.stream.robot_session import RobotSession

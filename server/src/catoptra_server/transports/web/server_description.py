@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from catoptra_server.planning.camera_variant import POLYGON_COUNTS
+from catoptra_server.render.render_settings import has_mesh_viewpoint
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import has_mesh_viewpoint
 from catoptra_server.robot.robot_description import RobotDescription, SensorDescription
 from catoptra_server.sensors.range_scanner import RangeScannerDescription
 from catoptra_server.sensors.sonar import SonarDescription

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.kernel import flat_surfaces
-from catoptra_server.render.trace.kernel.flat_surfaces import (
+from catoptra_server.render.trace.kernel import scene_arrays as flat_surfaces
+from catoptra_server.render.trace.kernel.scene_arrays import (
     FlatSurfaces,
     find_flat_surfaces,
     has_corner_colours,

@@ -7,8 +7,8 @@ import ctypes
 import numpy as np
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.flow_tables import FlowTables
-from catoptra_server.render.trace.kernel.flow_arrays import flow_arrays
+from catoptra_server.render.trace.kernel.exposure_arrays import flow_arrays
+from catoptra_server.render.trace.trace_engine import FlowTables
 
 CENTRE = np.array((100.0, -50.0, 2.0))
 TURN = Pose.from_rpy((0.5, 0.0, 0.0), (0.0, 0.0, 0.3))

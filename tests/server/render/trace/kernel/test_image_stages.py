@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.render.trace.kernel.image_stages import STAGE_MAKERS, make_stage
+from catoptra_server.render.trace.kernel.image import STAGE_MAKERS, make_stage
 from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, make_effect
 
 

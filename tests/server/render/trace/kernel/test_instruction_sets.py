@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.render.trace.kernel import instruction_sets
-from catoptra_server.render.trace.kernel.instruction_sets import (
+from catoptra_server.render.trace.kernel import library as instruction_sets
+from catoptra_server.render.trace.kernel.library import (
     available_instruction_sets,
     choose_instruction_set,
 )

@@ -13,7 +13,7 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.render.trace.kernel.instruction_sets import available_instruction_sets
+from catoptra_server.render.trace.kernel.library import available_instruction_sets
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import MovingExposure, TracedExposure
 from catoptra_server.world.camera_state import CameraState

@@ -9,21 +9,23 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.effect import CaptureContext, ImageEffect
 from catoptra_server.render.image_changer import (
     ExposedImage,
     NumpyImageChanger,
     measure_change,
 )
 from catoptra_server.render.renderer import LinearImage
-from catoptra_server.render.trace.kernel.image_stages import STAGE_MAKERS
-from catoptra_server.render.trace.kernel.instruction_sets import choose_instruction_set
-from catoptra_server.render.trace.kernel.kernel_image_changer import (
+from catoptra_server.render.trace.kernel.image import (
+    STAGE_MAKERS,
     KernelImageChanger,
     open_image_changer,
 )
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
+from catoptra_server.render.trace.kernel.library import (
+    KernelDevice,
+    KernelError,
+    choose_instruction_set,
+)
 from helpers.effect_measurement import IMAGE_EFFECTS, NOISE_SEED, make_effect
 from helpers.worlds import make_omni_camera
 

@@ -9,9 +9,7 @@ from typing import ClassVar
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.render.trace.kernel import kernel_library
-from catoptra_server.render.trace.kernel.instruction_sets import available_instruction_sets
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice, KernelError
+from catoptra_server.render.trace.kernel import library as kernel_library
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
     Fields,
@@ -20,8 +18,11 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     RayTableStruct,
     SceneStruct,
 )
-from catoptra_server.render.trace.kernel.library_files import (
+from catoptra_server.render.trace.kernel.library import (
+    KernelDevice,
+    KernelError,
     KernelUnavailableError,
+    available_instruction_sets,
     embree_library_path,
     kernel_library_path,
 )

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
+from catoptra_server.render.trace.kernel.library import KernelDevice, KernelUnavailableError
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from helpers.worlds import make_test_world

@@ -10,16 +10,15 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.ground_truth.label_rays import build_label_rays, make_ray_source
-from catoptra_server.render.trace.kernel.exposure_arrays import ray_table_struct
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
-from catoptra_server.render.trace.kernel.label_arrays import (
+from catoptra_server.render.trace.kernel.exposure_arrays import (
     CentreMatch,
     label_arrays,
     match_centres,
+    ray_table_struct,
 )
-from catoptra_server.render.trace.kernel.library_files import KernelUnavailableError
-from catoptra_server.render.trace.label_tables import LabelRequest, LabelTables
+from catoptra_server.render.trace.kernel.library import KernelDevice, KernelUnavailableError
 from catoptra_server.render.trace.ray_table import RayTable
+from catoptra_server.render.trace.trace_engine import LabelRequest, LabelTables
 from helpers.labelled_rooms import CAMERAS, SIDE_PX
 
 SOURCE = make_ray_source(CAMERAS["paper"], None, None)

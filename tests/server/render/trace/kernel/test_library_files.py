@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.render.trace.kernel import library_files
-from catoptra_server.render.trace.kernel.instruction_sets import INSTRUCTION_SETS
-from catoptra_server.render.trace.kernel.library_files import (
+from catoptra_server.render.trace.kernel import library as library_files
+from catoptra_server.render.trace.kernel.library import (
+    INSTRUCTION_SETS,
     LIBRARY_OF_INSTRUCTION_SET,
     REASON_NAME,
     KernelUnavailableError,

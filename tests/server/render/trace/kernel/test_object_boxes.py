@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.kernel.object_boxes import enclose_parts
+from catoptra_server.render.trace.kernel.exposure_arrays import enclose_parts
 from catoptra_server.world.objects import ObjectMesh, build_object_mesh
 from catoptra_server.world.shapes import Patch
 from catoptra_server.world.world_description import Material

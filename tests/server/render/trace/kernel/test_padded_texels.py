@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.render.trace.kernel.padded_texels import MAX_TEXEL, pad_texels
+from catoptra_server.render.trace.kernel.scene_arrays import MAX_TEXEL, pad_texels
 
 RNG = np.random.default_rng(3)
 

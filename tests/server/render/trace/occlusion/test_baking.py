@@ -9,8 +9,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.occlusion.baking import bake_occlusion
-from catoptra_server.render.trace.occlusion.sky_rays import RADIUS_M, occluder_weights
+from catoptra_server.render.trace.occlusion.baking import RADIUS_M, bake_occlusion, occluder_weights
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World

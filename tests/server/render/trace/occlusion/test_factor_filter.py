@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.render.trace.occlusion.factor_filter import filter_factors
-from catoptra_server.render.trace.occlusion.grid_layout import GridLayout
+from catoptra_server.render.trace.occlusion.baking import GridLayout, filter_factors
 from catoptra_server.world.occlusion_map import OPEN
 
 

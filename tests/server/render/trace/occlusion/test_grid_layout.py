@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.render.trace.kernel.flat_surfaces import FlatSurfaces, find_flat_surfaces
-from catoptra_server.render.trace.occlusion.grid_layout import (
+from catoptra_server.render.trace.kernel.scene_arrays import FlatSurfaces, find_flat_surfaces
+from catoptra_server.render.trace.occlusion.baking import (
     SurfaceFrames,
     frame_surfaces,
     lay_out,

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.render.trace.kernel.flat_surfaces import find_flat_surfaces
-from catoptra_server.render.trace.occlusion.grid_layout import frame_surfaces, lay_out
-from catoptra_server.render.trace.occlusion.near_nodes import enclose_casters, find_near_pairs
+from catoptra_server.render.trace.kernel.scene_arrays import find_flat_surfaces
+from catoptra_server.render.trace.occlusion.baking import (
+    enclose_casters,
+    find_near_pairs,
+    frame_surfaces,
+    lay_out,
+)
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.standing_things import make_box_world
 

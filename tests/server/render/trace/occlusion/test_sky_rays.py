@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.render.trace.occlusion.sky_rays import (
+from catoptra_server.render.trace.occlusion.baking import (
     NUM_SETS,
     RADIUS_M,
     RAYS_PER_NODE,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.reference.affine import interpolate_poses
+from catoptra_server.render.trace.reference.meshes import interpolate_poses
 
 FIRST = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, -0.2, 0.5))
 SECOND = Pose.from_rpy((2.0, 2.0, 1.0), (0.3, 0.2, 0.1))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.reference.embree_mesh import EmbreeMesh, hit_triangles
+from catoptra_server.render.trace.reference.meshes import EmbreeMesh, hit_triangles
 
 # Two triangles: a large one 3 m ahead, a small one 2 m ahead beside the axis.
 CORNERS = np.array(

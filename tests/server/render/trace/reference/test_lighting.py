@@ -9,15 +9,15 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.reference.affine import interpolate_poses
-from catoptra_server.render.trace.reference.lighting import Lighting, shade_hits
-from catoptra_server.render.trace.reference.placed_mesh import (
+from catoptra_server.render.trace.reference.meshes import (
     FirstHits,
     PlacedMesh,
     WorldRays,
     find_first_hits,
+    interpolate_poses,
     trace_scene,
 )
+from catoptra_server.render.trace.reference.pixels import Lighting, shade_hits
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 from helpers.reference_caster import cast_rays

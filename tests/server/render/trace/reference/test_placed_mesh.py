@@ -8,13 +8,13 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.reference.affine import interpolate_poses
-from catoptra_server.render.trace.reference.placed_mesh import (
+from catoptra_server.render.trace.reference.meshes import (
     FirstHits,
     Indices,
     PlacedMesh,
     WorldRays,
     find_first_hits,
+    interpolate_poses,
     trace_object,
     trace_scene,
 )

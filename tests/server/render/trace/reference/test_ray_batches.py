@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
-from catoptra_server.render.trace.reference import ray_batches
-from catoptra_server.render.trace.reference.ray_batches import (
+from catoptra_server.render.trace.reference import engine as ray_batches
+from catoptra_server.render.trace.reference.engine import (
     RayBatch,
     mean_pixels,
     read_batch,

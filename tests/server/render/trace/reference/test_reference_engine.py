@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from catoptra_server.render.trace.ray_table import omni_ray_table
-from catoptra_server.render.trace.reference import ray_batches
-from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
+from catoptra_server.render.trace.reference import engine as ray_batches
+from catoptra_server.render.trace.reference.engine import ReferenceEngine
 from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE, assemble_grid
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import PointLight, World

@@ -1,24 +1,142 @@
-"""Exposures and rays as the kernel's structures: poses of camera and objects, tables of rays."""
+"""Exposures and rays as the kernel's structures: poses of camera and objects, tables of rays.
+
+Boxes around the parts of a dynamic object.
+
+The kernel traces a dynamic object only where a box of it reaches into a part of the image. One box
+around a robot with a camera tower is mostly empty: a few boxes around its parts are met by half as
+many rays.
+
+Optical flow as the kernel's structure.
+
+Channels of labels as the kernel's structure, and the rays that they are found along.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.labels.channels import LABEL_CHANNELS
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.trace.kernel.kernel_library import KernelDevice
-from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct, RayTableStruct
-from catoptra_server.render.trace.kernel.object_boxes import enclose_parts
+from catoptra_server.render.trace.kernel.kernel_structs import (
+    FlowStruct,
+    FrameStruct,
+    LabelsStruct,
+    RayTableStruct,
+)
+from catoptra_server.render.trace.kernel.library import KernelDevice
 from catoptra_server.render.trace.kernel.scene_arrays import Owned, object_arrays
-from catoptra_server.render.trace.ray_table import RayTable
-from catoptra_server.render.trace.trace_engine import TracedExposure, camera_states
+from catoptra_server.render.trace.ray_table import Float32s, RayTable
+from catoptra_server.render.trace.trace_engine import (
+    NO_MOTION,
+    FlowTables,
+    LabelRequest,
+    PixelLabels,
+    TracedExposure,
+    camera_states,
+)
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import ObjectMesh
+
+# Every box costs a frame up to six candidates.
+_MAX_BOXES = 8
+# A division that saves less of the boxes' surface does not pay for the sides that it adds.
+_LEAST_SAVING = 0.05
+
+_Order = npt.NDArray[np.intp]
+
+
+def enclose_parts(mesh: ObjectMesh) -> Floats:
+    """(b, 6) centres and half sizes of boxes that together hold a mesh, in its frame, metres."""
+    low, high = mesh.corners.min(axis=1), mesh.corners.max(axis=1)
+    parts = [np.arange(len(mesh))]
+    while len(parts) < _MAX_BOXES:
+        areas = [_area(low[part].min(axis=0), high[part].max(axis=0)) for part in parts]
+        divisions = [_divide(low[part], high[part]) for part in parts]
+        savings = [area - after for area, (after, _) in zip(areas, divisions, strict=True)]
+        best = int(np.argmax(savings))
+        if savings[best] <= _LEAST_SAVING * sum(areas):
+            break
+        part, (_, (first, second)) = parts[best], divisions[best]
+        parts[best : best + 1] = [part[first], part[second]]
+    bounds = [(low[part].min(axis=0), high[part].max(axis=0)) for part in parts]
+    return np.array([(*(0.5 * (a + b)), *(0.5 * (b - a))) for a, b in bounds])
+
+
+def _divide(low: Floats, high: Floats) -> tuple[float, tuple[_Order, _Order]]:
+    """Division of (n, 3) boxes of triangles in two with the least surface, and that surface."""
+    best: tuple[float, tuple[_Order, _Order]] = (math.inf, (np.arange(0), np.arange(0)))
+    for axis in range(3):
+        order = np.argsort(low[:, axis] + high[:, axis], kind="stable")
+        first = _running_area(low[order], high[order])[:-1]
+        second = _running_area(low[order[::-1]], high[order[::-1]])[::-1][1:]
+        if len(first) and (first + second).min() < best[0]:
+            split = int((first + second).argmin()) + 1
+            best = float((first + second).min()), (order[:split], order[split:])
+    return best
+
+
+def _running_area(low: Floats, high: Floats) -> Floats:
+    """Surface of the box around the first 1, 2, ... n boxes."""
+    return _area(np.minimum.accumulate(low), np.maximum.accumulate(high))
+
+
+def _area(low: Floats, high: Floats) -> Floats:
+    """Surface of boxes between (..., 3) corners."""
+    x, y, z = np.moveaxis(high - low, -1, 0)
+    area: Floats = 2.0 * (x * y + y * z + z * x)
+    return area
+
+
+def flow_arrays(tables: FlowTables, centre: Floats) -> tuple[Float32s, Owned]:
+    """Flow to be written whole, and the structure that names it.
+
+    Args:
+        tables: Points, motions and projection.
+        centre: (3,) scene's centre in the world.
+    """
+    flow = np.empty((*tables.ids.shape, 2), dtype=np.float32)
+    motion_of = np.full(2**16, NO_MOTION, dtype=np.int32)
+    motions = np.zeros((max(1, len(tables.motions)), 12), dtype=np.float32)
+    for index, (number, motion) in enumerate(tables.motions.items()):
+        motion_of[number] = index
+        motions[index, :9] = motion.rotation.reshape(-1)
+        # About the scene's centre, in float64: both may be far from the world's origin.
+        motions[index, 9:] = motion.transform_points(centre) - centre
+    motion_of[list(tables.gone)] = NO_MOTION - 1
+    points = np.ascontiguousarray(tables.points, dtype=np.float32)
+    ids = np.ascontiguousarray(tables.ids, dtype=np.uint16)
+    columns = [
+        None if column is None else np.ascontiguousarray(column, dtype=np.float32)
+        for column in (tables.radius_px, tables.origin_r, tables.origin_z)
+    ]
+    addresses = [None if column is None else column.ctypes.data for column in columns]
+    places = tables.places
+    struct = FlowStruct(
+        points=points.ctypes.data,
+        ids=ids.ctypes.data,
+        motion_of=motion_of.ctypes.data,
+        motions=motions.ctypes.data,
+        num_nodes=len(places),
+        first=places[0],
+        last=places[-1],
+        nodes_per_unit=(len(places) - 1) / (places[-1] - places[0]),
+        radius_px=addresses[0],
+        origin_r=addresses[1],
+        origin_z=addresses[2],
+        flow=flow.ctypes.data,
+    )
+    struct.centre[:] = centre.tolist()
+    struct.axes[:] = tables.axes.reshape(-1).tolist()
+    struct.centre_px[:] = tables.centre_px
+    return flow, Owned(struct, (points, ids, motion_of, motions, *columns))
+
 
 _NO_BOXES = np.zeros((0, 6), dtype=np.float32)
 
@@ -144,3 +262,90 @@ def ray_table_struct(table: RayTable) -> RayTableStruct:
         origins=None if table.origins is None else table.origins.ctypes.data,
         times=None if table.times is None else table.times.ctypes.data,
     )
+
+
+# Channel of each member of the structure.
+_MEMBERS = {
+    "range": "range_m",
+    "normal": "normal",
+    "point": "point",
+    "ids": "ids",
+    "classes": "classes",
+    "agreement": "agreement",
+}
+
+_LINE_BYTES = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CentreMatch:
+    """Where the rays of the pixels' centres are among the tiles of a view."""
+
+    centres: RayTable
+    centre_tile: npt.NDArray[np.int32]
+    """(t,) tile of the centres of each tile of the view; -1 for none."""
+    is_held: npt.NDArray[np.uint8]
+    """(t,) whether proofs about a tile of the view hold for the centres' rays, too."""
+
+
+def match_centres(
+    device: KernelDevice, view: int, table: RayTable, centres: RayTable
+) -> CentreMatch:
+    """Match the rays of pixels' centres with those of a view; once for all frames.
+
+    Args:
+        device: Device of the view.
+        view: The view.
+        table: Rays of the view.
+        centres: Rays of the pixels' centres of the same image.
+
+    Raises:
+        DomainError: The view lacks tiles of the centres.
+    """
+    centre_tile = np.arange(len(table.tiles), dtype=np.int32)
+    is_held = np.ones(len(table.tiles), dtype=np.uint8)
+    if table is not centres:
+        device.match_centres(view, ray_table_struct(centres), centre_tile, is_held)
+    return CentreMatch(centres, centre_tile, is_held)
+
+
+def label_arrays(match: CentreMatch, request: LabelRequest) -> tuple[PixelLabels, Owned]:
+    """Channels to be written, and the structure that names them."""
+    arrays = _allocate(match.centres, [name for name in _MEMBERS if name in request.channels])
+    tables = request.tables
+    numbers = (tables.triangle_numbers, tables.object_numbers, tables.class_table)
+    triangles, objects, classes = (np.ascontiguousarray(one) for one in numbers)
+    struct = LabelsStruct(
+        centres=ray_table_struct(match.centres),
+        centre_tile=match.centre_tile.ctypes.data,
+        is_held=match.is_held.ctypes.data,
+        triangle_numbers=triangles.ctypes.data,
+        object_numbers=objects.ctypes.data,
+        class_table=classes.ctypes.data,
+    )
+    for name, array in arrays.items():
+        setattr(struct, _MEMBERS[name], array.ctypes.data)
+    return arrays, Owned(struct, (match, triangles, objects, classes))
+
+
+def _allocate(table: RayTable, names: Sequence[str]) -> PixelLabels:
+    """Channels, which the kernel writes whole.
+
+    All in one block: NumPy asks for huge pages for large ones, and tiles are written to rows in so
+    many pages that the processor would look up more of them than values.
+    """
+    shapes = {name: LABEL_CHANNELS[name].shape(table.height_px, table.width_px) for name in names}
+    dtypes = {name: np.dtype(LABEL_CHANNELS[name].dtype) for name in names}
+    sizes = {name: math.prod(shapes[name]) * dtypes[name].itemsize for name in names}
+    block = np.empty(sum(map(_whole_lines, sizes.values())), dtype=np.uint8)
+    arrays, begin = {}, 0
+    for name in names:
+        part = block[begin : begin + sizes[name]]
+        arrays[name] = part.view(dtypes[name]).reshape(shapes[name])
+        begin += _whole_lines(sizes[name])
+    return arrays
+
+
+def _whole_lines(size: int) -> int:
+    """Size of whole lines of the cache: no two channels share one."""
+    return -(-size // _LINE_BYTES) * _LINE_BYTES

@@ -3,11 +3,34 @@
 Rays meet the triangles that occlude lights. A node inside a solid, which nobody sees, takes its
 neighbours' factors: a floor goes on below a crate, and interpolation would darken the floor beside
 it. Factors are bytes, so the last bits of rays hardly show.
+
+Directions to the sky, distributed by the cosine, and the weight of an occluder by its distance.
+
+A point's factor is 1 less the mean weight over the hemisphere of its normal:
+1 - (1 / pi) integral of cos(theta) weight(distance(direction)). An occluder at distance 0 has the
+weight 1, so a point at the foot of an infinite wall has the factor 1/2; weights fall to 0 at the
+radius, since in a closed room every direction ends on something. Source: Zhukov et al. 1998,
+"An ambient light illumination model".
+
+Grids of nodes over the flat surfaces of a scene, packed into one atlas.
+
+Nodes lie on a surface's bounding rectangle in its plane, the outermost on its border, so that two
+nodes a side are the least. Triangles that belong to no flat surface (of worlds with very many) have
+a grid of two by two nodes each, between their corners, if they are few enough.
+
+From the factors of nodes to the bytes of an atlas: nodes inside solids filled, rays' sets mixed.
+
+Neighbouring nodes use different sets of directions, in squares of two by two. A tent over three by
+three nodes weighs all four sets alike, so steps at the edges of occluders vanish; grids of fewer
+than four nodes along a side are left as they are in that direction.
+
+Nodes of surfaces' grids that something could occlude: those near boxes around the casters.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -15,22 +38,396 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.trace.kernel.flat_surfaces import find_flat_surfaces
-from catoptra_server.render.trace.occlusion.factor_filter import filter_factors
-from catoptra_server.render.trace.occlusion.grid_layout import (
-    GridLayout,
-    SurfaceFrames,
-    frame_surfaces,
-    lay_out,
-)
-from catoptra_server.render.trace.occlusion.near_nodes import enclose_casters, find_near_pairs
-from catoptra_server.render.trace.occlusion.sky_rays import (
-    RADIUS_M,
-    occluder_weights,
-    sky_directions,
-)
-from catoptra_server.world.occlusion_map import OPEN, OcclusionMap
+from catoptra_server.render.trace.kernel.scene_arrays import FlatSurfaces, find_flat_surfaces
+from catoptra_server.world.occlusion_map import BLOCK, OPEN, OcclusionMap
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.triangles import make_clusters
+
+# Beyond, nothing occludes: the size of things that stand on floors. Chosen by pictures of the
+# field, the corridor and the rescue world.
+RADIUS_M = 0.5
+# Sets of directions, one for each node of a square of four nodes; a filter then mixes all of them.
+NUM_SETS = 4
+RAYS_PER_NODE = 32
+
+
+def occluder_weights(distances: Floats) -> Floats:
+    """Weights of occluders at distances, metres: 1 at distance 0, 0 from the radius on."""
+    nearness = np.maximum(1.0 - distances / RADIUS_M, 0.0)
+    weights: Floats = nearness * nearness
+    return weights
+
+
+def sky_directions() -> Floats:
+    """(NUM_SETS, RAYS_PER_NODE, 3) unit directions around z, distributed by the cosine.
+
+    Sobol's first two dimensions: each block of a power of two points is stratified by itself, and
+    all blocks together are, too.
+    """
+    count = NUM_SETS * RAYS_PER_NODE
+    # Half a cell off the borders: no ray along the surface, none along its normal.
+    across = (_van_der_corput(count) + 0.5 / count) % 1.0
+    around = 2.0 * np.pi * (_sobol_second(count) + 0.5 / count)
+    radius = np.sqrt(across)
+    directions = np.stack(
+        (radius * np.cos(around), radius * np.sin(around), np.sqrt(1.0 - across)), axis=-1
+    )
+    return directions.reshape(NUM_SETS, RAYS_PER_NODE, 3)
+
+
+def _van_der_corput(count: int) -> Floats:
+    """(count,) radical inverses in base 2."""
+    return _digital_sequence(count, [2**-bit for bit in range(1, 17)])
+
+
+def _sobol_second(count: int) -> Floats:
+    """(count,) second dimension of Sobol's sequence: the polynomial x + 1."""
+    columns, value = [], 1 << 15
+    for _ in range(16):
+        columns.append(value)
+        value ^= value >> 1
+    return _digital_sequence(count, [column / 65536.0 for column in columns])
+
+
+def _digital_sequence(count: int, columns: list[float]) -> Floats:
+    """(count,) exclusive sums of 16-bit columns, as fractions, by the bits of the index."""
+    index = np.arange(count)
+    total = np.zeros(count, dtype=np.int64)
+    for bit, column in enumerate(columns):
+        total ^= np.where(index >> bit & 1, int(column * 65536.0), 0)
+    return total / 65536.0
+
+
+Indices = npt.NDArray[np.int32]
+
+# Nodes along a side, whatever the surface's size: OpenGL 3.3 guarantees textures of 1024 texels.
+_MAX_SIDE_NODES = 1000
+_MAX_SMALL_TRIANGLES = 8000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceFrames:
+    """Coordinate systems of m surfaces: point = origin + s side_x + t side_y, s and t in [0, 1]."""
+
+    patch_of: Indices
+    """(n,) surface of each triangle, -1 for none."""
+    origin: Floats
+    """(m, 3) corner of the rectangle, world frame, metres."""
+    side_x: Floats
+    """(m, 3) one side of it."""
+    side_y: Floats
+    """(m, 3) the other."""
+    normal: Floats
+    """(m, 3) unit, outward."""
+
+    def take(self, surfaces: npt.NDArray[np.intp]) -> SurfaceFrames:
+        """Some of the surfaces, numbered anew; triangles of the others have none."""
+        number = np.full(len(self.origin) + 1, -1, dtype=np.int32)
+        number[surfaces] = np.arange(len(surfaces), dtype=np.int32)
+        return replace(self.take_rows(surfaces), patch_of=number[self.patch_of])
+
+    def take_rows(self, surfaces: npt.NDArray[np.intp]) -> SurfaceFrames:
+        """Rows of some surfaces, some perhaps repeated; triangles keep their numbers."""
+        return SurfaceFrames(
+            self.patch_of,
+            self.origin[surfaces],
+            self.side_x[surfaces],
+            self.side_y[surfaces],
+            self.normal[surfaces],
+        )
+
+    def transpose(self) -> SurfaceFrames:
+        """Surfaces with their sides exchanged."""
+        return replace(self, side_x=self.side_y, side_y=self.side_x)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridLayout:
+    """Places of m grids in an atlas."""
+
+    columns: Indices
+    """(m,) nodes along side x, at least 2."""
+    rows: Indices
+    """(m,) nodes along side y, at least 2."""
+    left: Indices
+    """(m,) first column in the atlas."""
+    top: Indices
+    """(m,) first row."""
+    width: int
+    """Columns of the atlas."""
+    height: int
+    """Rows of the atlas."""
+
+    def grid_at(self) -> Indices:
+        """(h, w) number of the grid that each node of the atlas belongs to; -1 for none."""
+        grid = np.full((self.height, self.width), -1, dtype=np.int32)
+        corners = np.stack((self.left, self.top, self.columns, self.rows), axis=-1)
+        for number, (x, y, w, h) in enumerate(corners.tolist()):
+            grid[y : y + h, x : x + w] = number
+        return grid
+
+    def bounds(self) -> Indices:
+        """(m, 4) first column, first row, last column, last row of each grid."""
+        last = self.left + self.columns - 1, self.top + self.rows - 1
+        return np.stack((self.left, self.top, *last), axis=-1).astype(np.int32)
+
+
+def frame_surfaces(scene: SceneMesh, flat: FlatSurfaces) -> SurfaceFrames:
+    """Coordinate systems of the lit surfaces of a scene."""
+    patch_of = np.full(len(scene), -1, dtype=np.int32)
+    patch_of[flat.triangles] = flat.surface
+    large = _frame_large(scene, flat)
+    small = np.flatnonzero((patch_of < 0) & ~scene.unlit)
+    if len(small) > _MAX_SMALL_TRIANGLES:
+        small = small[:0]
+    patch_of[small] = len(flat.representative) + np.arange(len(small), dtype=np.int32)
+    first, second, third = np.moveaxis(scene.corners[small], 1, 0)
+    frames = SurfaceFrames(
+        patch_of,
+        np.concatenate((large.origin, first)),
+        np.concatenate((large.side_x, second - first)),
+        np.concatenate((large.side_y, third - first)),
+        np.concatenate((large.normal, scene.normals[small])),
+    )
+    # Unlit surfaces show their albedo; one without an area has no plane.
+    is_lit = np.concatenate((~scene.unlit[flat.representative], np.ones(len(small), dtype=bool)))
+    has_area = (_lengths(frames.side_x) > 0.0) & (_lengths(frames.side_y) > 0.0)
+    return frames.take(np.flatnonzero(is_lit & has_area & frames.normal.any(axis=-1)))
+
+
+def _frame_large(scene: SceneMesh, flat: FlatSurfaces) -> SurfaceFrames:
+    """Bounding rectangles of flat surfaces along axes of their planes."""
+    normal = scene.normals[flat.representative]
+    # The horizontal tangent, so that rows of nodes follow floors along walls; on a floor, the
+    # world's x axis.
+    horizontal = np.cross(np.array([0.0, 0.0, 1.0]), normal)
+    is_level = _lengths(horizontal) < 1e-3
+    axis_x = np.where(is_level[:, None], np.array([1.0, 0.0, 0.0]), horizontal)
+    axis_x -= np.einsum("mi,mi->m", axis_x, normal)[:, None] * normal
+    axis_x /= np.maximum(_lengths(axis_x), 1e-12)[:, None]
+    axis_y = np.cross(normal, axis_x)
+    corners = scene.corners[flat.triangles]
+    anchor = scene.corners[flat.representative, 0]
+    low, high = _extents(corners, anchor, np.stack((axis_x, axis_y), axis=1), flat.surface)
+    return SurfaceFrames(
+        flat.surface,
+        anchor + low[:, :1] * axis_x + low[:, 1:] * axis_y,
+        (high - low)[:, :1] * axis_x,
+        (high - low)[:, 1:] * axis_y,
+        normal,
+    )
+
+
+def _extents(
+    corners: Floats, anchor: Floats, axes: Floats, surface: Indices
+) -> tuple[Floats, Floats]:
+    """(m, 2) least and largest coordinates of the triangles of each surface along its axes."""
+    from_anchor = corners - anchor[surface][:, None]
+    along = np.einsum("tci,tki->tck", from_anchor, axes[surface])
+    low, high = np.full((len(anchor), 2), np.inf), np.full((len(anchor), 2), -np.inf)
+    np.minimum.at(low, surface, along.min(axis=1))
+    np.maximum.at(high, surface, along.max(axis=1))
+    return low, high
+
+
+def _lengths(vectors: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def lay_out(frames: SurfaceFrames, node_distance_m: float) -> GridLayout:
+    """Grids whose nodes are at most as far apart, packed into an atlas row by row."""
+    columns, rows = (
+        np.clip(np.ceil(_lengths(side) / node_distance_m) + 1, 2, _MAX_SIDE_NODES).astype(np.int32)
+        for side in (frames.side_x, frames.side_y)
+    )
+    wide, high = (-(-columns // BLOCK) * BLOCK).tolist(), (-(-rows // BLOCK) * BLOCK).tolist()
+    area = sum(w * h for w, h in zip(wide, high, strict=True))
+    width = max(max(wide, default=BLOCK), BLOCK * int(np.ceil(np.sqrt(area) / BLOCK)))
+    left, top = np.zeros_like(columns), np.zeros_like(rows)
+    x = y = shelf = 0
+    # Highest first: a shelf is as high as its first grid.
+    for number in np.argsort(-rows, kind="stable").tolist():
+        if x + wide[number] > width:
+            x, y, shelf = 0, y + shelf, 0
+        left[number], top[number] = x, y
+        x, shelf = x + wide[number], max(shelf, high[number])
+    return GridLayout(columns, rows, left, top, width, max(y + shelf, BLOCK))
+
+
+# Rows of nodes inside a solid that the filter or an interpolation near a visible node reaches.
+_NUM_FILLED = 2
+_MIN_FILTERED = 4
+_DIRECTIONS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
+
+
+def filter_factors(
+    layout: GridLayout, near: Bools, factors: Floats, inside: Bools
+) -> npt.NDArray[np.uint8]:
+    """(h, w) atlas of the factors of the nodes that are near casters, in their order; else open.
+
+    Args:
+        layout: Places of the grids.
+        near: (h, w) nodes that were measured.
+        factors: (k,) factors of these.
+        inside: (k,) nodes inside solids.
+    """
+    values, known = np.ones(near.shape), np.ones(near.shape, dtype=bool)
+    values[near], known[near] = factors, ~inside
+    grid = layout.grid_at()
+    values = _fill(values, known, grid)
+    values = _blur(values, grid, axis=1, is_filtered=layout.columns >= _MIN_FILTERED)
+    values = _blur(values, grid, axis=0, is_filtered=layout.rows >= _MIN_FILTERED)
+    return np.round(values * OPEN).astype(np.uint8)
+
+
+def _fill(values: Floats, known: Bools, grid: npt.NDArray[np.int32]) -> Floats:
+    """Values with those of unknown nodes continued from known nodes of the grid, else 1."""
+    for _ in range(_NUM_FILLED):
+        row, column = np.nonzero(~known)
+        total, count = np.zeros(len(row)), np.zeros(len(row))
+        for dy, dx in _DIRECTIONS:
+            near, is_near = _look(values, known, grid, (row, column), (dy, dx))
+            far, is_far = _look(values, known, grid, (row, column), (2 * dy, 2 * dx))
+            # Along a straight line: factors fall towards the foot of a wall.
+            continued = np.clip(np.where(is_far, 2.0 * near - far, near), 0.0, 1.0)
+            total += np.where(is_near, continued, 0.0)
+            count += is_near
+        filled = count > 0.0
+        values, known = values.copy(), known.copy()
+        values[row[filled], column[filled]] = total[filled] / count[filled]
+        known[row[filled], column[filled]] = True
+    return np.where(known, values, 1.0)
+
+
+def _look(
+    values: Floats,
+    known: Bools,
+    grid: npt.NDArray[np.int32],
+    at: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    step: tuple[int, int],
+) -> tuple[Floats, Bools]:
+    """(k,) values a step away from nodes, and whether they are known and of the same grid."""
+    y, x = (index + offset for index, offset in zip(at, step, strict=True))
+    inside = (y >= 0) & (y < grid.shape[0]) & (x >= 0) & (x < grid.shape[1])
+    y, x = np.where(inside, y, 0), np.where(inside, x, 0)
+    return values[y, x], inside & known[y, x] & (grid[y, x] == grid[at])
+
+
+def _blur(values: Floats, grid: npt.NDArray[np.int32], *, axis: int, is_filtered: Bools) -> Floats:
+    """Tent over three nodes along an axis of the grids; the outermost nodes count twice."""
+    before, after = _shift(values, grid, axis, 1), _shift(values, grid, axis, -1)
+    # The last entry is that of nodes without a grid.
+    is_kept = ~np.append(is_filtered, False)[grid]
+    return np.where(is_kept, values, 0.25 * (before + after) + 0.5 * values)
+
+
+def _shift(values: Floats, grid: npt.NDArray[np.int32], axis: int, step: int) -> Floats:
+    """Values of the nodes a step before each; its own where that is not of the same grid."""
+    is_same = np.roll(grid, step, axis=axis) == grid
+    # Rolled round from the other border: a grid as wide as the atlas would meet itself.
+    border = [slice(None), slice(None)]
+    border[axis] = slice(0, 1) if step > 0 else slice(-1, None)
+    is_same[tuple(border)] = False
+    return np.where(is_same, np.roll(values, step, axis=axis), values)
+
+
+Numbers = npt.NDArray[np.intp]
+
+# What rises less over a plane occludes nothing of it: markings lie on floors, posters on walls.
+MIN_HEIGHT_M = 0.005
+# Boxes in all, at least; a scene of few triangles has one each.
+_NUM_BOXES = 500
+_SURFACES_AT_ONCE = 256
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CasterBoxes:
+    """Boxes around all triangles that occlude light."""
+
+    centre: Floats
+    """(b, 3) metres."""
+    half: Floats
+    """(b, 3) half sizes."""
+
+    def take(self, boxes: Numbers) -> CasterBoxes:
+        """Rows of some boxes."""
+        return CasterBoxes(self.centre[boxes], self.half[boxes])
+
+
+def enclose_casters(corners: Floats) -> CasterBoxes:
+    """Boxes around (n, 3, 3) triangles: neighbours of like size share one."""
+    longest = np.ptp(corners, axis=1).max(axis=-1, initial=0.0)
+    # A floor shares no box with a crate on it.
+    size_class = np.log2(np.maximum(longest, 1e-3) * 1e3).astype(np.intp)
+    clusters = make_clusters(corners, size_class, size=max(1, len(corners) // _NUM_BOXES))
+    return CasterBoxes(
+        0.5 * (clusters.box_min + clusters.box_max), 0.5 * (clusters.box_max - clusters.box_min)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearPairs:
+    """Surfaces, and boxes of casters near them."""
+
+    surface: Numbers
+    """(p,) surface of each pair."""
+    frames: SurfaceFrames
+    """Its coordinate system."""
+    boxes: CasterBoxes
+    """The box of each pair."""
+    radius_m: float
+    """Farther nodes are not near."""
+
+    def find_nodes(self, layout: GridLayout) -> Bools:
+        """(h, w) nodes of an atlas that have a box within the radius."""
+        x0, x1 = self._find_span(self.frames, layout.columns[self.surface])
+        y0, y1 = self._find_span(self.frames.transpose(), layout.rows[self.surface])
+        is_met = (x0 < x1) & (y0 < y1)
+        left, top = layout.left[self.surface], layout.top[self.surface]
+        x0, x1, y0, y1 = (a[is_met] for a in (left + x0, left + x1, top + y0, top + y1))
+        # Corners of rectangles, summed along both axes, count the rectangles over each node.
+        count = np.zeros((layout.height + 1, layout.width + 1), dtype=np.int32)
+        for rows, columns, sign in ((y0, x0, 1), (y0, x1, -1), (y1, x0, -1), (y1, x1, 1)):
+            np.add.at(count, (rows, columns), sign)
+        near: Bools = count.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
+        return near
+
+    def _find_span(
+        self, frames: SurfaceFrames, num_nodes: npt.NDArray[np.int32]
+    ) -> tuple[Numbers, Numbers]:
+        """First node along side x within the radius of each box, and the one after the last."""
+        length = np.linalg.norm(frames.side_x, axis=-1)
+        axis = frames.side_x / length[:, None]
+        centre = np.einsum("pi,pi->p", self.boxes.centre - frames.origin, axis)
+        half = np.einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + self.radius_m
+        # The sides of small triangles' grids enclose any angle.
+        half += np.abs(np.einsum("pi,pi->p", frames.side_y, axis))
+        step = length / (num_nodes - 1)
+        # Whole steps outward: bilinear interpolation reaches there.
+        first = np.floor((centre - half) / step).astype(np.intp)
+        last = np.ceil((centre + half) / step).astype(np.intp)
+        return np.maximum(first, 0), np.minimum(last + 1, num_nodes)
+
+
+def find_near_pairs(frames: SurfaceFrames, boxes: CasterBoxes, radius_m: float) -> NearPairs:
+    """Boxes that reach before the planes of surfaces and near their rectangles."""
+    middle = frames.origin + 0.5 * (frames.side_x + frames.side_y)
+    diagonals = np.stack((frames.side_x + frames.side_y, frames.side_x - frames.side_y))
+    limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + radius_m
+    pairs = []
+    for first in range(0, len(middle), _SURFACES_AT_ONCE):
+        part = slice(first, first + _SURFACES_AT_ONCE)
+        offset = boxes.centre - middle[part, None]
+        outside = np.maximum(np.abs(offset) - boxes.half, 0.0)
+        near = np.einsum("mbi,mbi->mb", outside, outside) < limit[part, None] ** 2
+        height = np.einsum("mbi,mi->mb", offset, frames.normal[part])
+        reach = np.abs(frames.normal[part]) @ boxes.half.T
+        near &= (height + reach > MIN_HEIGHT_M) & (height - reach < radius_m)
+        surface, box = np.nonzero(near)
+        pairs.append((surface + first, box))
+    surface, box = (np.concatenate(found) for found in zip(*pairs, strict=True))
+    return NearPairs(surface, frames.take_rows(surface), boxes.take(box), radius_m)
+
 
 # Nodes near casters: 32 rays each take 0.1 to 0.2 s on two processors.
 MAX_NEAR_NODES = 48_000

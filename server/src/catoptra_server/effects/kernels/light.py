@@ -1,0 +1,186 @@
+"""Largest change of an encoded pixel, in grey levels of 255, for a change of linear radiance.
+
+Criteria compare encoded values: the sRGB curve is 13 times as steep in the dark as a straight line
+and 0.4 times as steep at white, so a bound in linear counts would be wrong by as much.
+
+Mean luminance of all pixels that show anything, for auto-exposure and scattering dust.
+
+Random numbers for pixels, the same bits in NumPy and in the kernel's stages.
+
+Counter-based: a 32-bit integer hash of pixel and key, so that neither threads nor tiles nor their
+order matter. Source of the hash: pcg3d, Jarzynski and Olano 2020, "Hash Functions for GPU
+Rendering", JCGT 9(3). Normal variates come from a table of 2^16 quantiles of unit variance, one
+lookup for each half of a word; the sum of both over sqrt(2) is at most `MAX_NORMAL_VARIATE`.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable
+from functools import cache, lru_cache
+from statistics import NormalDist
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.radial_camera import RadialCamera
+from catoptra_server.effects.effect import Real
+from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.world_description import srgb_from_linear
+
+_NUM_RADIANCES = 2049
+
+
+def grey_level(radiance: float) -> float:
+    """Grey level of a linear radiance, 0 to 255, not rounded."""
+    return 255.0 * float(srgb_from_linear(np.array(radiance)))
+
+
+def max_change_by_exchange(fraction: float, max_radiance: float) -> float:
+    """Largest change of a pixel that exchanges a fraction of its light with others, grey levels.
+
+    Args:
+        fraction: Largest weight, 0 to 1, of other pixels in a mean that has the pixel's own light
+            in its place before; half the sum of |w - w'| for two kernels w and w'.
+        max_radiance: Radiances from 0 up to this one occur.
+    """
+    # A black pixel beside the brightest changes most: the sRGB curve is concave from 0 on.
+    return grey_level(fraction * max_radiance)
+
+
+def max_change_by_shift(displacement_px: float, max_radiance: float) -> float:
+    """Largest change of a pixel whose light is displaced, grey levels.
+
+    A pixel is a mean over its square, and a square shifted by (dx, dy) shares all but
+    1 - (1 - |dx|) (1 - |dy|) <= |dx| + |dy| with itself; the same is the weight of other pixels in
+    a bilinear interpolation.
+
+    Args:
+        displacement_px: Largest displacement, in any direction.
+        max_radiance: Radiances from 0 up to this one occur.
+    """
+    return max_change_by_exchange(min(1.0, math.sqrt(2.0) * displacement_px), max_radiance)
+
+
+def max_change_by_gain(gain: float, max_radiance: float) -> float:
+    """Largest change, in grey levels, of any radiance from 0 to `max_radiance` times a gain."""
+    # In encoded levels the difference grows with radiance until one of both values is clipped:
+    # darkened, the brightest unclipped radiance changes most; brightened, the radiance that the
+    # gain takes exactly to white.
+    if gain <= 1.0:
+        brightest = min(max_radiance, 1.0)
+        return grey_level(brightest) - grey_level(gain * brightest)
+    just_white = min(max_radiance, 1.0 / gain)
+    return grey_level(gain * just_white) - grey_level(just_white)
+
+
+def max_change_by_offset(offset: Callable[[Floats], Floats], max_radiance: float) -> float:
+    """Largest change, in grey levels, of any radiance that gains or loses an offset.
+
+    Args:
+        offset: Offset of each of (n,) radiances. Domain: offsets that grow with radiance, by less
+            than radiance itself.
+        max_radiance: Radiances from 0 up to this one occur.
+    """
+    brightest = min(max_radiance, 1.0)
+    # Geometric spacing is fine in the dark, where the sRGB curve is steepest; between two of these
+    # radiances a smooth offset changes the result by less than a thousandth.
+    radiance = np.concatenate(([0.0], np.geomspace(1e-7, 1.0, _NUM_RADIANCES) * brightest))
+    shift = offset(radiance)
+    levels = 255.0 * srgb_from_linear(np.stack((radiance, radiance + shift, radiance - shift)))
+    return float(np.abs(levels[1:] - levels[0]).max())
+
+
+# Rec. 709, for linear red, green, blue.
+LUMINANCE_WEIGHTS = (0.2126, 0.7152, 0.0722)
+
+
+def mean_luminance(image: npt.NDArray[Real], camera: RadialCamera) -> float:
+    """Mean luminance of the pixels that a mirror or lens shows anything in."""
+    # Summed in float64 for any image, so the gain of a float32 image is that of its reference.
+    colours = image.sum(axis=(0, 1), dtype=np.float64)
+    return float(colours @ LUMINANCE_WEIGHTS) / max(count_valid_pixels(camera), 1)
+
+
+@lru_cache(maxsize=16)
+def count_valid_pixels(camera: RadialCamera) -> int:
+    """Number of pixels whose centre has a direction; all others are black."""
+    return int(camera.direction_from_pixel(pixel_sample_positions(camera))[1].sum())
+
+
+UInt32Array = npt.NDArray[np.uint32]  # (3,)
+_NUM_QUANTILES = 2**16
+_SQRT_HALF = np.float32(np.sqrt(0.5))
+# Of the linear congruential generator that opens pcg3d (Numerical Recipes' constants).
+_MULTIPLIER, _INCREMENT = np.uint32(1664525), np.uint32(1013904223)
+
+
+def pcg3d(
+    x: UInt32Array, y: UInt32Array, z: UInt32Array
+) -> tuple[UInt32Array, UInt32Array, UInt32Array]:
+    """Hash three 32-bit words to three uniform words; arrays broadcast, arithmetic is mod 2^32."""
+    x, y, z = (word * _MULTIPLIER + _INCREMENT for word in (x, y, z))
+    # The order of these three lines is part of the hash: each uses the word mixed before.
+    x = x + y * z
+    y = y + z * x
+    z = z + x * y
+    x, y, z = (word ^ (word >> np.uint32(16)) for word in (x, y, z))
+    x = x + y * z
+    y = y + z * x
+    z = z + x * y
+    return x, y, z
+
+
+def frame_noise_key(seed: NoiseSeed, purpose: str) -> UInt32Array:
+    """Key, (3,), of the random numbers of one exposure, for one purpose."""
+    return _noise_key(*seed.camera_key, seed.tick, purpose)
+
+
+def camera_noise_key(seed: NoiseSeed, purpose: str) -> UInt32Array:
+    """Key, (3,), of a camera's fixed pattern, the same in every exposure."""
+    return _noise_key(*seed.camera_key, 0, purpose)
+
+
+def _noise_key(first: int, second: int, tick: int, purpose: str) -> UInt32Array:
+    # The purpose's checksum separates the streams of effects that share camera and tick; CRC-32 is
+    # the same on every platform and in every run, unlike hash().
+    salt = zlib.crc32(purpose.encode())
+    inputs = (first ^ salt, second, tick & 0xFFFFFFFF)
+    x, y, z = (np.array([word], dtype=np.uint32) for word in inputs)
+    return np.concatenate(pcg3d(x, y, z))
+
+
+def normal_variates(key: UInt32Array, height: int, width: int) -> npt.NDArray[np.float32]:
+    """Normal variates, (height, width, 3), one for each pixel and colour."""
+    x = np.arange(width, dtype=np.uint32)[None, :] + key[0]
+    y = np.arange(height, dtype=np.uint32)[:, None] + key[1]
+    table = normal_quantile_table()
+    variates = np.zeros((height, width, 3), dtype=np.float32)
+    # One float32 addition and one product per variate: operations that IEEE 754 rounds alike here
+    # and in C, which Box-Muller's logarithm and cosine are not.
+    for channel, word in enumerate(pcg3d(x, y, key[2:])):
+        low = table.take(word & np.uint32(0xFFFF))
+        variates[..., channel] = (low + table.take(word >> np.uint32(16))) * _SQRT_HALF
+    return variates
+
+
+@cache
+def normal_quantile_table() -> npt.NDArray[np.float32]:
+    """Quantiles (i + 1/2) / 2^16 of the normal distribution, (2^16,), scaled to unit variance."""
+    count = _NUM_QUANTILES
+    quantile = NormalDist().inv_cdf
+    # Half is computed and mirrored, so that the table's mean is exactly 0.
+    upper = np.array([quantile((index + 0.5) / count) for index in range(count // 2, count)])
+    table = np.concatenate((-upper[::-1], upper))
+    # Quantiles at the centres of equal shares miss the tails' variance; without the division the
+    # photon-transfer curve would be too low.
+    scaled: npt.NDArray[np.float32] = (table / table.std()).astype(np.float32)
+    scaled.setflags(write=False)
+    return scaled
+
+
+# Twice the table's last entry, that of the quantile 1 - 2^-17, over sqrt(2); rounded up.
+MAX_NORMAL_VARIATE = 6.12

@@ -1,0 +1,387 @@
+"""The rays of one camera on a kernel device: frames, hits, labels and flow.
+
+The native engine: a scene on a kernel device, and the rays of cameras.
+
+A frame is one call, from the rays and the camera's pose to pixels. C code: `src/`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.errors import DomainError
+from catoptra_server.render.image_changer import srgb_table
+from catoptra_server.render.renderer import NO_THRESHOLDS, Image, LinearImage
+from catoptra_server.render.trace.kernel.exposure_arrays import (
+    CentreMatch,
+    ObjectTable,
+    exposure_arrays,
+    flow_arrays,
+    label_arrays,
+    match_centres,
+    ray_table_struct,
+)
+from catoptra_server.render.trace.kernel.image import KernelImageChanger
+from catoptra_server.render.trace.kernel.kernel_structs import (
+    OUTPUT_FLOW,
+    OUTPUT_HITS,
+    OUTPUT_LABELS,
+    OUTPUT_LINEAR,
+    OUTPUT_SRGB,
+    FrameCounts,
+    SceneStruct,
+)
+from catoptra_server.render.trace.kernel.library import (
+    KernelDevice,
+    KernelError,
+    choose_instruction_set,
+)
+from catoptra_server.render.trace.kernel.scene_arrays import (
+    Owned,
+    caster_arrays,
+    encoded_table,
+    hemisphere_struct,
+    light_array,
+    occlusion_struct,
+    radiance_table,
+    scene_arrays,
+    surfaces_struct,
+    texture_array,
+)
+from catoptra_server.render.trace.ray_table import BLOCK_RAYS, Float32s, RayTable
+from catoptra_server.render.trace.trace_engine import (
+    ANY_CHANGE,
+    FlowTables,
+    LabelRequest,
+    PixelLabels,
+    RayHits,
+    TracedExposure,
+    TracedFrame,
+    TraceRequest,
+    find_ego_body,
+    first_state,
+    invert_ranges,
+    scene_centre,
+)
+from catoptra_server.world import shading
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Light, World
+
+
+class KernelRays:
+    """The rays of one camera on a kernel device."""
+
+    def __init__(self, table: RayTable, device: KernelDevice, engine: KernelEngine) -> None:
+        """Prepare the rays; the kernel reads the table's own arrays."""
+        self._table = table
+        self._device = device
+        self._engine = engine
+        self._view: int | None = device.prepare(ray_table_struct(table))
+        self._centres: CentreMatch | None = None
+        self.last_counts = FrameCounts()
+        """Tiles of the last frame: all, and those that one surface was proven to fill."""
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the rays and of the beams around them."""
+        own = 0 if self._view is None else self._device.view_bytes(self._view)
+        return self._table.memory_bytes + own
+
+    def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
+        """A frame and all other outputs that are wanted."""
+        output = OUTPUT_LINEAR if request.is_linear else OUTPUT_SRGB
+        shape = (self._table.height_px, self._table.width_px)
+        image: npt.NDArray[Any] = np.zeros(
+            (*shape, 3), dtype=np.float32 if request.is_linear else np.uint8
+        )
+        inverse = np.zeros(shape, dtype=np.float32) if request.has_ranges else None
+        labels, owned = self._label_beside(request.labels)
+        self._render(
+            exposure,
+            output,
+            image,
+            thresholds=request.thresholds,
+            inverse_range=inverse,
+            labels=owned,
+        )
+        # Frames are handed to other threads, which encode them while the next one is rendered.
+        if not request.is_linear:
+            image.setflags(write=False)
+        counts, shutter = self.last_counts, first_state(exposure).shutter
+        is_blurred = shutter is not None and shutter.exposure_s > 0.0
+        return TracedFrame(
+            image,
+            _read_changes(exposure, counts, request.thresholds),
+            None if inverse is None else invert_ranges(inverse),
+            {"MotionBlur": counts.blur_ms} if is_blurred else {},
+            labels,
+        )
+
+    def render_srgb(self, exposure: TracedExposure) -> Image:
+        """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
+        return self.render(exposure, TraceRequest()).image
+
+    def render_linear(self, exposure: TracedExposure) -> LinearImage:
+        """(h, w, 3) linear light; zero off the mirror. Light beyond white is kept."""
+        return self.render(exposure, TraceRequest(is_linear=True)).image
+
+    def find_hits(self, exposure: TracedExposure) -> RayHits:
+        """First hit of each ray."""
+        shape = (*self._table.valid.shape, BLOCK_RAYS)
+        range_m = np.zeros(shape, dtype=np.float32)
+        triangle, hit_object = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
+        self._render(exposure, OUTPUT_HITS, range_m, triangle, hit_object)
+        return RayHits(range_m, triangle, hit_object)
+
+    def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
+        """Labels without an image; their agreement is that of these rays."""
+        arrays, owned = label_arrays(self._match(request.centres), request)
+        self._engine.render(self._require_view(), exposure, OUTPUT_LABELS, labels=owned)
+        return arrays
+
+    def _label_beside(
+        self, request: LabelRequest | None
+    ) -> tuple[PixelLabels | None, Owned | None]:
+        """Channels to be found beside a picture; without any where these rays cannot find them."""
+        if request is None:
+            return None, None
+        try:
+            return label_arrays(self._match(request.centres), request)
+        except DomainError:
+            # The picture is as good without; whoever wants the labels alone is told why.
+            return None, None
+
+    def _match(self, centres: RayTable) -> CentreMatch:
+        """Where the rays of the pixels' centres are among these; kept for the next frame."""
+        if self._centres is None or self._centres.centres is not centres:
+            view = self._require_view()
+            self._centres = match_centres(self._device, view, self._table, centres)
+        return self._centres
+
+    def find_flow(self, other: TracedExposure, tables: FlowTables) -> Float32s:
+        """(h, w, 2) displacement of points to their places in another exposure; nan: not seen."""
+        flow, owned = flow_arrays(tables, self._engine.centre)
+        self._engine.render(self._require_view(), other, OUTPUT_FLOW, flow=owned)
+        return flow
+
+    def trace_bare(self, exposure: TracedExposure) -> None:
+        """Trace the rays without any use of the hits: the bare packet rate, for benchmarks."""
+        self._engine.trace_bare(self._require_view(), exposure)
+
+    def _render(
+        self,
+        exposure: TracedExposure,
+        output: int,
+        *arrays: npt.NDArray[np.generic],
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+        inverse_range: Float32s | None = None,
+        labels: Owned | None = None,
+    ) -> None:
+        self.last_counts = self._engine.render(
+            self._require_view(),
+            exposure,
+            output,
+            *arrays,
+            thresholds=thresholds,
+            inverse_range=inverse_range,
+            labels=labels,
+        )
+
+    def _require_view(self) -> int:
+        if self._view is None:
+            raise KernelError("the view is closed: nothing can be rendered with it")
+        return self._view
+
+    def close(self) -> None:
+        """Free the view."""
+        if self._view is not None:
+            self._device.release_view(self._view)
+        self._view = self._centres = None
+
+
+def _read_changes(
+    exposure: TracedExposure, counts: FrameCounts, thresholds: Mapping[str, float]
+) -> dict[str, float]:
+    """Largest changes by the scene's effects that are drawn and have a threshold."""
+    state = first_state(exposure)
+    changes = {}
+    if state.has_shadows:
+        changes["Shadows"] = counts.shadow_change
+    if state.fog is not None:
+        changes["Fog"] = counts.fog_change
+    if find_ego_body(exposure):
+        changes["SelfView"] = ANY_CHANGE if counts.shows_watched else 0.0
+    if state.shutter is not None and state.shutter.readout_s > 0.0:
+        changes["RollingShutter"] = counts.rolling_change
+    if state.shutter is not None and state.shutter.exposure_s > 0.0:
+        changes["MotionBlur"] = counts.blur_change
+    return {name: change for name, change in changes.items() if name in thresholds}
+
+
+class KernelEngine:
+    """A scene on a kernel device."""
+
+    def __init__(
+        self,
+        scene: SceneMesh,
+        world: World,
+        *,
+        threads: int,
+        scene_lights: tuple[Light, ...],
+        instruction_set: str = "auto",
+        packet_width: int = 0,
+    ) -> None:
+        """Commit a scene.
+
+        Args:
+            scene: Triangles of the static scene.
+            world: Lights of dynamic objects, and background.
+            threads: Threads, the calling one included.
+            scene_lights: Lights of the static scene.
+            instruction_set: As Embree names it; "auto" for the processor's best.
+            packet_width: Rays of a packet, 1, 4, 8 or 16; 0 for the instruction set's.
+
+        Raises:
+            KernelUnavailableError: The kernel's or Embree's library is missing.
+        """
+        name = choose_instruction_set(instruction_set)
+        self._device = KernelDevice(name, threads, packet_width=packet_width)
+        self.image_changer = KernelImageChanger(self._device)
+        width = self._device.packet_width
+        self.description = f"kernel (Embree {name}, packets of {width}), {threads} threads"
+        self._mesh = scene
+        self._world = world
+        self._scene_lights = scene_lights
+        self.centre = scene_centre(scene)
+        """(3,) origin of Embree's coordinates in the world."""
+        self._owners: list[object] = []
+        self._meshes: list[int] = []
+        self._objects = ObjectTable(self._device, self.centre)
+        self._has_shadow_tables = False
+        try:
+            self._scene = self._make_scene()
+        except BaseException:
+            # Nobody else knows the device: its threads would stay.
+            self._device.close()
+            raise
+
+    @property
+    def num_object_meshes(self) -> int:
+        """Number of object meshes committed so far."""
+        return len(self._objects)
+
+    def _make_scene(self) -> SceneStruct:
+        """Scene without what only shadows need."""
+        radiance = radiance_table(self._mesh, self._scene_lights, self._world.background)
+        encoded = encoded_table(radiance)
+        textures = self._keep(texture_array(self._mesh))
+        lights, num_lights = light_array(self._world.lights, self._scene_lights, self.centre)
+        # The table of greys is cached for the life of the process.
+        self._owners += [radiance, encoded, lights]
+        scene = SceneStruct(
+            mesh=self._commit(scene_arrays(self._mesh, self.centre)),
+            sharp_radiance=radiance.ctypes.data,
+            ambient_radiance=radiance.ctypes.data,
+            encoded=encoded.ctypes.data,
+            num_textures=len(self._mesh.textures),
+            textures=ctypes.addressof(textures),
+            num_lights=num_lights,
+            lights=ctypes.addressof(lights),
+            hemisphere=hemisphere_struct(self._world.lights),
+            srgb_table=srgb_table().ctypes.data,
+            surfaces=self._keep(surfaces_struct(self._mesh, self.centre)),
+            occlusion=self._keep(occlusion_struct(self._mesh.occlusion, self.centre)),
+        )
+        if self._mesh.occlusion is not None:
+            scene.ambient_radiance = self._tabulate_ambient()
+        return scene
+
+    def _tabulate_ambient(self) -> int:
+        """Address of the facets' radiance by hemisphere lights alone."""
+        ambient = shading.hemisphere_lights(self._scene_lights)
+        radiance = radiance_table(self._mesh, ambient, self._world.background)
+        self._owners.append(radiance)
+        return radiance.ctypes.data
+
+    def _keep(self, owned: Owned) -> Any:
+        """Structure whose arrays live as long as the engine."""
+        self._owners += [owned.struct, *owned.owners]
+        return owned.struct
+
+    def _commit(self, owned: Owned) -> int:
+        """Mesh of the device, released with the engine."""
+        mesh = self._device.commit_mesh(self._keep(owned))
+        self._meshes.append(mesh)
+        return mesh
+
+    def _prepare_shadows(self) -> None:
+        """Add to the scene what only shadows need, at the first frame with shadows."""
+        if self._has_shadow_tables:
+            return
+        if self._mesh.occlusion is None:
+            self._scene.ambient_radiance = self._tabulate_ambient()
+        if not self._mesh.casts_shadows.all():
+            self._scene.casters = self._commit(caster_arrays(self._mesh, self.centre))
+            casters = np.flatnonzero(self._mesh.casts_shadows).astype(np.int32)
+            self._owners.append(casters)
+            self._scene.caster_triangles = casters.ctypes.data
+        self._scene.light_maps = self._device.build_light_maps(self._scene)
+        self._has_shadow_tables = True
+
+    def prepare(self, rays: RayTable) -> KernelRays:
+        """Prepare the rays of a camera."""
+        return KernelRays(rays, self._device, self)
+
+    def render(
+        self,
+        view: int,
+        exposure: TracedExposure,
+        output: int,
+        *arrays: npt.NDArray[np.generic],
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+        inverse_range: Float32s | None = None,
+        labels: Owned | None = None,
+        flow: Owned | None = None,
+    ) -> FrameCounts:
+        """Render an exposure into arrays: an image, hits, labels or flow."""
+        if first_state(exposure).has_shadows:
+            self._prepare_shadows()
+        frame = exposure_arrays(exposure, self.centre, self._objects)
+        frame.struct.output = output
+        frame.struct.measures_shadows = "Shadows" in thresholds
+        frame.struct.shadow_threshold = thresholds.get("Shadows", 0.0)
+        frame.struct.measures_fog = "Fog" in thresholds
+        if "SelfView" in thresholds:
+            frame.struct.watched_object = find_ego_body(exposure)
+        frame.struct.blur_threshold = thresholds.get("MotionBlur", -1.0)
+        if inverse_range is not None:
+            frame.struct.inverse_range = inverse_range.ctypes.data
+        if labels is not None:
+            labels.struct.centre[:] = self.centre.tolist()
+            frame.struct.labels = ctypes.addressof(labels.struct)
+        if flow is not None:
+            frame.struct.flow = ctypes.addressof(flow.struct)
+        if output == OUTPUT_HITS:
+            struct = frame.struct
+            struct.range_m, struct.triangle, struct.object = (a.ctypes.data for a in arrays)
+        elif arrays:
+            frame.struct.image = arrays[0].ctypes.data
+        return self._device.render(self._scene, view, frame.struct)
+
+    def trace_bare(self, view: int, exposure: TracedExposure) -> None:
+        """Trace a view's rays without any use of the hits."""
+        frame = exposure_arrays(exposure, self.centre, self._objects)
+        self._device.trace(self._scene, view, frame.struct)
+
+    def close(self) -> None:
+        """Free the scene and end the threads."""
+        self._objects.close()
+        self._device.release_light_maps(self._scene)
+        while self._meshes:
+            self._device.release_mesh(self._meshes.pop())
+        self._device.close()

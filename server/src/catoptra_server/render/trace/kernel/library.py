@@ -1,0 +1,356 @@
+"""Instruction sets of this processor that Embree has code for.
+
+Files of the native libraries that trace: the kernel and Embree. Nothing is loaded here.
+
+Where one of them is missing the server traces with its reference, and `KernelUnavailableError` is
+the reason.
+
+The kernel's library, loaded and checked; its functions with Python's errors.
+
+ctypes releases the GIL for the whole of a call: the other threads of the server run while a frame
+is rendered.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import os
+from ctypes import c_char_p, c_int32, c_int64, c_void_p
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_server.render.trace.kernel.kernel_structs import (
+    STRUCTURES,
+    FrameCounts,
+    FrameStruct,
+    ImageJob,
+    MeshArrays,
+    RayTableStruct,
+    SceneStruct,
+)
+
+AUTO = "auto"
+INSTRUCTION_SETS = ("avx512", "avx2", "sse4.2")
+"""Embree's names, best first."""
+
+_CPU_INFO = Path("/proc/cpuinfo")
+# What Embree requires of a processor, in the words of the kernel's list.
+_REQUIRED_FLAGS = {
+    "avx512": {"avx512f", "avx512dq", "avx512cd", "avx512bw", "avx512vl"},
+    "avx2": {"avx2", "fma", "f16c", "bmi1", "bmi2"},
+    "sse4.2": {"sse4_2"},
+}
+
+
+def choose_instruction_set(requested: str) -> str:
+    """Embree's name of an instruction set; "auto" for the best that the processor has.
+
+    Raises:
+        DomainError: No such instruction set, or not on this processor.
+    """
+    available = available_instruction_sets()
+    if requested == AUTO:
+        return available[0]
+    if requested not in INSTRUCTION_SETS:
+        names = ", ".join((AUTO, *INSTRUCTION_SETS))
+        raise DomainError(f"an instruction set is one of {names}, not {requested!r}")
+    if requested not in available:
+        raise DomainError(f"this processor has no {requested}; it has {', '.join(available)}")
+    return requested
+
+
+def available_instruction_sets(cpu_info: Path = _CPU_INFO) -> tuple[str, ...]:
+    """Instruction sets of the processor, best first; SSE4.2, which the kernel needs, is assumed."""
+    flags = _read_flags(cpu_info)
+    found = (name for name in INSTRUCTION_SETS if _REQUIRED_FLAGS[name] <= flags)
+    return tuple(found) or ("sse4.2",)
+
+
+def _read_flags(cpu_info: Path) -> set[str]:
+    """Flags of the first processor."""
+    try:
+        lines = cpu_info.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return set()
+    line = next((line for line in lines if line.startswith("flags")), "")
+    return set(line.partition(":")[2].split())
+
+
+# These names are those of build_kernel.py, which compiles the kernel once for each processor.
+LIBRARY_OF_INSTRUCTION_SET = {
+    "sse4.2": "libcatoptra_trace.so",
+    "avx2": "libcatoptra_trace_avx2.so",
+    "avx512": "libcatoptra_trace_avx2.so",
+}
+REASON_NAME = "not_built.txt"
+# The wheels of embreex name their copy of Embree by a hash, which changes from version to version.
+EMBREE_PATTERN = "libembree4*.so*"
+
+
+class KernelUnavailableError(CatoptraError):
+    """The native kernel cannot trace here; the message names the missing part and the remedy."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"no native kernel: {reason}")
+        self.reason = reason
+
+
+def kernel_library_path(instruction_set: str) -> Path:
+    """Path of the kernel's library for an instruction set, as Embree names it.
+
+    Raises:
+        KernelUnavailableError: CATOPTRA_KERNEL=off, or the installation brought no library.
+    """
+    if os.environ.get("CATOPTRA_KERNEL") == "off":
+        raise KernelUnavailableError("CATOPTRA_KERNEL=off; unset it to trace with the kernel")
+    path = Path(__file__).parent / LIBRARY_OF_INSTRUCTION_SET[instruction_set]
+    if not path.is_file():
+        raise KernelUnavailableError(_missing_library(path))
+    return path
+
+
+def _missing_library(path: Path) -> str:
+    """Reason that the build left beside the place of the library, or its plain absence."""
+    try:
+        reason = (path.parent / REASON_NAME).read_text(encoding="utf-8").strip()
+    except OSError:
+        return f"{path} does not exist; install catoptra-server again"
+    return f"none was built at installation: {reason}"
+
+
+def embree_library_path() -> Path:
+    """Path of the Embree library that the package embreex brings along.
+
+    Raises:
+        KernelUnavailableError: embreex is not installed, or brought no such library.
+    """
+    package = importlib.util.find_spec("embreex")
+    if package is None or package.origin is None:
+        raise KernelUnavailableError("the package embreex is not installed")
+    # Where wheels keep the libraries that they bring along. Not by the wheel's list of files:
+    # importlib.metadata takes 0.02 s of every start.
+    folder = Path(package.origin).parents[1] / "embreex.libs"
+    found = next(folder.glob(EMBREE_PATTERN), None)
+    if found is None:
+        raise KernelUnavailableError(
+            f"{folder} has no file {EMBREE_PATTERN}; install a wheel of the package embreex again"
+        )
+    return found
+
+
+PACKET_WIDTHS = (1, 4, 8, 16)
+"""Rays of a packet; 1 for single rays."""
+
+_ERROR_BYTES = 256
+
+Float32s = npt.NDArray[np.float32]
+
+
+class KernelError(CatoptraError):
+    """The kernel failed, such as for lack of memory; the message has its reason."""
+
+
+class KernelDevice:
+    """Embree's device and the kernel's threads.
+
+    Meshes and views are addresses that belong to the device; all are released before it closes.
+    """
+
+    def __init__(self, instruction_set: str, threads: int, *, packet_width: int = 0) -> None:
+        """Open a device.
+
+        Args:
+            instruction_set: As Embree names it: sse4.2, avx2 or avx512.
+            threads: Threads, the calling one included.
+            packet_width: One of PACKET_WIDTHS; 0 for the widest that the instruction set has.
+
+        Raises:
+            DomainError: No such packet width.
+            KernelUnavailableError: The library or the instruction set is missing.
+        """
+        if packet_width not in (0, *PACKET_WIDTHS):
+            raise DomainError(f"a packet has {PACKET_WIDTHS} rays, or 0 for auto: {packet_width}")
+        self._library = _load_library(kernel_library_path(instruction_set))
+        self._address: int | None = None
+        error = ctypes.create_string_buffer(_ERROR_BYTES)
+        path = str(embree_library_path()).encode()
+        self._address = self._library.catoptra_open(
+            path, instruction_set.encode(), threads, packet_width, error
+        )
+        if not self._address:
+            raise KernelUnavailableError(error.value.decode(errors="replace"))
+        self.packet_width: int = self._library.catoptra_packet_width(self._address)
+        """Rays of a packet."""
+
+    def commit_mesh(self, arrays: MeshArrays) -> int:
+        """Commit triangles for ray queries."""
+        error = ctypes.create_string_buffer(_ERROR_BYTES)
+        mesh = self._library.catoptra_commit_mesh(self._require_open(), ctypes.byref(arrays), error)
+        return _require(mesh, error)
+
+    def release_mesh(self, mesh: int) -> None:
+        """Free a mesh."""
+        self._library.catoptra_release_mesh(mesh)
+
+    def prepare(self, rays: RayTableStruct) -> int:
+        """Prepare the rays of a view."""
+        error = ctypes.create_string_buffer(_ERROR_BYTES)
+        view = self._library.catoptra_prepare(self._require_open(), ctypes.byref(rays), error)
+        return _require(view, error)
+
+    def view_bytes(self, view: int) -> int:
+        """Size of a view, without the rays."""
+        return int(self._library.catoptra_view_bytes(view))
+
+    def release_view(self, view: int) -> None:
+        """Free a view."""
+        self._library.catoptra_release_view(view)
+
+    def match_centres(
+        self,
+        view: int,
+        centres: RayTableStruct,
+        centre_tile: npt.NDArray[np.int32],
+        is_held: npt.NDArray[np.uint8],
+    ) -> None:
+        """Match the rays of pixels' centres with the rays of a view of the same image.
+
+        Args:
+            view: A view.
+            centres: Rays of the pixels' centres.
+            centre_tile: (t,) receives the centres' tile of each of the view's tiles; -1: none.
+            is_held: (t,) receives whether proofs about the view's tile hold for the centres' rays.
+
+        Raises:
+            DomainError: The view lacks tiles of the centres.
+            KernelError: Memory is short.
+        """
+        addresses = (centre_tile.ctypes.data, is_held.ctypes.data)
+        unmatched = self._library.catoptra_match_centres(view, ctypes.byref(centres), *addresses)
+        if unmatched < 0:
+            raise KernelError("no labels: out of memory")
+        if unmatched:
+            raise DomainError(f"{unmatched} tiles of pixels' centres have no sample")
+
+    def cast(
+        self,
+        mesh: int,
+        origins: Float32s,
+        directions: Float32s,
+        ranges: Float32s,
+        triangles: npt.NDArray[np.int32],
+    ) -> None:
+        """Write first hits of single rays; any threads may cast at once.
+
+        Args:
+            mesh: A mesh of this device.
+            origins: (n, 3) points, contiguous as all arrays here.
+            directions: (n, 3) unit vectors.
+            ranges: (n,) receives the distances, metres; inf without a hit.
+            triangles: (n,) receives the triangles; -1 without a hit.
+        """
+        self._require_open()  # the mesh belongs to the device
+        arrays = (origins, directions, ranges, triangles)
+        self._library.catoptra_cast(mesh, len(origins), *(array.ctypes.data for array in arrays))
+
+    def build_light_maps(self, scene: SceneStruct) -> int | None:
+        """Maps of where nothing occludes a scene's directional lights; None if memory is short."""
+        self._require_open()  # the scene's mesh belongs to the device
+        address: int | None = self._library.catoptra_build_light_maps(ctypes.byref(scene))
+        return address
+
+    def release_light_maps(self, scene: SceneStruct) -> None:
+        """Free a scene's light maps."""
+        self._library.catoptra_release_light_maps(scene.light_maps, scene.num_lights)
+        scene.light_maps = None
+
+    def render(self, scene: SceneStruct, view: int, frame: FrameStruct) -> FrameCounts:
+        """Render a frame into its outputs."""
+        error, counts = ctypes.create_string_buffer(_ERROR_BYTES), FrameCounts()
+        arguments = (ctypes.byref(scene), view, ctypes.byref(frame), ctypes.byref(counts))
+        if self._library.catoptra_render(self._require_open(), *arguments, error):
+            raise KernelError(f"no frame: {error.value.decode(errors='replace')}")
+        return counts
+
+    def trace(self, scene: SceneStruct, view: int, frame: FrameStruct) -> None:
+        """Trace a view's rays without any use of the hits: the bare packet rate."""
+        error = ctypes.create_string_buffer(_ERROR_BYTES)
+        arguments = (ctypes.byref(scene), view, ctypes.byref(frame))
+        self._library.catoptra_trace(self._require_open(), *arguments, error)
+
+    def change_image(self, job: ImageJob) -> None:
+        """Change an image by the stages of a job, into its outputs.
+
+        Args:
+            job: Job whose scratch has `image_scratch_bytes`.
+        """
+        self._library.catoptra_change_image(self._require_open(), ctypes.byref(job))
+
+    def image_scratch_bytes(self, job: ImageJob) -> int:
+        """Size of the memory that a job works in."""
+        return int(self._library.catoptra_image_scratch(ctypes.byref(job)))
+
+    def _require_open(self) -> int:
+        """Address of the device, which the kernel does not check."""
+        if self._address is None:
+            raise KernelError("the device is closed: nothing can be rendered with it")
+        return self._address
+
+    def close(self) -> None:
+        """End the threads and free the device."""
+        if self._address:
+            self._library.catoptra_close(self._address)
+        self._address = None
+
+
+def _require(address: int | None, error: ctypes.Array[ctypes.c_char]) -> int:
+    """Address of what the kernel made, or its reason as an error."""
+    if not address:
+        raise KernelError(error.value.decode(errors="replace"))
+    return address
+
+
+@cache
+def _load_library(path: Path) -> ctypes.CDLL:
+    """Library with its functions' types, checked against the structures of this release."""
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise KernelUnavailableError(f"{path} cannot be loaded: {error}") from None
+    signatures = {
+        "catoptra_abi": (c_int32, (c_int32,)),
+        "catoptra_open": (c_void_p, (c_char_p, c_char_p, c_int32, c_int32, c_void_p)),
+        "catoptra_close": (None, (c_void_p,)),
+        "catoptra_packet_width": (c_int32, (c_void_p,)),
+        "catoptra_commit_mesh": (c_void_p, (c_void_p, c_void_p, c_void_p)),
+        "catoptra_cast": (None, (c_void_p, c_int64, *(c_void_p,) * 4)),
+        "catoptra_release_mesh": (None, (c_void_p,)),
+        "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),
+        "catoptra_view_bytes": (c_int64, (c_void_p,)),
+        "catoptra_release_view": (None, (c_void_p,)),
+        "catoptra_match_centres": (c_int32, (c_void_p,) * 4),
+        "catoptra_build_light_maps": (c_void_p, (c_void_p,)),
+        "catoptra_release_light_maps": (None, (c_void_p, c_int32)),
+        "catoptra_render": (c_int32, (c_void_p,) * 6),
+        "catoptra_change_image": (None, (c_void_p, c_void_p)),
+        "catoptra_image_scratch": (c_int64, (c_void_p,)),
+        "catoptra_trace": (c_int32, (c_void_p,) * 5),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(library, name, None)
+        if function is None:
+            raise KernelUnavailableError(f"{path} has no function {name}; install the server again")
+        function.restype, function.argtypes = result, arguments
+    for number, structure in enumerate(STRUCTURES):
+        # A library of another release would read our structures wrongly.
+        if library.catoptra_abi(number) != ctypes.sizeof(structure):
+            raise KernelUnavailableError(
+                f"{path} belongs to another release, by its {structure.__name__}; "
+                "install the server again"
+            )
+    return library

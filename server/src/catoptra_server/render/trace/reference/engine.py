@@ -1,0 +1,401 @@
+"""Batches of a ray table: its valid rays one by one, and the pixels of rays in its layout.
+
+The reference engine: every ray of a table on its own, in batches on a thread pool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.render.image_changer import NumpyImageChanger, encode_srgb
+from catoptra_server.render.renderer import Image, LinearImage, advance, sample_shutter
+from catoptra_server.render.trace.ray_table import (
+    BLOCK_RAYS,
+    TILE_PX,
+    Element,
+    Float32s,
+    RayTable,
+)
+from catoptra_server.render.trace.reference.meshes import (
+    FirstHits,
+    PlacedMesh,
+    TracedMesh,
+    WorldRays,
+    find_first_hits,
+    interpolate_poses,
+    trace_object,
+    trace_scene,
+)
+from catoptra_server.render.trace.reference.pixels import (
+    Lighting,
+    count_agreement,
+    hit_numbers,
+    label_pixels,
+    shade_hits,
+)
+from catoptra_server.render.trace.trace_engine import (
+    ANY_CHANGE,
+    NOTHING,
+    LabelRequest,
+    MovingExposure,
+    PixelLabels,
+    RayHits,
+    TracedExposure,
+    TracedFrame,
+    TraceRequest,
+    assemble_tiles,
+    camera_states,
+    find_ego_body,
+    first_state,
+    invert_ranges,
+    scene_centre,
+)
+from catoptra_server.world.camera_state import CameraState, FogMedium
+from catoptra_server.world.objects import ObjectMesh
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Light, World, srgb_from_linear
+
+# Rays of a batch: arrays of three numbers a ray stay in the cache; 2^16 take 2.5 times as long.
+_RAYS_PER_BATCH = 2**14
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayBatch:
+    """The valid rays of some tiles, mirror frame."""
+
+    tiles: slice
+    """Tiles in the table."""
+    rays: npt.NDArray[np.intp]
+    """(n,) flat indices of the valid rays in (tiles, samples^2, 16)."""
+    directions: Floats
+    """(n, 3) unit."""
+    origins: Floats
+    """(n, 3) metres."""
+    steps: Floats
+    """(n, 2, 3) from a direction to those of the samples to the right and below; one mean step each
+    for the rays of a block."""
+    times: Floats | None
+    """(n,) times within the exposure, if the table has times."""
+
+
+def split_tiles(table: RayTable) -> Iterator[slice]:
+    """Yield all tiles of a table in parts of one batch each."""
+    step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * table.samples**2))
+    for first in range(0, len(table.tiles), step):
+        yield slice(first, first + step)
+
+
+def read_batch(table: RayTable, tiles: slice) -> RayBatch:
+    """The valid rays of some tiles."""
+    is_valid = (table.valid[tiles, :, None] >> np.arange(BLOCK_RAYS)) & 1
+    rays = np.flatnonzero(is_valid)
+    directions = _select_vectors(table.directions[tiles], rays)
+    origins = None if table.origins is None else _select_vectors(table.origins[tiles], rays)
+    times = None if table.times is None else table.times[tiles].reshape(-1)[rays]
+    return RayBatch(
+        tiles,
+        rays,
+        # Unit in float32 only.
+        directions / np.linalg.norm(directions, axis=-1, keepdims=True),
+        np.zeros_like(directions) if origins is None else origins,
+        _mean_steps(table.directions[tiles], is_valid)[rays // BLOCK_RAYS],
+        None if times is None else times.astype(np.float64),
+    )
+
+
+def _select_vectors(blocks: npt.NDArray[np.float32], rays: npt.NDArray[np.intp]) -> Floats:
+    """(n, 3) vectors of some rays in (t, samples^2, 3, 16) blocks."""
+    return blocks.swapaxes(-1, -2).reshape(-1, 3)[rays].astype(np.float64)
+
+
+def _mean_steps(directions: npt.NDArray[np.float32], is_valid: npt.NDArray[np.integer]) -> Floats:
+    """(blocks, 2, 3) mean steps to the right and down between valid rays; zero where are none.
+
+    Args:
+        directions: (t, samples^2, 3, 16).
+        is_valid: (t, samples^2, 16) of zeros and ones.
+    """
+    grid = directions.astype(np.float64).reshape(-1, 3, TILE_PX, TILE_PX)
+    valid = is_valid.reshape(-1, 1, TILE_PX, TILE_PX).astype(np.float64)
+    steps = []
+    for axis in (3, 2):
+        before = [slice(None)] * 4
+        after = [slice(None)] * 4
+        before[axis], after[axis] = slice(0, -1), slice(1, None)
+        pairs = valid[tuple(before)] * valid[tuple(after)]
+        total = ((grid[tuple(after)] - grid[tuple(before)]) * pairs).sum(axis=(2, 3))
+        steps.append(total / np.maximum(pairs.sum(axis=(2, 3)), 1.0))
+    return np.stack(steps, axis=1)
+
+
+def mean_pixels(values: Floats, samples: int) -> Floats:
+    """(t, 4, 4, k) means over the samples of each pixel, of (t, samples^2, 16, k) rays."""
+    depth = values.shape[-1]
+    blocks = values.reshape(-1, samples, samples, TILE_PX, TILE_PX, depth)
+    # Axes: tile, block row, ray row, block column, ray column; rows of the grid are both together.
+    grid = blocks.swapaxes(2, 3).reshape(-1, TILE_PX, samples, TILE_PX, samples, depth)
+    means: Floats = grid.mean(axis=(2, 4))
+    return means
+
+
+def encode_pixels(radiance: Floats, samples: int) -> npt.NDArray[np.uint8]:
+    """(t, 4, 4, 3) sRGB of the means of (t, samples^2, 16, 3) rays, each clipped as on a sensor."""
+    means = mean_pixels(np.clip(radiance, 0.0, 1.0), samples)
+    return np.rint(255.0 * srgb_from_linear(means)).astype(np.uint8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frame:
+    """An exposure, with its meshes in Embree. All poses relative to the scene's centre."""
+
+    mirror_poses: tuple[Pose, ...]
+    """World from mirror, one of each state."""
+    meshes: tuple[tuple[TracedMesh, tuple[Pose, ...]], ...]
+    """Static scene and dynamic objects, with their poses."""
+    lighting: Lighting
+    """Background and shadows."""
+    fog: FogMedium | None
+    """Air between camera and surfaces."""
+
+    def trace(self, batch: RayBatch) -> tuple[tuple[PlacedMesh, ...], WorldRays, FirstHits]:
+        """First hits of a batch, with its rays and the meshes at their times."""
+        camera = interpolate_poses(self.mirror_poses, batch.times)
+        directions = camera.vectors(batch.directions)
+        # Between two poses a rotation's entries shorten: distances are metres of unit directions.
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        steps = np.stack([camera.vectors(batch.steps[:, i]) for i in range(2)], axis=1)
+        rays = WorldRays(camera.points(batch.origins), directions, steps)
+        meshes = tuple(
+            PlacedMesh(mesh, interpolate_poses(poses, batch.times)) for mesh, poses in self.meshes
+        )
+        return meshes, rays, find_first_hits(meshes, rays)
+
+    def shade(self, batch: RayBatch) -> Floats:
+        """(n, 3) linear radiance of a batch."""
+        meshes, rays, hits = self.trace(batch)
+        radiance = shade_hits(meshes, rays, hits, self.lighting)
+        return radiance if self.fog is None else self.fog.mix(radiance, hits.distance)
+
+
+class ReferenceEngine:
+    """A scene in Embree, shaded in float64."""
+
+    def __init__(
+        self, scene: SceneMesh, world: World, *, threads: int, scene_lights: tuple[Light, ...]
+    ) -> None:
+        """Commit a scene.
+
+        Args:
+            scene: Triangles of the static scene.
+            world: Lights of dynamic objects, and background.
+            threads: Threads of the pool.
+            scene_lights: Lights of the static scene.
+        """
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="trace")
+        self._world = world
+        self._centre = scene_centre(scene)
+        self._scene = trace_scene(scene, self._centre, scene_lights)
+        self._objects: dict[ObjectMesh, TracedMesh] = {}
+        self.image_changer = NumpyImageChanger()
+        self.description = f"reference (Embree single rays, NumPy float64), {threads} threads"
+
+    @property
+    def num_object_meshes(self) -> int:
+        """Number of object meshes committed so far."""
+        return len(self._objects)
+
+    def prepare(self, rays: RayTable) -> ReferenceRays:
+        """Keep the rays of a camera."""
+        return ReferenceRays(rays, self._make_frame, self._pool)
+
+    def _make_frame(self, exposure: TracedExposure) -> _Frame:
+        """Meshes and poses of an exposure; meshes are committed at their first use."""
+        states = camera_states(exposure)
+        objects = (
+            (
+                self._find_object(copies[0].mesh),
+                tuple(self._relative(copy.world_from_object) for copy in copies),
+            )
+            for copies in zip(*(state.objects for state in states), strict=True)
+        )
+        return _Frame(
+            tuple(self._relative(state.world_from_mirror) for state in states),
+            ((self._scene, (Pose.identity(),)), *objects),
+            Lighting(self._centre, self._world.background, states[0].has_shadows),
+            states[0].fog,
+        )
+
+    def _relative(self, pose: Pose) -> Pose:
+        """Pose relative to the scene's centre. Both may be far from the world's origin."""
+        return Pose(pose.rotation, pose.translation - self._centre)
+
+    def _find_object(self, mesh: ObjectMesh) -> TracedMesh:
+        """An object's mesh with all lights: it moves towards those that the scene culls."""
+        if mesh not in self._objects:
+            self._objects[mesh] = trace_object(mesh, self._world.lights)
+        return self._objects[mesh]
+
+    def close(self) -> None:
+        """End the threads."""
+        self._pool.shutdown()
+
+
+class ReferenceRays:
+    """The rays of one camera."""
+
+    def __init__(
+        self,
+        table: RayTable,
+        make_frame: Callable[[TracedExposure], _Frame],
+        pool: ThreadPoolExecutor,
+    ) -> None:
+        """Keep the table."""
+        self._table = table
+        self._make_frame = make_frame
+        self._pool = pool
+        self.memory_bytes = table.memory_bytes
+        """Size of the rays."""
+
+    def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
+        """A frame and all other outputs that are wanted; effects are drawn everywhere."""
+        image = self.render_linear(exposure) if request.is_linear else self.render_srgb(exposure)
+        sharp = exposure if isinstance(exposure, MovingExposure) else advance(exposure, 0.0)
+        changes = {}
+        if "Shadows" in request.thresholds and first_state(exposure).has_shadows:
+            changes["Shadows"] = self._measure_shadows(exposure, sharp, request)
+        if "Fog" in request.thresholds and first_state(exposure).fog is not None:
+            changes["Fog"] = self._measure(sharp, is_linear=request.is_linear, fog=None)
+        if "SelfView" in request.thresholds and (number := find_ego_body(exposure)):
+            is_seen = (self.find_hits(sharp).object == number).any()
+            changes["SelfView"] = ANY_CHANGE if is_seen else 0.0
+        ranges = self._measure_ranges(sharp) if request.has_ranges else None
+        return TracedFrame(image, changes, ranges)
+
+    def _measure_shadows(
+        self, exposure: TracedExposure, sharp: TracedExposure, request: TraceRequest
+    ) -> float:
+        """Largest change by shadows; of all instants where the sharp frame shows none."""
+        change = self._measure(sharp, is_linear=request.is_linear, has_shadows=False)
+        if isinstance(exposure, MovingExposure) or change > request.thresholds["Shadows"]:
+            return change
+        instants = sample_shutter(exposure, self._table.height_px)
+        return max(
+            change,
+            *(
+                self._measure(state, is_linear=request.is_linear, has_shadows=False)
+                for state, _ in instants
+            ),
+        )
+
+    def _measure(self, exposure: TracedExposure, *, is_linear: bool, **without: Any) -> float:
+        """Largest difference from frames without an effect, encoded grey levels."""
+        unshadowed = tuple(replace(s, **without) for s in camera_states(exposure))
+        lit = unshadowed[0] if len(unshadowed) == 1 else MovingExposure(unshadowed)
+        develop = mean_pixels if is_linear else _mean_clipped_pixels
+        levels = [
+            255.0 * srgb_from_linear(np.clip(self._render(each, develop, 0.0), 0.0, 1.0))
+            for each in (exposure, lit)
+        ]
+        return float(np.abs(levels[0] - levels[1]).max(initial=0.0))
+
+    def _measure_ranges(self, exposure: TracedExposure) -> Float32s:
+        """(h, w) inverses of the pixels' mean inverse ranges, metres."""
+        inverse = 1.0 / self.find_hits(exposure).range_m.astype(np.float64)
+        tiles = mean_pixels(inverse[..., None], self._table.samples)
+        inverse_range = assemble_tiles(self._table, tiles, fill=0.0)[..., 0]
+        return invert_ranges(inverse_range.astype(np.float32))
+
+    def render_srgb(self, exposure: TracedExposure) -> Image:
+        """(h, w, 3) sRGB, read-only; black off the mirror. Samples are clipped to [0, 1]."""
+        if isinstance(exposure, CameraState) and exposure.shutter is not None:
+            image = encode_srgb(self.render_linear(exposure))
+        else:
+            image = self._render(exposure, encode_pixels, np.uint8(0))
+        # Frames are handed to other threads, which encode them while the next one is rendered.
+        image.setflags(write=False)
+        return image
+
+    def render_linear(self, exposure: TracedExposure) -> LinearImage:
+        """(h, w, 3) linear light; zero off the mirror. Light beyond white is kept."""
+        if isinstance(exposure, MovingExposure):
+            return self._render(exposure, mean_pixels, 0.0).astype(np.float32)
+        # A long exposure is the mean of sharp frames.
+        light = np.zeros((self._table.height_px, self._table.width_px, 3))
+        for sharp_state, weights in sample_shutter(exposure, self._table.height_px):
+            light += self._render(sharp_state, mean_pixels, 0.0) * weights[:, None, None]
+        return light.astype(np.float32)
+
+    def _render(
+        self,
+        exposure: TracedExposure,
+        develop: Callable[[Floats, int], npt.NDArray[Element]],
+        black: Element | float,
+    ) -> npt.NDArray[Element]:
+        """(h, w, 3) image, by the (t, 4, 4, 3) pixels of (t, samples^2, 16, 3) radiance."""
+        table, frame = self._table, self._make_frame(exposure)
+        tiles = np.full((len(table.tiles), TILE_PX, TILE_PX, 3), black)
+
+        def render(batch: RayBatch) -> None:
+            part = tiles[batch.tiles]
+            # Rays that do not see the mirror are black.
+            radiance = np.zeros((len(part), table.samples**2, BLOCK_RAYS, 3))
+            radiance.reshape(-1, 3)[batch.rays] = frame.shade(batch)
+            part[:] = develop(radiance, table.samples)
+
+        self._for_all_batches(render)
+        return assemble_tiles(table, tiles, fill=black)
+
+    def find_hits(self, exposure: TracedExposure) -> RayHits:
+        """First hit of each ray."""
+        frame, shape = self._make_frame(exposure), (*self._table.valid.shape, BLOCK_RAYS)
+        nothing = np.full(shape, NOTHING, dtype=np.int32)
+        found = RayHits(np.full(shape, np.inf, dtype=np.float32), nothing, nothing.copy())
+
+        def trace(batch: RayBatch) -> None:
+            _, _, hits = frame.trace(batch)
+            found.range_m[batch.tiles].reshape(-1)[batch.rays] = hits.distance
+            found.triangle[batch.tiles].reshape(-1)[batch.rays] = hits.triangle
+            found.object[batch.tiles].reshape(-1)[batch.rays] = hits.object
+
+        self._for_all_batches(trace)
+        return found
+
+    def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
+        """Labels without an image; their agreement is that of these rays."""
+        static, _ = self._make_frame(exposure).meshes[0]
+        centres = ReferenceRays(request.centres, self._make_frame, self._pool)
+        hits = centres.find_hits(exposure)
+        needed = {*request.channels, "ids"}
+        table, tables = request.centres, request.tables
+        found = label_pixels(table, hits, exposure, static.facets.normals, tables, needed)
+        if "agreement" in request.channels:
+            numbers = hit_numbers(self.find_hits(exposure), tables)
+            found |= count_agreement(self._table, numbers, found["ids"])
+        return {name: found[name] for name in found if name in request.channels}
+
+    def _for_all_batches(self, work: Callable[[RayBatch], None]) -> None:
+        """Work on all batches; each writes tiles of its own, so the threads share no element."""
+
+        def work_on(tiles: slice) -> None:
+            work(read_batch(self._table, tiles))
+
+        # list() waits for all of them and raises the first error of any. Embree and NumPy release
+        # the GIL.
+        list(self._pool.map(work_on, split_tiles(self._table)))
+
+    def close(self) -> None:
+        """Do nothing: threads and scene belong to the engine."""
+
+
+def _mean_clipped_pixels(radiance: Floats, samples: int) -> Floats:
+    """Means of samples that are clipped one by one, as a sensor's."""
+    return mean_pixels(np.clip(radiance, 0.0, 1.0), samples)

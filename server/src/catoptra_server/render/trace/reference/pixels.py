@@ -1,0 +1,276 @@
+"""Radiance of hits by `scene/shading`, with a ray to every light where there are shadows.
+
+Channels of labels by the hits of the pixels' rays, in NumPy: the twin of `src/labels.c`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import fields, replace
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.render.trace.ray_table import RayTable
+from catoptra_server.render.trace.reference.meshes import (
+    FirstHits,
+    PlacedMesh,
+    WorldRays,
+    interpolate_poses,
+)
+from catoptra_server.render.trace.trace_engine import (
+    STATIC_SCENE,
+    LabelNumbers,
+    LabelTables,
+    PixelLabels,
+    RayHits,
+    TracedExposure,
+    assemble_grid,
+    camera_states,
+)
+from catoptra_server.world import shading
+from catoptra_server.world.shading import ShadowCastingLight
+from catoptra_server.world.world_description import Rgb
+
+# Distance of a shadow ray's origin in front of its facet, relative to the largest coordinate of
+# hit and camera: positions and corners are rounded to 2^-24 each, and a hit on a plane loses a few
+# times that. 40 um at 10 m. Without it the facet itself would occlude its lights.
+SHADOW_BIAS = 2.0**-18
+
+RayIndices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lighting:
+    """What shades the rays of an exposure."""
+
+    centre: Floats
+    """(3,) scene's centre in the world: origin of the rays' coordinates."""
+    background: Rgb
+    """Linear radiance of rays without a hit."""
+    has_shadows: bool
+    """Whether surfaces occlude directional and point lights."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Points:
+    """Points of one mesh to be lit."""
+
+    positions: Floats
+    """(n, 3) relative to the scene's centre."""
+    normals: Floats
+    """(n, 3) unit."""
+    bias_m: Floats
+    """(n,) distances of shadow rays from their facets."""
+
+
+Record = TypeVar("Record", WorldRays, FirstHits, _Points)
+
+
+def shade_hits(
+    meshes: Sequence[PlacedMesh], rays: WorldRays, hits: FirstHits, lighting: Lighting
+) -> Floats:
+    """(n, 3) linear radiance along rays."""
+    radiance: Floats = np.full(rays.origins.shape, lighting.background, dtype=np.float64)
+    for number in range(len(meshes)):
+        selected = np.flatnonzero(hits.object == number)
+        if len(selected):
+            placed = [mesh.take(selected) for mesh in meshes]
+            radiance[selected] = _shade_mesh(
+                placed, number, _take(rays, selected), _take(hits, selected), lighting
+            )
+    return radiance
+
+
+def _take(record: Record, rays: RayIndices) -> Record:
+    """Some of the rows of a record of arrays."""
+    rows = {field.name: getattr(record, field.name).take(rays, axis=0) for field in fields(record)}
+    return replace(record, **rows)
+
+
+def _shade_mesh(
+    meshes: Sequence[PlacedMesh], number: int, rays: WorldRays, hits: FirstHits, lighting: Lighting
+) -> Floats:
+    """(n, 3) radiance of rays that all meet one mesh."""
+    mesh = meshes[number].mesh
+    points = _lit_points(meshes[number], rays, hits)
+    irradiance = _irradiance(meshes, number, points, lighting)
+    if mesh.occlusion is not None:
+        factors = mesh.occlusion.factors(hits.triangle, points.positions + lighting.centre)
+        sky = shading.facet_irradiance(shading.hemisphere_lights(mesh.lights), points.normals)
+        irradiance -= (1.0 - factors)[:, None] * sky
+    irradiance[mesh.facets.unlit[hits.triangle]] = 1.0
+    return mesh.albedo_at(hits, rays) * irradiance
+
+
+def _lit_points(placed: PlacedMesh, rays: WorldRays, hits: FirstHits) -> _Points:
+    """Positions and normals of hits."""
+    positions = rays.origins + hits.distance[:, None] * rays.directions
+    normals = placed.world_from_mesh.normals(placed.mesh.facets.normals.take(hits.triangle, axis=0))
+    largest = np.maximum(np.abs(positions), np.abs(rays.origins)).max(axis=-1)
+    return _Points(positions, normals, SHADOW_BIAS * largest)
+
+
+def _irradiance(
+    meshes: Sequence[PlacedMesh], number: int, points: _Points, lighting: Lighting
+) -> Floats:
+    """(n, 3) irradiance of points on one mesh."""
+    lights = meshes[number].mesh.lights
+    in_world = points.positions + lighting.centre
+    if not lighting.has_shadows:
+        total = shading.facet_irradiance(lights, points.normals)
+        return total + shading.point_irradiance(lights, in_world, points.normals)
+    total = shading.facet_irradiance(shading.hemisphere_lights(lights), points.normals)
+    for light in shading.shadow_casting_lights(lights):
+        added = shading.unshadowed_irradiance(light, in_world, points.normals)
+        # Only facets turned to the light send a ray; all others are dark anyway.
+        facing = np.flatnonzero(added.any(axis=-1))
+        placed = [mesh.take(facing) for mesh in meshes]
+        lit = facing[~_find_occlusion(placed, light, _take(points, facing), lighting.centre)]
+        total[lit] += added[lit]
+    return total
+
+
+def _find_occlusion(
+    meshes: Sequence[PlacedMesh], light: ShadowCastingLight, points: _Points, centre: Floats
+) -> Bools:
+    """(n,) whether some mesh lies between points and a light."""
+    origins = points.positions + points.bias_m[:, None] * points.normals
+    directions, distance = shading.direction_to_light(light, origins + centre)
+    is_occluded = np.zeros(len(origins), dtype=bool)
+    for placed in meshes:
+        transform = placed.world_from_mesh
+        is_occluded |= placed.mesh.casters.occludes(
+            transform.inverse_points(origins), transform.inverse_vectors(directions), distance
+        )
+    return is_occluded
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LabelledRays:
+    """The rays of an image in a row, with their hits."""
+
+    origins: Floats
+    """(n, 3) world frame."""
+    directions: Floats
+    """(n, 3) unit, world frame."""
+    hits: RayHits
+
+
+def label_pixels(
+    table: RayTable,
+    hits: RayHits,
+    exposure: TracedExposure,
+    scene_normals: Floats,
+    tables: LabelTables,
+    channels: Collection[str],
+) -> PixelLabels:
+    """Label the pixels of an image.
+
+    Args:
+        table: Rays of the pixels' centres.
+        hits: Hits of these rays.
+        exposure: State, or states for rays with times.
+        scene_normals: (n, 3) unit normals of the static scene's triangles, world frame.
+        tables: Numbers of objects and classes.
+        channels: Names of the channels that are wanted.
+
+    Returns:
+        Arrays by name, as `LABEL_CHANNELS` has them.
+    """
+    numbers = hit_numbers(hits, tables)
+    values: dict[str, npt.NDArray[np.generic]] = {
+        "range": hits.range_m,
+        "ids": numbers,
+        "classes": tables.class_table[numbers],
+    }
+    is_hit = hits.object >= STATIC_SCENE
+    if {"point", "normal"} & set(channels):
+        origins, directions, rotations = _world_rays(table, exposure)
+        range_m = np.where(is_hit, hits.range_m, np.nan)[..., None]
+        values["point"] = origins + range_m * directions
+        normals = _world_normals(table, hits, exposure, scene_normals)
+        facing = np.einsum("...i,...i->...", normals, directions)
+        normals = np.where(facing[..., None] > 0.0, -normals, normals)
+        values["normal"] = np.einsum("...ji,...j->...i", rotations, normals)
+    return {name: _assemble(table, name, values[name]) for name in values if name in channels}
+
+
+def hit_numbers(hits: RayHits, tables: LabelTables) -> LabelNumbers:
+    """(t, samples^2, 16) number of the object that each ray meets; 0 for none."""
+    numbers = np.zeros(hits.object.shape, dtype=np.uint16)
+    static = hits.object == STATIC_SCENE
+    numbers[static] = tables.triangle_numbers[hits.triangle[static]]
+    moving = hits.object > STATIC_SCENE
+    numbers[moving] = tables.object_numbers[hits.object[moving] - 1]
+    return numbers
+
+
+def count_agreement(table: RayTable, numbers: LabelNumbers, ids: LabelNumbers) -> PixelLabels:
+    """The channel `agreement`.
+
+    Args:
+        table: Rays of the pixels' samples.
+        numbers: Numbers of the objects that these meet.
+        ids: (h, w) numbers of the objects that the pixels' centres meet.
+    """
+    samples = table.samples
+    grid = assemble_grid(table, numbers[..., None].astype(np.float32), fill=np.float32(0.0))
+    valid = np.unpackbits(table.valid[..., None].view(np.uint8), axis=-1, bitorder="little").astype(
+        np.float32
+    )
+    shown = assemble_grid(table, valid[..., None], fill=np.float32(0.0))[..., 0] > 0.0
+    wanted = np.repeat(np.repeat(ids, samples, axis=0), samples, axis=1)
+    agrees = shown & (grid[..., 0] == wanted)
+    height, width = ids.shape
+    share = agrees.reshape(height, samples, width, samples).mean(axis=(1, 3))
+    return {"agreement": np.floor(255.0 * share + 0.5).astype(np.uint8)}
+
+
+def _world_rays(table: RayTable, exposure: TracedExposure) -> tuple[Floats, Floats, Floats]:
+    """(t, b, 16, 3) origins and unit directions in the world, and rotations of the camera."""
+    states = camera_states(exposure)
+    directions = np.moveaxis(table.directions, 2, -1).astype(np.float64)
+    shape = directions.shape
+    times = None if table.times is None else table.times.reshape(-1).astype(np.float64)
+    camera = interpolate_poses([state.world_from_mirror for state in states], times)
+    flat = camera.vectors(directions.reshape(-1, 3))
+    flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
+    origins = np.zeros((flat.shape[0], 3))
+    if table.origins is not None:
+        origins = np.moveaxis(table.origins, 2, -1).reshape(-1, 3).astype(np.float64)
+    starts = camera.points(origins)
+    matrix = np.broadcast_to(camera.matrix, (len(flat), 3, 3)).reshape(*shape, 3)
+    return starts.reshape(shape), flat.reshape(shape), matrix
+
+
+def _world_normals(
+    table: RayTable, hits: RayHits, exposure: TracedExposure, scene_normals: Floats
+) -> Floats:
+    """(t, b, 16, 3) unit normals of what rays meet, by the winding, world frame; 0 for nothing."""
+    states = camera_states(exposure)
+    normals = np.zeros((*hits.object.shape, 3))
+    static = hits.object == STATIC_SCENE
+    normals[static] = scene_normals[hits.triangle[static]]
+    for number, placed in enumerate(states[0].objects, 1):
+        those = hits.object == number
+        times = None if table.times is None else table.times[those].astype(np.float64)
+        poses = [state.objects[number - 1].world_from_object for state in states]
+        world_from_object = interpolate_poses(poses, times)
+        normals[those] = world_from_object.normals(placed.mesh.normals[hits.triangle[those]])
+    return normals
+
+
+def _assemble(
+    table: RayTable, name: str, values: npt.NDArray[np.generic]
+) -> npt.NDArray[np.generic]:
+    """Image of a channel of (t, 1, 16) or (t, 1, 16, k) values."""
+    channel = LABEL_CHANNELS[name]
+    at_pixels = values.reshape(*values.shape[:3], channel.depth).astype(np.float32)
+    image = assemble_grid(table, at_pixels, fill=np.float32(channel.nothing))
+    shape = channel.shape(table.height_px, table.width_px)
+    return np.ascontiguousarray(image.reshape(shape), dtype=channel.dtype)
