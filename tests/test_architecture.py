@@ -30,11 +30,11 @@ from catoptra_protocol.usarsim.reports import REPORT_PARSERS, report_from_messag
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import EffectType
 from catoptra_server.effects.medium.vignetting import Vignetting
-from catoptra_server.planning.renderer_choice import RENDERER_FACTORIES
+from catoptra_server.frames.plan.renderers import RENDERER_FACTORIES
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.image import STAGE_MAKERS
-from catoptra_server.sensors import SENSOR_KINDS, SensorKind
 from catoptra_server.simulation import Fleet
+from catoptra_server.simulation.sensors import SENSOR_KINDS, SensorKind
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.effects.effect_cases import EFFECT_CASES
 from helpers.configs import REPOSITORY

@@ -14,7 +14,7 @@ import pytest
 
 from helpers.configs import REPOSITORY
 
-# `planning/cost_model.py`, `tests/measurements/face_parts.py:main`: at least one folder; without
+# `frames/plan/costs.py`, `tests/measurements/face_parts.py:main`: at least one folder; without
 # an ending it must name a module or folder of ours to count.
 CITATION = re.compile(
     r"(?<![\w/.:<>$-])((?:[\w.-]+/)+[\w-]+(?:\.[a-z0-9]+)?)(?::(\w+))?(?![\w/<*])"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.planning.cost_cache import default_cache_folder
+from catoptra_server.frames.plan.costs import default_cache_folder
 
 
 def test_cache_of_tests_is_their_own(cache_folder: Path) -> None:

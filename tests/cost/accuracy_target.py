@@ -29,14 +29,12 @@ from scenes import CORRIDOR, FIELD, make_camera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import ViewCache
-from catoptra_server.planning.budget_monitor import OVERRUN_FACTOR
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.plan_choice import PlanChoice
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.planner import OVERRUN_FACTOR, RenderPlanner
+from catoptra_server.frames.plan.plans import PlanChoice
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene

@@ -20,7 +20,7 @@ from typing import Any
 from catoptra_server.frames.planned_camera import PlannedCamera
 
 from catoptra_server.__main__ import main
-from catoptra_server.frames.view_store import ViewStore
+from catoptra_server.frames.views import ViewStore
 from catoptra_server.render.renderer import RenderedImage
 
 STAND_IN_OPTION = "--stand-in-ms"

@@ -27,7 +27,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer

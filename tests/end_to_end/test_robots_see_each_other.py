@@ -11,10 +11,9 @@ import pytest
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.frames.view_cache import ViewCache
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.simulation import Fleet

@@ -23,7 +23,7 @@ from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import LENS_FROM_MIRROR, Pose
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.config.world_file import read_world
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer

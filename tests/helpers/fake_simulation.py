@@ -12,9 +12,15 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.replies import StartPoseRecord
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel, FrameMetadata
+from catoptra_server.frames.frame import (
+    IMAGE_PORT,
+    CameraChannel,
+    Channel,
+    Frame,
+    FrameMetadata,
+    FrameRendered,
+    FrameRequested,
+)
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.simulation import SimulationEvent
 from catoptra_server.transports.listener import create_listener

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.frames.frame_request import (
+from catoptra_server.frames.frame import (
     IMAGE_PORT,
     FrameComposition,
     FrameRequest,
     ViewRequest,
 )
 from catoptra_server.frames.multi_view import TileLayout
-from catoptra_server.planning.camera_spec import PerspectiveCameraSpec
+from catoptra_server.frames.plan.camera import PerspectiveCameraSpec
 from catoptra_server.world.camera_state import CameraState
 
 VIEW = ViewRequest(

@@ -17,7 +17,7 @@ from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_server.ground_truth.label_renderer import LabelRenderer
+from catoptra_server.frames.labels.label_renderer import LabelRenderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.trace_renderer import EngineName

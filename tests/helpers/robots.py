@@ -14,38 +14,35 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import Report
 from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectDecision
-from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame import IMAGE_PORT, Channel, Frame, FrameRequest, ViewRequest
 from catoptra_server.frames.frame_plan import CameraPlan, FramePlan, ViewState
-from catoptra_server.frames.frame_rendering import render_frame
-from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, FrameRequest, ViewRequest
-from catoptra_server.frames.view_cache import RenderedView
-from catoptra_server.planning.budget_monitor import BudgetMonitor
-from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
-from catoptra_server.planning.error_bound import ErrorBound, error_bound
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.perspective_plan import plan_perspective_view
-from catoptra_server.planning.plan_choice import PlanChoice
+from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec
+from catoptra_server.frames.plan.error_bound import ErrorBound, error_bound
+from catoptra_server.frames.plan.planner import BudgetMonitor
+from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
+from catoptra_server.frames.render_thread import render_frame
+from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.robot_description import (
+from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.robot_description import (
     DriveBase,
+    Mount,
     OmniCameraDescription,
     RobotDescription,
 )
-from catoptra_server.sensors.encoder import EncoderDescription
-from catoptra_server.sensors.gps import GpsDescription
-from catoptra_server.sensors.ground_truth import GroundTruthDescription
-from catoptra_server.sensors.ins import InsDescription
-from catoptra_server.sensors.odometry import OdometryDescription
-from catoptra_server.sensors.range_scanner import RangeScannerDescription
-from catoptra_server.sensors.rfid import RfidDescription
-from catoptra_server.sensors.sonar import SonarDescription
-from catoptra_server.sensors.tachometer import TachometerDescription
-from catoptra_server.sensors.touch import TouchDescription
-from catoptra_server.sensors.victim_sensor import VictimSensorDescription
-from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.sensors.encoder import EncoderDescription
+from catoptra_server.simulation.sensors.gps import GpsDescription
+from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
+from catoptra_server.simulation.sensors.ins import InsDescription
+from catoptra_server.simulation.sensors.odometry import OdometryDescription
+from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
+from catoptra_server.simulation.sensors.rfid import RfidDescription
+from catoptra_server.simulation.sensors.sonar import SonarDescription
+from catoptra_server.simulation.sensors.tachometer import TachometerDescription
+from catoptra_server.simulation.sensors.touch import TouchDescription
+from catoptra_server.simulation.sensors.victim_sensor import VictimSensorDescription
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.world_description import Box, Item, Material, StartPlace, World
 

@@ -36,7 +36,7 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.radial_camera import RadialProjection
 from catoptra_server.config.world_file import read_world
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.engine import KernelEngine, KernelRays

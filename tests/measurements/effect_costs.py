@@ -7,7 +7,7 @@ server, at rest and in motion, the median milliseconds of wall time and of all p
 ratio of the latter to a view without effects. `none enabled` has all kinds in mode auto, with
 parameters of a good camera; the second line names the effects that the field enables in any case,
 which are in mode never. Decisions: without an enabled effect a view is the plain one
-(frames/view_cache.py), not an empty chain of passes; each effect is a pass of its own with a time
+(frames/views.py), not an empty chain of passes; each effect is a pass of its own with a time
 of its own, not a part of one fused program.
 """
 
@@ -29,12 +29,11 @@ from catoptra_server.effects.effect import (
     EffectSettings,
     EffectType,
 )
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import ViewCache
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene

@@ -30,14 +30,13 @@ from catoptra_server.effects.effect import (
     EffectSetting,
     EffectSettings,
 )
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import ViewCache
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.render_settings import RenderSettings
-from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_server.world.camera_state import CameraState
 

@@ -5,7 +5,7 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/face_parts.py
 Prints, for 640 x 640 px in three scenes, the median milliseconds of a frame with read-back, wall
 time and all processors, rendered in turns; the latter's ratio to faces of one size (1.01 image
 widths, which give a texel per pixel at any rim); and the RMSE in grey levels against 8 x 8 exact
-rays per pixel. Decision: DEFAULT_TEXELS_PER_PX in planning/face_regions.py.
+rays per pixel. Decision: DEFAULT_TEXELS_PER_PX in frames/plan/faces.py.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
 
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
-from catoptra_server.planning.renderer_choice import create_renderer
+from catoptra_server.frames.plan.faces import regions_by_density, regions_of_size
+from catoptra_server.frames.plan.plans import plan_from_settings
+from catoptra_server.frames.plan.renderers import create_renderer
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import FaceRegion, Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind

@@ -20,7 +20,7 @@ from scenes import CORRIDOR, FIELD, make_balls, make_camera, make_thin_objects_w
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.engine import KernelEngine, KernelRays

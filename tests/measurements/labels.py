@@ -23,9 +23,9 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR, SphericalMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.ground_truth.label_rays import DrawnExposure
-from catoptra_server.ground_truth.label_renderer import LabelRenderer
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.labels.label_renderer import LabelRenderer
+from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import NO_THRESHOLDS
 from catoptra_server.render.renderer_kind import RendererKind

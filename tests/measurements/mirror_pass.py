@@ -18,7 +18,7 @@ from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.projection.atlas import compute_lookup_map, pack_atlas
 from catoptra_server.render.raster import RasterRenderer, open_device
 from catoptra_server.render.raster.device import GLSL_VERSION, load_source, set_uniform

@@ -16,7 +16,7 @@ import time
 
 from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
 
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.engine import KernelEngine

@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_server.config.server_file import ServerOptions
-from catoptra_server.frames.frame_request import CameraChannel
+from catoptra_server.frames.frame import CameraChannel
 from catoptra_server.options import Options
 from catoptra_server.server_threads import ServerThreads
 from catoptra_server.simulation import ClockMode, CommandReceived

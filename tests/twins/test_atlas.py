@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
+from catoptra_server.frames.plan.faces import regions_by_density, regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.mirror_pass import atlas_definitions
 from helpers.shaders import evaluate_shader

@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, face_from_direction
 from catoptra_protocol.optics.transforms import rotation_from_rpy
-from catoptra_server.planning.face_regions import regions_of_size
+from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, AtlasCell, pack_atlas
 from catoptra_server.render.raster.device import (
     SPLIT_FORMAT,

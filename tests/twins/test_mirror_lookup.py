@@ -19,7 +19,7 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
+from catoptra_server.frames.plan.faces import regions_by_density, regions_of_size
 from catoptra_server.render.projection.atlas import (
     GUARD_TEXELS,
     Atlas,

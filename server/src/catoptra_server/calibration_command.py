@@ -16,8 +16,8 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.runtime.options import CommandParser
+from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
 
 EXIT_FAILURE = 2
 

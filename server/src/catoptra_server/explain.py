@@ -19,21 +19,22 @@ from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
 from catoptra_server.frames.effect_times import measure_effect_times
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.mounted_camera import mounted_camera_state
-from catoptra_server.frames.view_cache import ViewCache
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.planning.viewpoint_choice import explain_viewpoint, shows_ego_body
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.image_port import mounted_camera_state
+from catoptra_server.frames.plan.camera import OmniCameraSpec, explain_viewpoint, shows_ego_body
+from catoptra_server.frames.plan.costs import CostCache, default_cache_folder
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.runtime.options import CommandParser
-from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
-from catoptra_server.simulation.robot_meshes import build_ego_mesh
+from catoptra_server.simulation.robot_description import (
+    OmniCameraDescription,
+    PlanarPose,
+    RobotDescription,
+)
+from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
+from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject

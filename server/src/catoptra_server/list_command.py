@@ -19,8 +19,8 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.bundled_files import BUNDLED_FOLDER, bundled_files
 from catoptra_server.config.camera_file import CameraFile, read_camera_files
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.runtime.options import CommandParser
+from catoptra_server.simulation.robot_description import RobotDescription
 
 KINDS = ("robots", "worlds", "cameras", "landmarks", "datasets", "classes")
 # The comment at the head of an ini or csv file.

@@ -14,19 +14,18 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.server_file import ServerSettings, resolve_settings
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame_plan import ErrorBoundTable
+from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.mailbox import Mailboxes
-from catoptra_server.frames.mounted_camera import mounted_camera_state
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.costs import CostCache, default_cache_folder
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.render_thread import RenderThread
-from catoptra_server.frames.view_cache import ViewCache
+from catoptra_server.frames.views import ViewCache
 from catoptra_server.options import Options
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
-from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.runtime.worker_thread import WorkerThread, lower_thread_priority
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
+from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.startup import StartupConfig, create_ray_caster
 from catoptra_server.world.camera_state import CameraState
 

@@ -14,12 +14,12 @@ from catoptra_server.config.robot_file import find_unserved_robots, read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.unknown_names import report_unknown_names
 from catoptra_server.config.world_file import read_world
-from catoptra_server.planning.cost_cache import default_cache_folder
+from catoptra_server.frames.plan.costs import default_cache_folder
 from catoptra_server.render.renderer_kind import has_embreex, require_embreex
-from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
-from catoptra_server.sensors import casts_rays
-from catoptra_server.sensors.sensor_environment import RayCaster, Triangles
+from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors import casts_rays
+from catoptra_server.simulation.sensors.sensor import RayCaster, Triangles
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World
 

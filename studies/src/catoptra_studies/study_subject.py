@@ -19,13 +19,16 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.frames.plan.plans import plan_from_settings
+from catoptra_server.frames.plan.renderers import choose_renderer
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.render.renderer import FaceCamera, Renderer, RenderPlan, View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
+from catoptra_server.simulation.robot_description import (
+    OmniCameraDescription,
+    PlanarPose,
+    RobotDescription,
+)
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import World

@@ -10,8 +10,8 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.robot.joint_chain import MissionPackageDescription
-from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.simulation.joint_chain import MissionPackageDescription
+from catoptra_server.simulation.robot_description import RobotDescription
 from helpers.configs import ROBOTS
 
 HINGE = (

@@ -15,7 +15,7 @@ from catoptra_protocol.optics.lenses import EquidistantLens
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.robot_file import read_robot, read_robots
-from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
+from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
 from helpers.calibrated_cameras import TUM_VI
 from helpers.configs import ROBOTS, Edit, write_edited_copy
 

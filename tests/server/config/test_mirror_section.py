@@ -24,7 +24,7 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mirror_section import read_mirror, read_surface
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel
-from catoptra_server.robot.robot_description import OmniCameraDescription
+from catoptra_server.simulation.robot_description import OmniCameraDescription
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from helpers.configs import ROBOTS, write_edited_copy
 

@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.robot.joint_chain import MissionPackageDescription
+from catoptra_server.simulation.joint_chain import MissionPackageDescription
 
 HEAD = (
     'MisPkgs=(PkgName="CameraPanTilt",Location=(Y=0.0,X=0.1,Z=-0.3),'

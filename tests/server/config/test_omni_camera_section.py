@@ -14,7 +14,7 @@ from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_server.config.robot_file import read_robot, read_robots
 from catoptra_server.render.render_settings import AccuracyTarget, PerPixel
-from catoptra_server.robot.robot_description import OmniCameraDescription
+from catoptra_server.simulation.robot_description import OmniCameraDescription
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from helpers.configs import OMNI_ROBOT, Edit, find_line_number, write_edited_copy
 

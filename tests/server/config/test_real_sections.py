@@ -8,11 +8,11 @@ import pytest
 
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.sensors.encoder import EncoderDescription
-from catoptra_server.sensors.ins import InsDescription
-from catoptra_server.sensors.range_scanner import RangeScannerDescription
-from catoptra_server.sensors.sonar import SonarDescription
+from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors.encoder import EncoderDescription
+from catoptra_server.simulation.sensors.ins import InsDescription
+from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
+from catoptra_server.simulation.sensors.sonar import SonarDescription
 
 REAL = Path(__file__).parent / "real"
 

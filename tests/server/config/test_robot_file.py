@@ -17,9 +17,9 @@ from catoptra_server.config.robot_file import (
     read_robot,
     read_robots,
 )
-from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.sensors.ground_truth import GroundTruthDescription
-from catoptra_server.sensors.odometry import OdometryDescription
+from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
+from catoptra_server.simulation.sensors.odometry import OdometryDescription
 from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, find_line_number, write_edited_copy
 
 BARE = """\

@@ -8,7 +8,7 @@ from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.sensor_item import SensorItem
 from catoptra_server.config.unreal_ini import parse_sections
-from catoptra_server.robot.mount import Mount
+from catoptra_server.simulation.robot_description import Mount
 
 
 def make_item(*lines: str) -> SensorItem:

@@ -8,16 +8,16 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.robot.mount import (
+from catoptra_server.simulation.robot_description import (
     Mount,
+    SensorDescription,
 )
-from catoptra_server.robot.robot_description import SensorDescription
-from catoptra_server.sensors.encoder import EncoderDescription
-from catoptra_server.sensors.ground_truth import GroundTruthDescription
-from catoptra_server.sensors.ins import InsDescription
-from catoptra_server.sensors.range_scanner import RangeScannerDescription
-from catoptra_server.sensors.sonar import SonarDescription
-from catoptra_server.sensors.tachometer import TachometerDescription
+from catoptra_server.simulation.sensors.encoder import EncoderDescription
+from catoptra_server.simulation.sensors.ground_truth import GroundTruthDescription
+from catoptra_server.simulation.sensors.ins import InsDescription
+from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
+from catoptra_server.simulation.sensors.sonar import SonarDescription
+from catoptra_server.simulation.sensors.tachometer import TachometerDescription
 from helpers.configs import ROBOTS
 
 

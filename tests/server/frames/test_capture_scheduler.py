@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.frames.capture_scheduler import MAX_CHANNELS, TICK_S, CaptureScheduler
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
+from catoptra_server.frames.frame import IMAGE_PORT, CameraChannel
+from catoptra_server.frames.mailbox import MAX_CHANNELS, TICK_S, CaptureScheduler
 
 OTHER = CameraChannel("R", "Rear")
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from catoptra_server.frames.channel_backoff import ChannelBackoff
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
+from catoptra_server.frames.frame import IMAGE_PORT, CameraChannel
+from catoptra_server.frames.render_thread import ChannelBackoff
 
 CAMERA = CameraChannel("R", "")
 

@@ -11,9 +11,9 @@ from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect import DecisionBasis, EffectMode, EffectSettings
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.effect_times import EffectTimes, measure_effect_times
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import RenderedView
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.startup import read_startup_config
 from catoptra_server.world.camera_state import CameraState

@@ -12,15 +12,12 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.medium.misalignment import Misalignment
-from catoptra_server.frames.frame_labeller import FrameLabeller
-from catoptra_server.frames.frame_request import CameraChannel, ViewRequest
-from catoptra_server.frames.renderer_recovery import ViewFailedError
-from catoptra_server.frames.view_cache import ViewCache
-from catoptra_server.ground_truth.label_rays import DrawnExposure
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.frame import CameraChannel, ViewRequest
+from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.views import FrameLabeller, ViewCache, ViewFailedError
 from catoptra_server.render.render_settings import (
     MirrorSurface,
     PerPixel,

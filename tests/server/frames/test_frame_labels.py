@@ -10,7 +10,7 @@ import numpy as np
 from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.requests import ChannelEncoding
-from catoptra_server.frames.frame_labels import FrameLabels
+from catoptra_server.frames.frame import FrameLabels
 
 IDS = np.array(((0, 2, 2), (0, 0, 5)), dtype=np.uint16)
 FLOW = np.arange(12, dtype=np.float32).reshape(2, 3, 2)

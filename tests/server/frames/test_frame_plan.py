@@ -17,17 +17,13 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.frames.frame_plan import CameraPlan, ErrorBoundTable, FramePlanner
-from catoptra_server.planning.budget_monitor import BudgetMonitor
-from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.planning.candidate_plans import generate_calibration_plans
-from catoptra_server.planning.cost_model import PlanTiming
-from catoptra_server.planning.error_bound import error_bound
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.perspective_plan import plan_perspective_view
-from catoptra_server.planning.plan_choice import PlanChoice
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.frames.plan.candidates import generate_calibration_plans
+from catoptra_server.frames.plan.costs import PlanTiming
+from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.planner import BudgetMonitor, RenderPlanner
+from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
 from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind

@@ -7,13 +7,13 @@ import dataclasses
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.frames.frame_rendering import max_bounds, render_frame
-from catoptra_server.frames.frame_request import (
+from catoptra_server.frames.frame import (
     ViewRequest,
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.frames.view_cache import RenderedView
-from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.frames.render_thread import max_bounds, render_frame
+from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
 from helpers.frame_requests import VIEW, make_request

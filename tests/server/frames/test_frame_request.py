@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from catoptra_server.frames.frame_request import (
+from catoptra_server.frames.frame import (
     IMAGE_PORT,
     CameraChannel,
     ImagePortChannel,
     is_variant,
 )
-from catoptra_server.planning.camera_variant import CameraVariant
+from catoptra_server.frames.plan.camera import CameraVariant
 
 
 def test_channels_are_equal_by_value() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.frames.image_difference import append_difference
+from catoptra_server.frames.frame import append_difference
 
 
 def test_difference_is_absolute_and_to_the_right_of_the_picture() -> None:

@@ -12,14 +12,14 @@ from catoptra_protocol.usarsim.commands import Drive, Init, Set, SetViewports
 from catoptra_protocol.usarsim.reports import CameraConfiguration, Report, VehicleStatus
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.scene.self_view import SelfView
-from catoptra_server.frames.frame_request import IMAGE_PORT, ImagePortChannel
+from catoptra_server.frames.frame import IMAGE_PORT, ImagePortChannel
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.robot.mount import (
-    Mount,
-)
-from catoptra_server.robot.robot_description import PerspectiveCameraDescription
+from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.simulation import Fleet
+from catoptra_server.simulation.robot_description import (
+    Mount,
+    PerspectiveCameraDescription,
+)
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import AT_REST
 from helpers.motion_reference import relative_twist

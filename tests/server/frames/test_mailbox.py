@@ -11,11 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
+from catoptra_server.frames.frame import (
+    IMAGE_PORT,
+    CameraChannel,
+    Frame,
+    FrameRendered,
+    FrameRequested,
+)
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
-from catoptra_server.planning.camera_variant import CameraVariant
+from catoptra_server.frames.plan.camera import CameraVariant
 from catoptra_server.simulation import SimulationEvent
 from helpers.loopback import run_scenario
 

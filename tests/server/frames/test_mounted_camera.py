@@ -7,14 +7,20 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.commands import Drive
-from catoptra_server.frames.mounted_camera import MountedCamera, mounted_camera_state
+from catoptra_server.frames.image_port import (
+    CameraRobot,
+    MountedCamera,
+    VisibleObjects,
+    mounted_camera_state,
+)
 from catoptra_server.frames.multi_view import Tile
-from catoptra_server.frames.robot_camera import CameraRobot, VisibleObjects
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import PerspectiveCameraDescription
+from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import (
+    Mount,
+    PerspectiveCameraDescription,
+    PlanarPose,
+)
 from catoptra_server.world.obstacle_grid import build_obstacle_grid
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Twist

@@ -10,22 +10,20 @@ import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_plan import ViewState
-from catoptra_server.frames.frame_request import (
+from catoptra_server.frames.frame import (
     IMAGE_PORT,
     CameraChannel,
     Channel,
+    Frame,
     FrameComposition,
     FrameMetadata,
     FrameRequest,
     ViewRequest,
 )
+from catoptra_server.frames.frame_plan import ViewState
+from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.frames.render_thread import PlanFailure, RenderThread
-from catoptra_server.frames.renderer_recovery import ViewFailedError
-from catoptra_server.frames.view_cache import RenderedView
-from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.planning.camera_variant import CameraVariant
+from catoptra_server.frames.views import RenderedView, ViewFailedError
 from catoptra_server.world.camera_state import CameraState
 from helpers.frame_requests import SINGLE, VIEW, make_request
 from helpers.loopback import DEADLINE_S

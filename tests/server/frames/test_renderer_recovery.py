@@ -25,14 +25,12 @@ from catoptra_server.effects.effect import (
     ImageEffect,
     SceneSummary,
 )
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.renderer_recovery import ViewFailedError
-from catoptra_server.frames.view_cache import ViewCache
-from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.planning.plan_choice import PlanChoice
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.plans import PlanChoice
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.frames.views import ViewCache, ViewFailedError
 from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState

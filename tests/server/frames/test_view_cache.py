@@ -29,15 +29,14 @@ from catoptra_server.effects.scene.fog import Fog
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.quantisation import Quantisation
+from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.frame_plan import ErrorBoundTable
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import ViewCache
-from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.planning.candidate_plans import generate_calibration_plans
-from catoptra_server.planning.cost_model import PlanTiming
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.frames.plan.candidates import generate_calibration_plans
+from catoptra_server.frames.plan.costs import PlanTiming
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

@@ -12,15 +12,13 @@ import pytest
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
-from catoptra_server.frames import view_store
+from catoptra_server.frames import views as view_store
 from catoptra_server.frames.frame_plan import CameraPlan
-from catoptra_server.frames.view_store import ViewStore
-from catoptra_server.planning.budget_monitor import BudgetMonitor
-from catoptra_server.planning.camera_spec import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.perspective_plan import plan_perspective_view
-from catoptra_server.planning.renderer_choice import RendererChoice, create_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.frames.plan.planner import BudgetMonitor
+from catoptra_server.frames.plan.plans import plan_from_settings, plan_perspective_view
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool, create_renderer
+from catoptra_server.frames.views import ViewStore
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import Renderer, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

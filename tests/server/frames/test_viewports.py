@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from catoptra_protocol.usarsim.commands import SetViewports
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.frames.viewports import Viewports
+from catoptra_server.frames.multi_view import Viewports
 
 
 def test_viewports_when_set_are_confirmed_in_the_captured_form() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.ground_truth.flow import project_points
+from catoptra_server.frames.labels.label_renderer import project_points
 from helpers.labelled_rooms import CAMERAS
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from catoptra_server.effects.medium.misalignment import Misalignment
-from catoptra_server.ground_truth.label_rays import (
+from catoptra_server.frames.labels.labels import (
     build_label_rays,
     label_exposure,
     make_ray_source,

@@ -15,8 +15,8 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
 from catoptra_server.effects.medium.vignetting import Vignetting
-from catoptra_server.ground_truth.label_renderer import DrawnExposure
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.labels.label_renderer import DrawnExposure
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import advance
 from catoptra_server.render.renderer_kind import RendererKind

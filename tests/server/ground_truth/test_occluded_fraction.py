@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.ground_truth import occluded_fraction
-from catoptra_server.ground_truth.label_rays import DrawnExposure
+from catoptra_server.frames.labels import label_renderer as occluded_fraction
+from catoptra_server.frames.labels.labels import DrawnExposure
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
 from catoptra_server.world.world_description import Box, Item, Material
 from helpers.labelled_rooms import CAMERAS, ROBOTS, STATE, WORLD, open_labels

@@ -11,8 +11,8 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.ground_truth import scene_labels
-from catoptra_server.ground_truth.scene_labels import SceneLabels
+from catoptra_server.frames.labels import labels as scene_labels
+from catoptra_server.frames.labels.labels import SceneLabels
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, World
 from helpers.labelled_rooms import ROBOTS, SCENE

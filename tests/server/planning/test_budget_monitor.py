@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_server.planning.budget_monitor import (
+from catoptra_server.frames.plan.planner import (
     HYSTERESIS_FRAMES,
     WINDOW_FRAMES,
     BudgetMonitor,

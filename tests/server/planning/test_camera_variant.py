@@ -13,11 +13,11 @@ from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.medium.vignetting import Vignetting
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.camera_variant import (
+from catoptra_server.frames.plan.camera import (
     MAX_SAMPLES,
     POLYGON_COUNTS,
     CameraVariant,
+    OmniCameraSpec,
     ReferenceKind,
     parse_effect_modes,
     parse_reference,

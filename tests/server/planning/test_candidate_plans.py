@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.planning.candidate_plans import (
+from catoptra_server.frames.plan.candidates import (
     FACE_SAMPLE_COUNTS,
     SAMPLE_COUNTS,
     TEXELS_PER_PX,
     generate_calibration_plans,
     generate_candidate_plans,
 )
-from catoptra_server.planning.cost_model import cost_group
-from catoptra_server.planning.view_size import plan_view_size
+from catoptra_server.frames.plan.costs import cost_group
+from catoptra_server.frames.plan.plans import plan_view_size
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel
 from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

@@ -10,14 +10,11 @@ import pytest
 
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.candidate_plans import generate_calibration_plans
-from catoptra_server.planning.candidate_table import RendererCalibration
-from catoptra_server.planning.cost_cache import CostCache
-from catoptra_server.planning.cost_model import PlanTiming
-from catoptra_server.planning.error_bound import error_bound
-from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.candidates import RendererCalibration, generate_calibration_plans
+from catoptra_server.frames.plan.costs import CostCache, PlanTiming
+from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState

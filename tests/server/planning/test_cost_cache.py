@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_server.planning import cost_cache
-from catoptra_server.planning.cost_cache import CostCache, default_cache_folder, hash_scene
+from catoptra_server.frames.plan import costs as cost_cache
+from catoptra_server.frames.plan.costs import CostCache, default_cache_folder, hash_scene
 from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.scene_mesh import build_scene

@@ -9,8 +9,8 @@ import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.cost_calibration import OTHER_STAGES, measure_costs
-from catoptra_server.planning.cost_model import fit_cost_model
+from catoptra_server.frames.plan.candidates import OTHER_STAGES, measure_costs
+from catoptra_server.frames.plan.costs import fit_cost_model
 from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

@@ -8,8 +8,8 @@ import pytest
 
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.scene.fog import Fog
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.cost_corrections import CostCorrections, added_ms
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.costs import CostCorrections, added_ms
 from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from helpers.worlds import make_omni_camera

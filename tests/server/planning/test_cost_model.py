@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.planning.cost_model import (
+from catoptra_server.frames.plan.costs import (
     CostModel,
     PlanTiming,
     cost_group,
@@ -15,7 +15,7 @@ from catoptra_server.planning.cost_model import (
     fit_cost_model,
     fit_nonnegative_rates,
 )
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

@@ -6,8 +6,8 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import ParabolicMirror
-from catoptra_server.planning.error_bound import ErrorBound, error_bound
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.error_bound import ErrorBound, error_bound
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

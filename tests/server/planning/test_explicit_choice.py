@@ -6,8 +6,8 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.explicit_choice import choose_by_settings
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.plans import choose_by_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from helpers.worlds import make_omni_camera

@@ -7,13 +7,13 @@ import math
 import pytest
 
 from catoptra_protocol.optics.cube_map import MAX_FIVE_FACE_RIM_RAD, Face
-from catoptra_server.planning.explicit_plan import (
+from catoptra_server.frames.plan.faces import max_face_size_px
+from catoptra_server.frames.plan.plans import (
     DEFAULT_FACE_SAMPLES,
     DEFAULT_SAMPLES,
     max_incidence_rad,
     plan_from_settings,
 )
-from catoptra_server.planning.face_regions import max_face_size_px
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

@@ -10,12 +10,12 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.exposure_budget import (
+from catoptra_server.frames.plan.plans import (
     MAX_EXPOSURE_RAYS,
     covered_fraction,
     explain_limit,
     limit_time_samples,
+    plan_from_settings,
 )
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import RenderPlan

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.planning.face_lookup_error import (
+from catoptra_server.frames.plan.error_bound import (
     MAX_EDGE_DISPLACEMENT_TEXELS,
     face_lookup_error,
     max_edge_displacement_texels,
 )
-from catoptra_server.planning.face_regions import regions_of_size
+from catoptra_server.frames.plan.faces import regions_of_size
 from helpers.worlds import make_omni_camera
 
 # Sixteenths of a texel: the standard patterns that Direct3D 11.1 prescribes and drivers share.

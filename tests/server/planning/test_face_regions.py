@@ -19,7 +19,7 @@ from catoptra_protocol.optics.mirrors import (
 )
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
-from catoptra_server.planning.face_regions import (
+from catoptra_server.frames.plan.faces import (
     MAX_SIDE_TEXELS,
     MAX_TEXELS,
     face_regions,

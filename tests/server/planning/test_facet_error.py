@@ -14,8 +14,8 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
-from catoptra_server.planning import facet_error as module
-from catoptra_server.planning.facet_error import facet_error, facet_error_by_radius, rim_gap
+from catoptra_server.frames.plan import facet_error as module
+from catoptra_server.frames.plan.facet_error import facet_error, facet_error_by_radius, rim_gap
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation
 from helpers.worlds import make_omni_camera
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from catoptra_server.planning.geometric_error import GeometricError, apply_floor, sum_errors
+from catoptra_server.frames.plan.facet_error import GeometricError, apply_floor, sum_errors
 
 FIRST = GeometricError(3.0, 0.3, 1.0, 0.05)
 SECOND = GeometricError(1.0, 0.4, 2.0, 0.12)

@@ -3,8 +3,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.planning.explicit_plan import DEFAULT_SAMPLES
-from catoptra_server.planning.perspective_plan import plan_perspective_view
+from catoptra_server.frames.plan.plans import DEFAULT_SAMPLES, plan_perspective_view
 from catoptra_server.render.renderer_kind import RendererKind
 
 

@@ -6,9 +6,9 @@ import itertools
 
 import pytest
 
-from catoptra_server.planning.candidate_plans import generate_candidate_plans
-from catoptra_server.planning.error_bound import error_bound
-from catoptra_server.planning.plan_choice import PlanChoice, PlanOption, choose_plan, pareto_front
+from catoptra_server.frames.plan.candidates import generate_candidate_plans
+from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.plans import PlanChoice, PlanOption, choose_plan, pareto_front
 from catoptra_server.render.render_settings import AccuracyTarget, PerPixel
 from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

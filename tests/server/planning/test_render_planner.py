@@ -12,14 +12,13 @@ from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning import candidate_table, explicit_choice
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.candidate_plans import generate_calibration_plans
-from catoptra_server.planning.cost_cache import CostCache
-from catoptra_server.planning.cost_model import PlanTiming
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.plan import candidates as candidate_table
+from catoptra_server.frames.plan import plans as explicit_choice
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.candidates import generate_calibration_plans
+from catoptra_server.frames.plan.costs import CostCache, PlanTiming
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
 from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import RendererKind

@@ -12,8 +12,8 @@ import pytest
 
 import catoptra_server
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
-from catoptra_server.planning import renderer_choice
-from catoptra_server.planning.renderer_choice import (
+from catoptra_server.frames.plan import renderers as renderer_choice
+from catoptra_server.frames.plan.renderers import (
     RendererChoice,
     choose_renderer,
     open_image_changer,
@@ -113,7 +113,7 @@ def test_auto_offers_the_other_renderer_in_its_place() -> None:
 @pytest.mark.usefixtures("_without_gpu_files")
 def test_auto_that_traces_does_not_load_opengl() -> None:
     program = (
-        "import sys; from catoptra_server.planning import renderer_choice as module;"
+        "import sys; from catoptra_server.frames.plan import renderer_choice as module;"
         "module._GPU_FILES = ();"
         "from catoptra_server.world.world_description import World;"
         "from catoptra_server.world.scene_mesh import build_scene;"
@@ -135,7 +135,7 @@ def test_unknown_renderer_is_rejected_with_the_existing_names() -> None:
 
 def test_trace_does_not_load_opengl() -> None:
     program = (
-        "import sys; from catoptra_server.planning.renderer_choice import choose_renderer;"
+        "import sys; from catoptra_server.frames.plan.renderers import choose_renderer;"
         "from catoptra_server.world.world_description import World;"
         "from catoptra_server.world.scene_mesh import build_scene;"
         "world = World('empty', ()); choose_renderer('trace', build_scene(world), world);"
@@ -172,9 +172,9 @@ def test_error_of_a_missing_opengl_is_a_renderer_unavailable_error() -> None:
 # Beside the renderers themselves: their names, creation, settings, stages and checks.
 MODULES_THAT_KNOW_THE_KINDS = {
     "doctor/renderer_devices.py",
-    "planning/candidate_plans.py",
-    "planning/cost_model.py",
-    "planning/renderer_choice.py",
+    "frames/plan/candidates.py",
+    "frames/plan/costs.py",
+    "frames/plan/renderers.py",
     "render/renderer_kind.py",
 }
 

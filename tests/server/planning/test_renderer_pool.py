@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from catoptra_protocol.errors import RendererUnavailableError
-from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
 from catoptra_server.render.renderer_kind import RendererKind
 
 TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER

@@ -16,9 +16,9 @@ from catoptra_protocol.optics.mirrors import (
     SphericalMirror,
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.rounding_error import coordinate_errors, corner_error, rounding_error
-from catoptra_server.planning.texel_footprint import texel_footprint
+from catoptra_server.frames.plan.error_bound import coordinate_errors, corner_error, rounding_error
+from catoptra_server.frames.plan.faces import texel_footprint
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, atlas_coordinates, pack_atlas
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.render.renderer import RenderPlan

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.sampling_error import (
+from catoptra_server.frames.plan.error_bound import (
     PIXEL_CENTROID_ERROR_PX,
     SamplingError,
     sampling_error,
 )
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from helpers.worlds import make_omni_camera

@@ -10,8 +10,7 @@ from catoptra_protocol.optics.cube_map import Face, face_coordinates, face_from_
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
-from catoptra_server.planning.texel_footprint import texel_footprint
+from catoptra_server.frames.plan.faces import regions_by_density, regions_of_size, texel_footprint
 from catoptra_server.render.renderer import FaceRegion
 from helpers.worlds import make_omni_camera
 

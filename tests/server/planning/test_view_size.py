@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.planning.view_size import (
+from catoptra_server.frames.plan.plans import (
     omni_view_size,
     perspective_view_size,
     plan_view_size,

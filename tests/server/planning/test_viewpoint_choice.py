@@ -12,8 +12,8 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR, SphericalMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.scene.self_view import SelfView
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.viewpoint_choice import (
+from catoptra_server.frames.plan.camera import (
+    OmniCameraSpec,
     choose_viewpoint,
     describe_viewpoint,
     explain_viewpoint,

@@ -8,9 +8,8 @@ import pytest
 
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_server.config.bundled_files import find_configuration
-from catoptra_server.planning import renderer_choice
-from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.plan import renderers as renderer_choice
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
 from catoptra_server.render.raster import device as gl_device
 from catoptra_server.render.renderer_kind import EmbreexMissingError, RendererKind, has_embreex
 from catoptra_server.startup import create_ray_caster, read_startup_config

@@ -27,9 +27,9 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.error_bound import error_bound
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.texel_footprint import texel_footprint
+from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.faces import texel_footprint
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings

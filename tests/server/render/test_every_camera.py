@@ -16,10 +16,9 @@ from catoptra_protocol.optics.camera_rays import pixel_from_point, rays_from_pix
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_server.config.camera_file import CameraFile, carry_camera, read_camera_files
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.error_bound import error_bound
-from catoptra_server.planning.explicit_choice import can_follow_settings
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.plans import can_follow_settings, plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.render_settings import PerPixel, RenderSettings

@@ -22,9 +22,9 @@ from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.candidate_plans import generate_candidate_plans
-from catoptra_server.planning.explicit_choice import can_follow_settings, choose_by_settings
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.candidates import generate_candidate_plans
+from catoptra_server.frames.plan.plans import can_follow_settings, choose_by_settings
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer

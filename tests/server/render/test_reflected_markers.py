@@ -20,7 +20,7 @@ from catoptra_protocol.optics.mirrors import ProfileMirror, SphericalMirror
 from catoptra_protocol.optics.mirrors.non_central import NonCentralMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer

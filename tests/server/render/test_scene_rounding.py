@@ -20,9 +20,8 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.planning.error_bound import add_scene, error_bound
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.rounding_error import coordinate_errors
+from catoptra_server.frames.plan.error_bound import add_scene, coordinate_errors, error_bound
+from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.render_settings import RenderSettings

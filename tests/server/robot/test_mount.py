@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from catoptra_server.robot.mount import Mount
+from catoptra_server.simulation.robot_description import Mount
 
 
 def test_mount_by_default_is_the_chassis() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.simulation.robot_description import PlanarPose
 
 
 def test_pose_when_at_a_height_is_above_the_floor_and_turned() -> None:

@@ -8,10 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_body import RobotBody, step_body
-from catoptra_server.robot.skid_steer import WheelSpin
 from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.drive import RobotBody, WheelSpin, step_body
+from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.world.obstacle_grid import (
     ObstacleGrid,
     build_obstacle_grid,

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.skid_steer import (
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.drive import (
     WheelSpin,
     WheelTravel,
     apply_slip,
     integrate_arc,
     wheel_travel,
 )
-from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.robot_description import PlanarPose
 from helpers.robots import BASE
 
 ORIGIN = PlanarPose(0.0, 0.0, 0.0)

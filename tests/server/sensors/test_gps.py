@@ -9,13 +9,13 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import GpsReading
-from catoptra_server.robot.mount import (
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.robot_description import (
     Mount,
 )
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import SensorContext
-from catoptra_server.sensors.gps import GpsDescription, GpsSensor, geodetic_from_local
-from catoptra_server.sensors.sensor_environment import EmptyScene, RayCaster, SensorEnvironment
+from catoptra_server.simulation.sensors import SensorContext
+from catoptra_server.simulation.sensors.gps import GpsDescription, GpsSensor, geodetic_from_local
+from catoptra_server.simulation.sensors.sensor import EmptyScene, RayCaster, SensorEnvironment
 from catoptra_server.world.world_description import GpsOrigin
 from helpers.robots import BASE, GPS
 from helpers.room_ray_caster import RoomRayCaster

@@ -6,14 +6,17 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.robot.mount import (
-    Mount,
-)
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.skid_steer import WheelTravel
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import MotionStep, SensorContext
-from catoptra_server.sensors.ground_truth import GroundTruthDescription, GroundTruthSensor
+from catoptra_server.simulation.drive import WheelTravel
+from catoptra_server.simulation.robot_description import (
+    Mount,
+    PlanarPose,
+)
+from catoptra_server.simulation.sensors import MotionStep, SensorContext
+from catoptra_server.simulation.sensors.ground_truth import (
+    GroundTruthDescription,
+    GroundTruthSensor,
+)
 from helpers.robots import BASE
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.skid_steer import WheelTravel
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import MotionStep, SensorContext
-from catoptra_server.sensors.ins import InsDescription, InsSensor
+from catoptra_server.simulation.drive import WheelTravel
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.sensors import MotionStep, SensorContext
+from catoptra_server.simulation.sensors.ins import InsDescription, InsSensor
 from helpers.robots import BASE, INS
 
 POSE = Pose.from_rpy((1.0, 2.0, -0.1457), (0.0, 0.0, 0.5))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from catoptra_protocol.usarsim.reports import Configuration, GeometryItem
-from catoptra_server.robot.mount import Mount
-from catoptra_server.sensors.mounted_part import MountedPart
+from catoptra_server.simulation.robot_description import Mount
+from catoptra_server.simulation.sensors.sensor import MountedPart
 
 
 def test_part_replies_with_its_configuration_and_mount() -> None:

@@ -10,11 +10,11 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.skid_steer import WheelTravel
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import MotionStep, SensorContext
-from catoptra_server.sensors.odometry import OdometryDescription, OdometrySensor
+from catoptra_server.simulation.drive import WheelTravel
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.sensors import MotionStep, SensorContext
+from catoptra_server.simulation.sensors.odometry import OdometryDescription, OdometrySensor
 from helpers.robots import BASE
 
 ORIGIN = PlanarPose(0.0, 0.0, 0.0)

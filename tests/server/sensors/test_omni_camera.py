@@ -7,8 +7,8 @@ import numpy as np
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_server.frames.multi_view import Tile
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.sensors.omni_camera import OmniCameraSensor
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from helpers.robots import CAMERA, make_p2at
 
 

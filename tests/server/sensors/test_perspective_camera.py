@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.robot.joint_chain import STANDARD_PACKAGES
-from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.robot_description import PerspectiveCameraDescription
-from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
+from catoptra_server.simulation.joint_chain import STANDARD_PACKAGES
+from catoptra_server.simulation.robot_description import Mount, PerspectiveCameraDescription
+from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
 from helpers.robots import make_p2at
 
 MOUNT = Mount((0.082, 0.0002, 0.0613), (0.0, 0.0, 0.0), "CameraTilt")

@@ -12,13 +12,16 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.robot.mount import (
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.robot_description import (
     Mount,
 )
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import SensorContext
-from catoptra_server.sensors.range_scanner import RangeScannerDescription, RangeScannerSensor
-from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
+from catoptra_server.simulation.sensors import SensorContext
+from catoptra_server.simulation.sensors.range_scanner import (
+    RangeScannerDescription,
+    RangeScannerSensor,
+)
+from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import BASE, SCANNER
 from helpers.room_ray_caster import RoomRayCaster, context_in_room, make_room_world, oriented_box_at

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.sensors.ray_patterns import (
+from catoptra_server.simulation.sensors.ray_patterns import (
     beam_directions,
     clamp_ranges,
     cone_directions,

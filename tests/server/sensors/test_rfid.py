@@ -5,9 +5,9 @@ from __future__ import annotations
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import SensorContext
-from catoptra_server.sensors.rfid import RfidSensor
-from catoptra_server.sensors.sensor_environment import SensorEnvironment
+from catoptra_server.simulation.sensors import SensorContext
+from catoptra_server.simulation.sensors.rfid import RfidSensor
+from catoptra_server.simulation.sensors.sensor import SensorEnvironment
 from catoptra_server.world.world_description import RfidTag
 from helpers.robots import BASE, RFID
 from helpers.room_ray_caster import RoomRayCaster

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
+from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
 from helpers.room_ray_caster import RoomRayCaster, oriented_box_at
 
 RAYS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

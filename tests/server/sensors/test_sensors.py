@@ -10,10 +10,9 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import GeometryItem, Report, line_from_report
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.robot_description import DriveBase, SensorDescription
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import (
+from catoptra_server.simulation.robot_description import DriveBase, Mount, SensorDescription
+from catoptra_server.simulation.sensors import (
     SENSOR_KINDS,
     MotionStep,
     Part,
@@ -23,7 +22,7 @@ from catoptra_server.sensors import (
     build_sensors,
     casts_rays,
 )
-from catoptra_server.sensors.odometry import ODOMETRY
+from catoptra_server.simulation.sensors.odometry import ODOMETRY
 from helpers.robots import BASE
 
 CONTEXT = SensorContext(1.0, 0, Pose.identity())

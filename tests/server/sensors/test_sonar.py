@@ -10,12 +10,12 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.robot.mount import (
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.robot_description import (
     Mount,
 )
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors.sensor_environment import SensorEnvironment
-from catoptra_server.sensors.sonar import SonarDescription, SonarRing
+from catoptra_server.simulation.sensors.sensor import SensorEnvironment
+from catoptra_server.simulation.sensors.sonar import SonarDescription, SonarRing
 from catoptra_server.world.objects import OrientedBox
 from helpers.robots import BASE, SONAR
 from helpers.room_ray_caster import RoomRayCaster, context_in_room, oriented_box_at

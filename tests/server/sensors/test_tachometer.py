@@ -6,11 +6,11 @@ import dataclasses
 
 import pytest
 
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.skid_steer import WheelTravel
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import MotionStep
-from catoptra_server.sensors.tachometer import TachometerSensor
+from catoptra_server.simulation.drive import WheelTravel
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.sensors import MotionStep
+from catoptra_server.simulation.sensors.tachometer import TachometerSensor
 from helpers.robots import BASE, TACHOMETER
 from helpers.room_ray_caster import context_in_room
 

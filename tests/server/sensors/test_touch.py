@@ -8,11 +8,11 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
-from catoptra_server.robot.mount import (
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.robot_description import (
     Mount,
 )
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors.touch import TouchSensorBank
+from catoptra_server.simulation.sensors.touch import TouchSensorBank
 from helpers.robots import BASE, TOUCH
 from helpers.room_ray_caster import context_in_room
 

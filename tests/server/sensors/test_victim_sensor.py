@@ -7,9 +7,9 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import SensorContext
-from catoptra_server.sensors.sensor_environment import SensorEnvironment
-from catoptra_server.sensors.victim_sensor import VictimSensor
+from catoptra_server.simulation.sensors import SensorContext
+from catoptra_server.simulation.sensors.sensor import SensorEnvironment
+from catoptra_server.simulation.sensors.victim_sensor import VictimSensor
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.world_description import Victim
 from helpers.robots import BASE, VICTIMS

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_server.frames.frame_request import CameraChannel
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.sensors.sensor_environment import EmptyScene
-from catoptra_server.simulation.camera_queries import CameraQueries
+from catoptra_server.frames.frame import CameraChannel
+from catoptra_server.simulation.cameras import CameraQueries, FleetCameras, FleetEnvironment
 from catoptra_server.simulation.collision_index import CollisionIndex
-from catoptra_server.simulation.fleet_cameras import FleetCameras
-from catoptra_server.simulation.fleet_environment import FleetEnvironment
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.sensors.sensor import EmptyScene
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import make_p2at, make_walled_world
 

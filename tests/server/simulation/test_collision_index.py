@@ -23,10 +23,10 @@ from catoptra_protocol.usarsim.reports import (
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.robot.joint_chain import STANDARD_PACKAGES
 from catoptra_server.simulation import collision_index
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.joint_chain import STANDARD_PACKAGES
 from catoptra_server.world.obstacle_grid import ObstacleGrid, build_obstacle_grid
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from helpers.configs import ROBOTS

@@ -6,10 +6,10 @@ import pytest
 
 from catoptra_protocol.usarsim.commands import Drive, Set, Trace
 from catoptra_protocol.usarsim.reports import CommandResult
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
-from catoptra_server.simulation.control_commands import ControlCommand, execute_control
+from catoptra_server.simulation.commands import ControlCommand, execute_control
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
 from helpers.robots import make_p2at
 
 

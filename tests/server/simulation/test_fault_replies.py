@@ -8,9 +8,9 @@ import pytest
 
 from catoptra_protocol.usarsim.commands import Drive, Init, Note, Set
 from catoptra_protocol.usarsim.reports import CommandResult
-from catoptra_server.frames.frame_request import CameraChannel
-from catoptra_server.simulation.fault_replies import FAULT_REASON, reply_fault
-from catoptra_server.simulation.simulation_events import (
+from catoptra_server.frames.frame import CameraChannel
+from catoptra_server.simulation.events import (
+    FAULT_REASON,
     AccuracyTargetChanged,
     ClientWork,
     CommandReceived,
@@ -23,6 +23,7 @@ from catoptra_server.simulation.simulation_events import (
     StateRequested,
     StepRequested,
     StepResult,
+    reply_fault,
 )
 from helpers.robots import FakeClient
 

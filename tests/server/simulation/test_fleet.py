@@ -29,9 +29,9 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.sensors.sensor_environment import EmptyScene, Triangles
 from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors.sensor import EmptyScene, Triangles
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import (
     CAMERA,

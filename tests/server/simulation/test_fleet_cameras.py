@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.frames.frame_request import (
+from catoptra_server.frames.frame import (
     IMAGE_PORT,
     CameraChannel,
     Channel,
@@ -13,14 +13,16 @@ from catoptra_server.frames.frame_request import (
     ImagePortChannel,
 )
 from catoptra_server.frames.multi_view import TileLayout
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.camera_variant import CameraVariant, ReferenceKind
-from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import PerspectiveCameraDescription, RobotDescription
-from catoptra_server.simulation.fleet_cameras import FleetCameras, set_accuracy_target
+from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, ReferenceKind
+from catoptra_server.simulation.cameras import FleetCameras, set_accuracy_target
+from catoptra_server.simulation.events import AccuracyTargetChanged
 from catoptra_server.simulation.robot import Robot
-from catoptra_server.simulation.simulation_events import AccuracyTargetChanged
+from catoptra_server.simulation.robot_description import (
+    Mount,
+    PerspectiveCameraDescription,
+    PlanarPose,
+    RobotDescription,
+)
 from helpers.robots import FakeClient, make_p2at
 
 AHEAD = PerspectiveCameraDescription("Ahead", Mount(), 12, 10, 1.0, 0.3, 2.0)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.sensors.sensor_environment import EmptyScene
+from catoptra_server.simulation.cameras import FleetEnvironment
 from catoptra_server.simulation.collision_index import CollisionIndex
-from catoptra_server.simulation.fleet_environment import FleetEnvironment
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.sensors.sensor import EmptyScene
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import make_p2at, make_walled_world
 

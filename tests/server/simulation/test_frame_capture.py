@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from catoptra_server.frames.frame_events import FrameRequested
-from catoptra_server.frames.frame_request import (
+from catoptra_server.frames.frame import (
     IMAGE_PORT,
     CameraChannel,
     Channel,
     FrameComposition,
     FrameRequest,
+    FrameRequested,
 )
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.simulation.frame_capture import FrameCapture

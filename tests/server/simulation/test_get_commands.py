@@ -11,10 +11,9 @@ from catoptra_protocol.usarsim.commands import GetConf, GetGeo
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.simulation.get_commands import execute_get_conf, execute_get_geo
+from catoptra_server.simulation.commands import execute_get_conf, execute_get_geo
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from helpers.configs import ROBOTS
 from helpers.robots import FakeViewProvider, make_p2at
 

@@ -9,10 +9,8 @@ from functools import partial
 import pytest
 
 from catoptra_protocol.usarsim.commands import Command, Drive, GetStartPoses
-from catoptra_server.frames.frame_events import FrameRequested
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
-from catoptra_server.simulation.inbox import MAX_ALL_WAITING_STEP_S, MAX_WAITING, Inbox
-from catoptra_server.simulation.simulation_events import (
+from catoptra_server.frames.frame import IMAGE_PORT, CameraChannel, FrameRequested
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     ClientDisconnected,
     CommandReceived,
@@ -22,6 +20,7 @@ from catoptra_server.simulation.simulation_events import (
     StepRequested,
     StopRequested,
 )
+from catoptra_server.simulation.inbox import MAX_ALL_WAITING_STEP_S, MAX_WAITING, Inbox
 from helpers.loopback import DEADLINE_S
 from helpers.robots import FakeClient
 

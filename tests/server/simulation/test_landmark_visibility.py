@@ -14,15 +14,15 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR, SphericalMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, direction_from_pixel
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.sensors.sensor_environment import (
+from catoptra_server.simulation.sensors.sensor import (
     EMPTY_ENVIRONMENT,
     EmptyScene,
     SensorEnvironment,
 )
-from catoptra_server.simulation.landmark_visibility import (
+from catoptra_server.simulation.sight import (
     LandmarkVisibility,
     compute_landmark_visibility,
 )

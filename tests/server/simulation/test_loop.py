@@ -46,20 +46,19 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
-from catoptra_server.frames.frame_rendering import render_frame
-from catoptra_server.frames.frame_request import (
+from catoptra_server.frames.frame import (
     IMAGE_PORT,
     CameraChannel,
     Channel,
+    Frame,
     FrameComposition,
+    FrameRendered,
     FrameRequest,
+    FrameRequested,
     ImagePortChannel,
 )
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.sensors import Sensor
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.render_thread import render_frame
 from catoptra_server.simulation import (
     AccuracyTargetChanged,
     Client,
@@ -75,7 +74,9 @@ from catoptra_server.simulation import (
     StepResult,
     StopRequested,
 )
-from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
+from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors import Sensor
+from catoptra_server.simulation.sight import LandmarkVisibility
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.loopback import DEADLINE_S
 from helpers.robots import (

@@ -14,12 +14,12 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, pixel_from_direction
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.planning.error_bound import error_bound
+from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
+from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.simulation.pixel_view import (
+from catoptra_server.simulation.sight import (
     OUTSIDE,
     NamedScene,
     PixelView,

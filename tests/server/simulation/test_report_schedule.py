@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_server.simulation.report_schedule import ReportSchedule
+from catoptra_server.simulation.robot import ReportSchedule
 
 
 def test_reporters_when_just_made_are_due_at_once_and_then_by_their_periods() -> None:

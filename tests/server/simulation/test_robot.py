@@ -18,21 +18,21 @@ from catoptra_protocol.usarsim.reports import (
     VehicleGeometry,
     VehicleStatus,
 )
-from catoptra_server.robot.joint_chain import (
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.commands import execute_get_conf, execute_get_geo
+from catoptra_server.simulation.joint_chain import (
     CHASSIS_PARENT,
     STANDARD_PACKAGES,
     LinkDescription,
     MissionPackageDescription,
 )
-from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import (
+from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import (
+    Mount,
     PerspectiveCameraDescription,
+    PlanarPose,
     RobotDescription,
 )
-from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.simulation.get_commands import execute_get_conf, execute_get_geo
-from catoptra_server.simulation.robot import Robot
 from catoptra_server.world.obstacle_grid import build_obstacle_grid
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import AT_REST

@@ -10,9 +10,9 @@ import pytest
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene.self_view import SelfView
-from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.simulation.robot import Robot
-from catoptra_server.simulation.robot_meshes import RobotMeshes, build_ego_mesh
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.simulation.spawning import RobotMeshes, build_ego_mesh
 from helpers.robots import make_p2at
 
 

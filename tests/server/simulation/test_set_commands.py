@@ -12,13 +12,13 @@ from catoptra_protocol.usarsim.reports import (
     line_from_report,
 )
 from catoptra_server.render.render_settings import AccuracyTarget
-from catoptra_server.robot.mount import (
-    Mount,
-)
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import PerspectiveCameraDescription
+from catoptra_server.simulation.commands import execute_set
 from catoptra_server.simulation.robot import Robot
-from catoptra_server.simulation.set_commands import execute_set
+from catoptra_server.simulation.robot_description import (
+    Mount,
+    PerspectiveCameraDescription,
+    PlanarPose,
+)
 from catoptra_server.world.obstacle_grid import build_obstacle_grid
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.robots import ENCODER, INS, ODOMETRY, SCANNER, make_p2at, make_walled_world

@@ -9,8 +9,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.usarsim.commands import Init
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.spawning import (
     MAX_COORDINATE_M,
     SEARCH_RADIUS_M,

@@ -13,8 +13,7 @@ import pytest
 
 from catoptra_client.frame_sources.image_client import rgb_from_encoded_frame
 from catoptra_protocol.usarsim.image_port import EncodedFrame, ImageFrameReader, ImageType
-from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_events import FrameRequested
+from catoptra_server.frames.frame import Frame, FrameRequested
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.simulation import SimulationEvent
 from catoptra_server.transports.loop_share import LoopAccount, LoopShare

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_studies.camera_figures.figure_spec import FigureInputs, open_figure_inputs
 from catoptra_studies.study_subject import StudySubject
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS

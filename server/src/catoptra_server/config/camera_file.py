@@ -15,7 +15,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.bundled_files import bundled_files, find_configuration
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.robot.robot_description import OmniCameraDescription
+from catoptra_server.simulation.robot_description import OmniCameraDescription
 
 # The robot of the paper's simulated drive.
 BASE_ROBOT = "p2at_omni_sim"

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.planning.explicit_plan import requested_samples
-from catoptra_server.planning.view_size import omni_view_size
+from catoptra_server.frames.plan.plans import omni_view_size, requested_samples
 from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
-from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.runtime.memory import MemoryBudget
+from catoptra_server.simulation.robot_description import OmniCameraDescription
 
 MAX_SIDE_PX = 8192
 """8192^2 raw pixels are 201 MB for a frame; the largest texture of OpenGL devices is not far

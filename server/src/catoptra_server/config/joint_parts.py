@@ -16,7 +16,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.optics.units import metres_from_uu
 from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader, Vector
-from catoptra_server.robot.joint_chain import (
+from catoptra_server.simulation.joint_chain import (
     CHASSIS_PARENT,
     LinkDescription,
     MissionPackageDescription,

@@ -34,8 +34,8 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mounting import read_mount
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.render.render_settings import PerPixel
-from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
+from catoptra_server.simulation.robot_description import OmniCameraDescription
 
 # Pixels along a side among which one that sees something is looked for: a field that fits between
 # them is none that anybody wants.

@@ -14,7 +14,7 @@ from dataclasses import replace
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mounting import require_on_robot
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.robot.joint_chain import (
+from catoptra_server.simulation.joint_chain import (
     STANDARD_PACKAGES,
     LinkDescription,
     MissionPackageDescription,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
 from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
 from catoptra_server.config.section_reader import SectionReader, Vector
-from catoptra_server.robot.mount import Mount
+from catoptra_server.simulation.robot_description import Mount
 
 # The largest body that a file may describe.
 MAX_OFFSET_M = 100.0

@@ -41,8 +41,8 @@ from catoptra_server.render.render_settings import (
     PerPixel,
     require_mesh_viewpoint,
 )
-from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
+from catoptra_server.simulation.robot_description import OmniCameraDescription
 
 # Directions in real files have four digits: 1.5708 for a right angle.
 _AXIS_TOLERANCE_RAD = 1e-3

@@ -7,9 +7,9 @@ from catoptra_server.config.effect_settings import read_lens_effect_settings
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mounting import read_mount
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.planning.view_size import perspective_view_size
-from catoptra_server.robot.robot_description import PerspectiveCameraDescription
+from catoptra_server.frames.plan.plans import perspective_view_size
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
+from catoptra_server.simulation.robot_description import PerspectiveCameraDescription
 
 _CLASSES = ("robotcamera", "usarcamera", "camera")
 # 172 degrees. A flat image plane ends at 180, where tan(fov / 2) is infinite.

@@ -26,9 +26,9 @@ from catoptra_server.config.perspective_camera_items import (
 from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.config.sensor_readers import is_sensor, read_sensor, report_unknown_class
 from catoptra_server.config.wire_name import WIRE_NAME_EXPECTED, is_wire_name
-from catoptra_server.robot.robot_description import DriveBase, RobotDescription
-from catoptra_server.robot.standard_bases import STANDARD_BASES
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
+from catoptra_server.simulation.drive import STANDARD_BASES
+from catoptra_server.simulation.robot_description import DriveBase, RobotDescription
 
 # UT2004 has a list for sensors; UDK has one for items of all kinds.
 _ITEM_LISTS = ("Sensors", "AddParts")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.robot.mount import Mount
+from catoptra_server.simulation.robot_description import Mount
 
 
 @dataclass(frozen=True, slots=True)

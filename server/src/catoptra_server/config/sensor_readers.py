@@ -14,8 +14,8 @@ from catoptra_server.config.mounting import read_mount
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.sensor_item import SensorItem
 from catoptra_server.config.unknown_names import suggest_name
-from catoptra_server.robot.robot_description import SensorDescription
-from catoptra_server.sensors import SENSOR_KINDS
+from catoptra_server.simulation.robot_description import SensorDescription
+from catoptra_server.simulation.sensors import SENSOR_KINDS
 
 log = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ import math
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.robot.robot_description import TextureClient
+from catoptra_server.simulation.robot_description import TextureClient
 
 log = logging.getLogger(__name__)
 

@@ -18,9 +18,9 @@ from catoptra_server.frames.multi_view import (
     fit_omni_camera,
     viewport_layout,
 )
-from catoptra_server.planning.view_size import omni_view_size, perspective_view_size
-from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.frames.plan.plans import omni_view_size, perspective_view_size
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget, ViewSize
+from catoptra_server.simulation.robot_description import RobotDescription
 
 
 def require_tiles_fit(

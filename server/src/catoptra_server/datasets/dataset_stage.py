@@ -26,15 +26,15 @@ from catoptra_server.config.unknown_names import report_unknown_names
 from catoptra_server.config.world_file import read_world
 from catoptra_server.datasets.recipe import CameraChoice, Recipe, WorldChoice
 from catoptra_server.frames.multi_view import Tile
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.cost_cache import default_cache_folder, hash_scene
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.costs import default_cache_folder, hash_scene
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
 from catoptra_server.render.trace.occlusion import occlusion_cache
-from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.runtime.memory import MemoryBudget
-from catoptra_server.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.collision_index import CollisionIndex
-from catoptra_server.simulation.robot_meshes import build_ego_mesh
+from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
+from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
+from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene

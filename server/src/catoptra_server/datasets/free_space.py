@@ -15,7 +15,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.datasets.dataset_stage import RecipeCamera, RecipeWorld
 from catoptra_server.datasets.recipe import RandomPoses, ValueRange
-from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M
 
 _NUM_LEVEL_RAYS = 8

@@ -26,7 +26,7 @@ from catoptra_server.datasets.recipe import (
     ValueRange,
 )
 from catoptra_server.datasets.recipe_values import read_range, read_range_struct
-from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.simulation.robot_description import PlanarPose
 
 POSE_KINDS = ("random", "grid", "path", "drive")
 TICK_S = 0.02

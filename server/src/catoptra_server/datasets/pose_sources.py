@@ -17,8 +17,8 @@ from catoptra_server.datasets.free_space import draw_free_pose, find_fault
 from catoptra_server.datasets.pose_sections import TICK_S
 from catoptra_server.datasets.recipe import DrivePoses, GivenPoses, RandomPoses
 from catoptra_server.datasets.sampling import SamplePlace, find_place, random_source
-from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.world.camera_state import NoiseSeed
 from catoptra_server.world.world_description import AT_REST, Twist
 

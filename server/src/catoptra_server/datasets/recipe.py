@@ -8,7 +8,7 @@ import numpy as np
 
 from catoptra_protocol.errors import SourceLocation
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.simulation.robot_description import PlanarPose
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,8 @@ from catoptra_server.datasets.sampling import (
     find_place,
     random_source,
 )
-from catoptra_server.frames.mounted_camera import mounted_camera_state
-from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.frames.image_port import mounted_camera_state
+from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.render.renderer import Image
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject

@@ -9,8 +9,8 @@ from catoptra_protocol.labels.channels import GroundTruth
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_server.datasets.recipe import Recipe
 from catoptra_server.datasets.sample import SampleDescription
-from catoptra_server.ground_truth.label_rays import DrawnExposure
-from catoptra_server.ground_truth.label_renderer import LabelRenderer
+from catoptra_server.frames.labels.label_renderer import LabelRenderer
+from catoptra_server.frames.labels.labels import DrawnExposure
 
 NEEDED_CHANNELS = frozenset({"ids", "valid"})
 """Channels that annotations are made of, whether the recipe stores them or not."""

@@ -10,9 +10,9 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.datasets.dataset_stage import RecipeWorld
 from catoptra_server.datasets.sample import SampleDescription
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.frames.view_cache import RenderedView
-from catoptra_server.sensors.sensor_environment import SensorEnvironment
-from catoptra_server.simulation.landmark_visibility import compute_landmark_visibility
+from catoptra_server.frames.views import RenderedView
+from catoptra_server.simulation.sensors.sensor import SensorEnvironment
+from catoptra_server.simulation.sight import compute_landmark_visibility
 
 
 def describe_sample_metadata(

@@ -21,12 +21,11 @@ from catoptra_server.datasets.sample_annotations import (
 )
 from catoptra_server.datasets.sample_metadata import describe_sample_metadata
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import RenderedView, ViewCache
-from catoptra_server.ground_truth.label_renderer import LabelRenderer
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.labels.label_renderer import LabelRenderer
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.views import RenderedView, ViewCache
 from catoptra_server.render.trace import TraceRenderer
 
 # A renderer of a shipped world takes 8 ms to make, and its view of 640 x 640 px 60 ms. Samples go

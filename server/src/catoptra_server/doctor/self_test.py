@@ -20,9 +20,9 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.error_bound import error_bound
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.plans import plan_from_settings
+from catoptra_server.frames.plan.renderers import choose_renderer
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import Image
 from catoptra_server.world.camera_state import CameraState

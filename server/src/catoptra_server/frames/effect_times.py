@@ -15,9 +15,9 @@ from statistics import median
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import DecisionBasis, EffectMode, EffectSettings
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import RenderedView
-from catoptra_server.planning.camera_spec import CameraSpec
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.plan.camera import CameraSpec
+from catoptra_server.frames.views import RenderedView
 
 # Of each kind of frame, by turns; the first prepares the view and fills caches.
 _NUM_FRAMES = 9

@@ -1,12 +1,32 @@
-"""A rendered frame and its payloads, each encoded once for all connections."""
+"""A rendered frame and its payloads, each encoded once for all connections.
+
+Difference of a picture from a reference of the same exposure, shown beside the picture.
+
+Frames to render, described completely by the simulation and rendered later in another thread.
+
+A request holds everything that the image depends on, frozen, so that the simulation goes on while
+the frame is rendered. One frame may consist of several views, one for each tile.
+
+Labels of one frame, and their payloads, each encoded once for all connections.
+
+Events about frames that mailboxes post to the simulation thread.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import field
+import math
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import field, replace
 
+import numpy as np
+
+from catoptra_protocol.camera_conf import Pairs
+from catoptra_protocol.labels.channels import Channels, GroundTruth, LabelledObject
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_protocol.stream.requests import ChannelEncoding, ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.encode import (
@@ -15,11 +35,202 @@ from catoptra_server.frames.encode import (
     is_quick,
     payload_of_reply,
 )
-from catoptra_server.frames.frame_labels import FrameLabels
-from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, FrameMetadata
-from catoptra_server.frames.image_difference import ImageDifference
-from catoptra_server.planning.plan_choice import PlanChoice
+from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.frames.plan.camera import CameraSpec, CameraVariant
+from catoptra_server.frames.plan.plans import PlanChoice
 from catoptra_server.render.renderer import Image
+from catoptra_server.render.trace.trace_engine import LabelRequest
+from catoptra_server.world.camera_state import CameraState
+
+
+@dataclass(frozen=True, slots=True)
+class ImageDifference:
+    """Difference in encoded grey levels."""
+
+    reference_plan: str
+    """Plan of the reference in words."""
+    max_levels: int
+    """Largest absolute difference of a value."""
+    rms_levels: float
+    """Root mean square over all pixels and colours."""
+    changed_fraction: float
+    """Fraction of the pixels that differ in a colour."""
+
+
+def append_difference(
+    rgb: Image, reference: Image, reference_plan: str
+) -> tuple[Image, ImageDifference]:
+    """Image of twice the width, with the absolute differences to the right of the picture.
+
+    Args:
+        rgb: (h, w, 3) uint8.
+        reference: Likewise, of the same exposure.
+        reference_plan: Plan of the reference in words.
+
+    Returns:
+        The (h, 2 w, 3) image, read-only, and the difference in numbers.
+    """
+    # In uint8: the larger minus the smaller never wraps around.
+    levels = np.maximum(rgb, reference) - np.minimum(rgb, reference)
+    image = np.concatenate((rgb, levels), axis=1)
+    image.setflags(write=False)
+    squares = np.bincount(levels.ravel(), minlength=256) * np.arange(256.0) ** 2
+    return image, ImageDifference(
+        reference_plan,
+        max_levels=int(levels.max(initial=0)),
+        rms_levels=math.sqrt(float(squares.sum()) / max(1, levels.size)),
+        changed_fraction=float(levels.any(axis=2).mean()),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePortChannel:
+    """The image of the image port, or one tile of a multi-view."""
+
+    tile: int | None = None
+    """Index of the tile; None for the whole image."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraChannel:
+    """One camera of one robot, at the camera's own size."""
+
+    robot: str
+    """Name of the robot; empty for the robot that the image port displays."""
+    camera: str
+    """Name of the camera in any case; empty for the robot's first camera."""
+    variant: CameraVariant | None = None
+    """Other settings, of an omnidirectional camera; None for those of the camera."""
+
+
+# Compared by value: channels are keys of mailboxes and of the scheduler.
+Channel = ImagePortChannel | CameraChannel
+IMAGE_PORT = ImagePortChannel()
+
+
+def is_variant(channel: Channel) -> bool:
+    """Whether a channel shows a camera by other settings than its own."""
+    return isinstance(channel, CameraChannel) and channel.variant is not None
+
+
+# Labels that can be found along the rays of a picture; None for none.
+LabelRequester = Callable[[DrawnExposure], LabelRequest | None]
+
+
+# eq=False here and below: states hold arrays, whose comparison is no truth value.
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewRequest:
+    """One camera to render, in one state."""
+
+    camera: CameraSpec
+    camera_state: CameraState
+    request_labels: LabelRequester | None = None
+    """Labels that are to be found while the view is drawn; None for none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameMetadata:
+    """Robot and camera of a frame; empty for a frame of several robots or none."""
+
+    robot: str = ""
+    class_name: str = ""
+    camera: str = ""
+    """Name of the camera; empty for a frame of several cameras."""
+    world_from_robot: Pose = field(default_factory=Pose.identity)
+    robot_from_camera: Pose | None = None
+    """Pose of the effective viewpoint or pinhole; None without a single camera."""
+    camera_model: Pairs | None = None
+    """Key-value pairs of the camera model, enough to compute the direction of every pixel; None
+    without a single camera."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameComposition:
+    """Views of a frame, tile by tile."""
+
+    layout: TileLayout
+    views: tuple[ViewRequest | None, ...]
+    """None: a tile that stays black."""
+    metadata: FrameMetadata = field(default_factory=FrameMetadata)
+    min_interval_s: float = 0.0
+    """Shortest simulation time to the next exposure of the same channel."""
+    reference: ViewRequest | None = None
+    """View to compare a single view with; None for no comparison."""
+    is_turned: bool = False
+    """Whether the pictures are turned round left to right."""
+    channels: tuple[str, ...] = ()
+    """Channels of labels that are wanted beside a single view."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameRequest:
+    """A composition captured at one time."""
+
+    channel: Channel
+    sequence: int
+    """Number of the frame within the channel, from 1."""
+    time_s: float
+    """Simulation time of the exposure."""
+    exposed_at_s: float
+    """Time of the exposure on the server's monotonic clock."""
+    composition: FrameComposition
+
+
+# Level 1: ranges shrink to 60 % and ids to 1 % of their bytes; higher levels take twice the time
+# for a few per cent.
+_ZLIB_LEVEL = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameLabels:
+    """Labels of the picture of one camera."""
+
+    truth: GroundTruth
+    has_row_times: bool = False
+    """Whether each row of pixels has a time of its own."""
+    is_displaced: bool = False
+    """Whether the labels are of a displaced capture camera."""
+    flow_to_time_s: float | None = None
+    """Time of the frame that the flow leads to."""
+    # A frozen record with a cache: payloads follow from the channels alone.
+    _encoded: dict[ChannelEncoding, Mapping[str, Payload]] = field(default_factory=dict)
+
+    def turn(self) -> FrameLabels:
+        """Labels of the picture turned round left to right."""
+        turned = {
+            name: np.ascontiguousarray(values[:, ::-1])
+            for name, values in self.truth.channels.items()
+        }
+        if "flow" in turned:
+            turned["flow"][..., 0] *= -1.0
+        return replace(self, truth=replace(self.truth, channels=turned), _encoded={})
+
+    def objects_in_view(self) -> tuple[LabelledObject, ...]:
+        """Objects whose numbers the channel `ids` has; none without that channel."""
+        ids = self.truth.channels.get("ids")
+        if ids is None:
+            return ()
+        present = np.bincount(ids.reshape(-1), minlength=2**16) > 0
+        return tuple(one for one in self.truth.objects if present[one.number])
+
+    async def encode(self, encoding: ChannelEncoding) -> Mapping[str, Payload]:
+        """Parts of all channels by name, encoded once for all clients; on the event loop."""
+        if encoding not in self._encoded:
+            channels = self.truth.channels
+            self._encoded[encoding] = (
+                {name: values.data.cast("B") for name, values in channels.items()}
+                if encoding is ChannelEncoding.RAW
+                else await asyncio.to_thread(_compress, channels)
+            )
+        return self._encoded[encoding]
+
+
+def _compress(channels: Channels) -> Mapping[str, Payload]:
+    return {
+        name: zlib.compress(values.data.cast("B"), _ZLIB_LEVEL) for name, values in channels.items()
+    }
+
 
 _Encoding = ImageType | ImageEncoding
 
@@ -80,3 +291,24 @@ class Frame:
             self._running[encoding] = asyncio.create_task(encode)
         # Shielded: several connections wait for one thread, and any of them may disconnect.
         return await asyncio.shield(self._running[encoding])
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRequested:
+    """A connection waits for a frame of a channel."""
+
+    newer_than: float = math.inf
+    """Sequence number of the newest frame already at hand; a frame captured after that number and
+    still being rendered satisfies the request, infinity always has a new one captured."""
+    channel: Channel = IMAGE_PORT
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRendered:
+    """A requested frame is finished: the channel may capture the next one."""
+
+    channel: Channel
+
+
+# The events of `Mailboxes`, a part of those of the simulation.
+FrameEvent = FrameRequested | FrameRendered

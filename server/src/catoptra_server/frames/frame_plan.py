@@ -32,19 +32,22 @@ from catoptra_server.effects.effect_plan import (
     format_decisions,
     plan_effects,
 )
-from catoptra_server.ground_truth.label_rays import DrawnExposure
-from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
-from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
-from catoptra_server.planning.error_bound import ErrorBound, add_scene
-from catoptra_server.planning.exposure_budget import explain_limit, limit_time_samples
-from catoptra_server.planning.perspective_plan import PerspectivePlan, plan_perspective_view
-from catoptra_server.planning.plan_choice import PlanChoice
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.rounding_error import coordinate_errors
-from catoptra_server.planning.viewpoint_choice import (
+from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.plan.camera import (
+    CameraSpec,
+    OmniCameraSpec,
     choose_viewpoint,
     leaves_choice,
     shows_ego_body,
+)
+from catoptra_server.frames.plan.error_bound import ErrorBound, add_scene, coordinate_errors
+from catoptra_server.frames.plan.planner import BudgetMonitor, BudgetStatus, RenderPlanner
+from catoptra_server.frames.plan.plans import (
+    PerspectivePlan,
+    PlanChoice,
+    explain_limit,
+    limit_time_samples,
+    plan_perspective_view,
 )
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
 from catoptra_server.runtime.memory import LruDict

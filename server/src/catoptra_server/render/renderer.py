@@ -1,7 +1,7 @@
 """The renderer protocol: a view is prepared once for a camera and a plan, then rendered per frame.
 
 To add a renderer, implement Renderer and View in a folder of its own and add a line to
-`planning/renderer_choice.py`.
+`frames/plan/renderers.py`.
 
 Wall times of the stages of a frame.
 
@@ -12,7 +12,7 @@ poses of the whole exposure (`trajectory`) and chooses the instants of each part
 
 Regions of the cube's faces that the mirror sees, with their texel density.
 
-Data only: `planning/face_regions.py` computes the regions of a camera, raster packs them into an
+Data only: `frames/plan/faces.py` computes the regions of a camera, raster packs them into an
 atlas. Coordinates on a face are (s, t) of `optics/cube_map`, -1 to 1 for its 90 degrees.
 
 Plan of an omnidirectional frame: renderer, mirror surface, samples and faces, with a reason.

@@ -1,7 +1,7 @@
 """Names of renderers and instruction sets, for options. Imported by command lines: no numpy.
 
-The kinds are distinguished in five modules: here, in `planning/renderer_choice.py` (creation), in
-`planning/candidate_plans.py` (settings), in `planning/cost_model.py` (stages) and in
+The kinds are distinguished in five modules: here, in `frames/plan/renderers.py` (creation), in
+`frames/plan/candidates.py` (settings), in `frames/plan/costs.py` (stages) and in
 `doctor/renderer_devices.py` (checks).
 
 The package embreex, which brings Embree: whether it is installed, and what to do without it.

@@ -3,9 +3,7 @@
 Other threads post `simulation_events` and touch nothing else here.
 """
 
-from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.loop import ClockMode, Simulation
-from catoptra_server.simulation.simulation_events import (
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Client,
     ClientDisconnected,
@@ -22,6 +20,8 @@ from catoptra_server.simulation.simulation_events import (
     StepResult,
     StopRequested,
 )
+from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.loop import ClockMode, Simulation
 
 __all__ = [
     "AccuracyTargetChanged",

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.obstacle_grid import (
     GROUND_CLEARANCE_M,

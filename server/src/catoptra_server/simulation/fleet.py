@@ -25,33 +25,33 @@ from catoptra_protocol.usarsim.commands import (
     Trace,
 )
 from catoptra_protocol.usarsim.reports import Report
-from catoptra_server.frames.frame_request import (
+from catoptra_server.frames.frame import (
     CameraChannel,
     Channel,
     FrameComposition,
 )
 from catoptra_server.frames.multi_view import TileLayout
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.runtime.faults import log_fault
-from catoptra_server.sensors.sensor_environment import EmptyScene, RayCaster, SensorEnvironment
-from catoptra_server.simulation.camera_queries import CameraQueries
+from catoptra_server.simulation.cameras import (
+    CameraQueries,
+    FleetCameras,
+    FleetEnvironment,
+    set_accuracy_target,
+)
 from catoptra_server.simulation.collision_index import CollisionIndex
-from catoptra_server.simulation.control_commands import execute_control
-from catoptra_server.simulation.fleet_cameras import FleetCameras, set_accuracy_target
-from catoptra_server.simulation.fleet_environment import FleetEnvironment
-from catoptra_server.simulation.get_commands import (
+from catoptra_server.simulation.commands import (
     ErrorBoundLookup,
+    RemoteControl,
+    execute_control,
     execute_get_conf,
     execute_get_geo,
 )
-from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
-from catoptra_server.simulation.pixel_view import PixelView
-from catoptra_server.simulation.remote_control import RemoteControl
-from catoptra_server.simulation.robot import Robot
-from catoptra_server.simulation.robot_state import FleetState, collect_fleet_state
-from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
+from catoptra_server.simulation.events import AccuracyTargetChanged, Client
+from catoptra_server.simulation.robot import FleetState, Robot, collect_fleet_state
+from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
+from catoptra_server.simulation.sensors.sensor import EmptyScene, RayCaster, SensorEnvironment
+from catoptra_server.simulation.sight import LandmarkVisibility, PixelView
 from catoptra_server.simulation.spawning import PlaceTest, SpawnError, place_robot, unique_name
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import World, report_start_poses

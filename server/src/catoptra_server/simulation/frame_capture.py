@@ -13,16 +13,16 @@ import threading
 from collections.abc import Callable
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.frames.capture_scheduler import CaptureScheduler, ChannelState
-from catoptra_server.frames.frame_events import FrameRequested
-from catoptra_server.frames.frame_request import (
+from catoptra_server.frames.frame import (
     Channel,
     FrameComposition,
     FrameRequest,
+    FrameRequested,
     ImagePortChannel,
 )
+from catoptra_server.frames.mailbox import CaptureScheduler, ChannelState
 from catoptra_server.runtime.faults import log_fault
-from catoptra_server.simulation.fault_replies import FAULT_REASON
+from catoptra_server.simulation.events import FAULT_REASON
 
 log = logging.getLogger(__name__)
 

@@ -13,10 +13,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from catoptra_protocol.usarsim.commands import Drive
-from catoptra_server.frames.frame_events import FrameRequested
-from catoptra_server.frames.frame_request import Channel
+from catoptra_server.frames.frame import Channel, FrameRequested
 from catoptra_server.runtime.queues import FairQueue
-from catoptra_server.simulation.simulation_events import (
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Client,
     ClientDisconnected,

@@ -15,15 +15,10 @@ from collections.abc import Callable
 from enum import Enum
 from typing import assert_never
 
-from catoptra_server.frames.capture_scheduler import NS_PER_S, TICK_NS, TICK_S
-from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
-from catoptra_server.frames.frame_request import Channel, FrameRequest
+from catoptra_server.frames.frame import Channel, FrameRendered, FrameRequest, FrameRequested
+from catoptra_server.frames.mailbox import NS_PER_S, TICK_NS, TICK_S
 from catoptra_server.runtime.faults import log_fault
-from catoptra_server.simulation.fault_replies import reply_fault
-from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.frame_capture import FrameCapture
-from catoptra_server.simulation.inbox import Inbox
-from catoptra_server.simulation.simulation_events import (
+from catoptra_server.simulation.events import (
     AccuracyTargetChanged,
     Client,
     ClientDisconnected,
@@ -40,7 +35,11 @@ from catoptra_server.simulation.simulation_events import (
     StepResult,
     StopRequested,
     UrgentEvent,
+    reply_fault,
 )
+from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.frame_capture import FrameCapture
+from catoptra_server.simulation.inbox import Inbox
 
 log = logging.getLogger(__name__)
 

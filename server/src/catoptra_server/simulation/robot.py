@@ -1,10 +1,15 @@
-"""A spawned robot: body, sensors, cameras, mission packages, battery and report schedule."""
+"""A spawned robot: body, sensors, cameras, mission packages, battery and report schedule.
+
+Times at which the sensors of a robot report.
+
+The robots as a viewer sees them: poses, commanded speeds, newest readings, published notes.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from catoptra_protocol.notes import find_note_count_error
 from catoptra_protocol.optics.transforms import Pose
@@ -12,22 +17,47 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Drive, MisPkg, Note
 from catoptra_protocol.usarsim.reports import Report, VehicleStatus
 from catoptra_protocol.vectors import Vector3
-from catoptra_server.frames.viewports import Viewports
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_body import RobotBody, step_body
-from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.robot.skid_steer import WheelSpin
+from catoptra_server.frames.multi_view import Viewports
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors import MotionStep, Part, Sensor, SensorContext, build_sensors
-from catoptra_server.sensors.mission_package import MissionPackage
-from catoptra_server.sensors.omni_camera import OmniCameraSensor
-from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
-from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
-from catoptra_server.simulation.report_schedule import ReportSchedule
+from catoptra_server.simulation.drive import RobotBody, WheelSpin, step_body
+from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
+from catoptra_server.simulation.sensors import (
+    MotionStep,
+    Part,
+    Sensor,
+    SensorContext,
+    build_sensors,
+)
+from catoptra_server.simulation.sensors.mission_package import MissionPackage
+from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
+from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
+from catoptra_server.simulation.sensors.sensor import EMPTY_ENVIRONMENT, SensorEnvironment
 from catoptra_server.world.camera_state import NoiseSeed
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.obstacle_grid import ObstacleGrid
 from catoptra_server.world.world_description import AT_REST, Twist
+
+# Two times closer than this are one tick: due times are sums of periods as floats.
+_SAME_TIME_S = 1e-6
+
+
+class ReportSchedule:
+    """Periods that start together: all first reports are due at once."""
+
+    def __init__(self, intervals_s: Sequence[float], time_s: float) -> None:
+        """Start the periods at a simulation time, one for each interval."""
+        self._intervals_s = tuple(intervals_s)
+        self._due_s = [time_s] * len(self._intervals_s)
+
+    def pop_due(self, time_s: float) -> list[int]:
+        """Indices that are due at a time, in order; their next times are set."""
+        found = [i for i, due_s in enumerate(self._due_s) if time_s >= due_s - _SAME_TIME_S]
+        for i in found:
+            # Counted from the due time, not from now, so that a period of 0.05 s keeps its mean in
+            # ticks of 0.02 s; after a pause from now, so that no burst of reports follows.
+            self._due_s[i] = max(self._due_s[i] + self._intervals_s[i], time_s)
+        return found
+
 
 CameraSensor = OmniCameraSensor | PerspectiveCameraSensor
 EnvironmentProvider = Callable[[], SensorEnvironment]
@@ -315,3 +345,50 @@ def _stream_name(part: str) -> str:
     """Name of a part's random numbers: the part's own, made distinct from the slip's."""
     # Names of parts have no space: "part slip" is no other part's name.
     return f"part {part}" if part == _SLIP_STREAM else part
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotSnapshot:
+    """One robot at one time."""
+
+    name: str
+    class_name: str
+    world_from_robot: Pose
+    """True pose of the chassis frame."""
+    world_from_start: Pose
+    """Pose at which the robot was spawned."""
+    wheel_speeds_rad_s: tuple[float, float]
+    """Commanded speeds of the left and the right wheels."""
+    shares_control: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FleetState:
+    """All robots at one time, and the details of one of them."""
+
+    robots: tuple[RobotSnapshot, ...]
+    """In the order of spawning."""
+    robot: str = ""
+    """Robot of readings and notes; empty for none."""
+    reports: tuple[Report, ...] = ()
+    """Newest reading of each sensor, and the status."""
+    notes: tuple[PublishedNote, ...] = ()
+
+
+def collect_fleet_state(robots: Iterable[Robot], detailed: Robot | None) -> FleetState:
+    """State of robots, with readings and notes of one of them, if any."""
+    snapshots = tuple(map(_snapshot, robots))
+    if detailed is None:
+        return FleetState(snapshots)
+    return FleetState(snapshots, detailed.name, detailed.newest_reports, detailed.notes)
+
+
+def _snapshot(robot: Robot) -> RobotSnapshot:
+    return RobotSnapshot(
+        robot.name,
+        robot.class_name,
+        robot.world_from_robot,
+        robot.world_from_start,
+        robot.wheel_speeds_rad_s,
+        robot.shares_control,
+    )

@@ -2,12 +2,14 @@
 
 A robot is spawned where it touches nothing: a base in contact could hardly move, and robots inside
 each other fill each other's images. A place that is not free is replaced by the nearest free one.
+
+Meshes of all robot classes, for the views of other robots and of a robot's own mirror.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +17,68 @@ import numpy as np
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Bools, Floats, wrap_angle
 from catoptra_protocol.usarsim.commands import Init
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.effects.scene.self_view import SelfView
+from catoptra_server.frames.image_port import CameraRobot
+from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
+from catoptra_server.world.objects import DynamicObject, ObjectMesh
+from catoptra_server.world.robot_shapes import (
+    OmniCameraTower,
+    RobotDimensions,
+    build_ego_body_mesh,
+    build_robot_mesh,
+)
 from catoptra_server.world.world_description import StartPlace
+
+
+class RobotMeshes:
+    """The meshes of a fleet's classes, built once."""
+
+    def __init__(self, descriptions: Sequence[RobotDescription]) -> None:
+        # Renderers recognize a mesh by identity: a mesh built anew would be uploaded anew.
+        self._meshes = {d.class_name: _build_mesh(d) for d in descriptions}
+        self._ego_meshes = {d.class_name: build_ego_mesh(d) for d in descriptions}
+
+    def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
+        """Robots as dynamic objects, at their present poses."""
+        return tuple(_place_mesh(self._meshes[robot.class_name], robot) for robot in robots)
+
+    def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
+        """Parts of a robot that its own mirror may show; None unless the effect is configured."""
+        mesh = self._ego_meshes[robot.class_name]
+        if mesh is None:
+            return None
+        return _place_mesh(mesh, robot)
+
+
+def _place_mesh(mesh: ObjectMesh, robot: CameraRobot) -> DynamicObject:
+    return DynamicObject(mesh, robot.world_from_robot, robot.twist, robot.name, robot.number)
+
+
+def _build_mesh(description: RobotDescription) -> ObjectMesh:
+    return build_robot_mesh(_dimensions(description), _tower(description))
+
+
+def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
+    """Mesh of a class as its own mirror shows the body; None unless the effect is configured."""
+    omni, tower = description.mirror_camera, _tower(description)
+    if omni is None or tower is None:
+        return None
+    is_configured = any(setting.effect.name == SelfView.name for setting in omni.effects.settings)
+    # Only where configured: a mesh that no effect shows is never built.
+    return build_ego_body_mesh(_dimensions(description), tower) if is_configured else None
+
+
+def _dimensions(description: RobotDescription) -> RobotDimensions:
+    drive = description.drive
+    return RobotDimensions(
+        drive.dimensions_m, drive.ride_height_m, drive.wheel_radius_m, drive.wheel_base_m
+    )
+
+
+def _tower(description: RobotDescription) -> OmniCameraTower | None:
+    omni = description.mirror_camera
+    return OmniCameraTower(omni.camera, omni.robot_from_mirror) if omni else None
+
 
 # As far as landmarks may lie. The scene is drawn in float32, which rounds coordinates of 1e5 m to
 # 8 mm; a place beyond 1e18 m has no cell number in 64 bits.

@@ -13,8 +13,7 @@ from catoptra_protocol.usarsim.image_port import (
     RegionRequest,
 )
 from catoptra_server.frames.encode import Payload, crop, encode_without_blocking
-from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, ImagePortChannel
+from catoptra_server.frames.frame import IMAGE_PORT, Channel, Frame, ImagePortChannel
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.transports.loop_share import LoopAccount

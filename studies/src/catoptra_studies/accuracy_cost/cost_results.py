@@ -84,7 +84,7 @@ class LevelCost:
     """Median time of each stage."""
 
     bound_max_px: float
-    """Proved limit of the displacement (planning/error_bound.py)."""
+    """Proved limit of the displacement (frames/plan/error_bound.py)."""
 
     bound_rms_px: float
     """Proved limit of its root mean square over the image."""

@@ -14,8 +14,7 @@ from pathlib import Path
 
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import DriveBase
+from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
 from catoptra_studies import plot_style
 from catoptra_studies.reports import write_json
 from catoptra_studies.study_subject import (

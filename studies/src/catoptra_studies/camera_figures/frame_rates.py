@@ -21,12 +21,13 @@ from catoptra_server.render.render_settings import MirrorSurface, PerPixel, Rend
 from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.runtime.random_sources import RandomSource
-from catoptra_server.sensors.range_scanner import RangeScannerDescription, RangeScannerSensor
-from catoptra_server.sensors.sensor import SensorContext
-from catoptra_server.sensors.sensor_environment import SensorEnvironment
+from catoptra_server.simulation.robot_description import DriveBase, Mount
+from catoptra_server.simulation.sensors.range_scanner import (
+    RangeScannerDescription,
+    RangeScannerSensor,
+)
+from catoptra_server.simulation.sensors.sensor import SensorContext, SensorEnvironment
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies import plot_style

@@ -33,19 +33,17 @@ from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import DecisionBasis, Effect, EffectMode
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state
-from catoptra_server.frames.frame_request import ViewRequest
-from catoptra_server.frames.view_cache import ViewCache
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.render_planner import RenderPlanner
-from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.planning.renderer_pool import RendererPool
+from catoptra_server.frames.frame import ViewRequest
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.plans import plan_from_settings
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_table import Float32s, omni_ray_table
 from catoptra_server.render.trace.trace_engine import assemble_grid
 from catoptra_server.render.trace.trace_renderer import create_engine
-from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_server.world.camera_state import CameraState, NoiseSeed
 from catoptra_server.world.obstacle_grid import (

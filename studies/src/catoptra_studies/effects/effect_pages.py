@@ -28,13 +28,13 @@ from catoptra_server.effects.effect import (
     SceneSummary,
 )
 from catoptra_server.effects.effect_plan import EffectDecision, apply_scene_effects, plan_effects
-from catoptra_server.planning.explicit_plan import plan_from_settings
-from catoptra_server.planning.renderer_choice import create_renderer
+from catoptra_server.frames.plan.plans import plan_from_settings
+from catoptra_server.frames.plan.renderers import create_renderer
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.simulation.robot_meshes import build_ego_mesh
+from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.spawning import build_ego_mesh
 from catoptra_server.startup import read_startup_config
 from catoptra_server.world.camera_state import CameraState, NoiseSeed
 from catoptra_server.world.objects import DynamicObject, build_object_mesh

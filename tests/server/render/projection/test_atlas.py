@@ -13,7 +13,7 @@ from catoptra_protocol.optics.cube_map import (
     face_from_direction,
 )
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
+from catoptra_server.frames.plan.faces import regions_by_density, regions_of_size
 from catoptra_server.render.projection.atlas import Atlas, pack_atlas
 from helpers.worlds import make_omni_camera
 

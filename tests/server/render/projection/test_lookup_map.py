@@ -6,7 +6,7 @@ import pytest
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.planning.face_regions import regions_of_size
+from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.render.projection.atlas import (
     OUTSIDE_MIRROR,
     Atlas,

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from catoptra_server.planning.face_regions import regions_of_size
+from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.render.projection.atlas import pack_atlas
 from catoptra_server.render.raster.mirror_pass import atlas_definitions
 

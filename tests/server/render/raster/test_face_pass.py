@@ -8,7 +8,7 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.planning.face_regions import regions_of_size
+from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice

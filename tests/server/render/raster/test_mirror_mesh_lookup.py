@@ -9,7 +9,7 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
-from catoptra_server.planning.explicit_plan import max_incidence_rad
+from catoptra_server.frames.plan.plans import max_incidence_rad
 from catoptra_server.render.raster.mirror_pass import mirror_mesh_clip_positions
 from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.world.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh

@@ -8,8 +8,8 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.stream.requests import FrameVariant, GetFrameRequest, ImageEncoding
 from catoptra_server.effects.effect import EffectMode
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
-from catoptra_server.planning.camera_variant import CameraVariant, ReferenceKind
+from catoptra_server.frames.frame import IMAGE_PORT, CameraChannel, Channel
+from catoptra_server.frames.plan.camera import CameraVariant, ReferenceKind
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.transports.stream.frame_channel import select_channel
 

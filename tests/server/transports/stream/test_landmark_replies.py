@@ -7,9 +7,9 @@ import threading
 
 from catoptra_protocol.stream.replies import Error, LandmarksReply, Reply
 from catoptra_protocol.stream.requests import GetLandmarksRequest
-from catoptra_server.frames.frame_request import CameraChannel
+from catoptra_server.frames.frame import CameraChannel
 from catoptra_server.simulation import Fault, LandmarksRequested, SimulationEvent
-from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
+from catoptra_server.simulation.sight import LandmarkVisibility
 from catoptra_server.transports.stream.landmark_replies import (
     camera_not_found,
     landmarks_reply,

@@ -7,8 +7,8 @@ import asyncio
 from catoptra_protocol.stream.messages import bytes_from_message
 from catoptra_protocol.stream.replies import Error, PlanReply, Reply
 from catoptra_protocol.stream.requests import GetStatusRequest, SetAccuracyRequest
+from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
-from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.simulation import AccuracyTargetChanged, Fault, SimulationEvent
 from catoptra_server.transports.stream.pending_requests import PendingRequests

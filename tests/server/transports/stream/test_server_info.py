@@ -8,7 +8,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.robot.robot_description import PerspectiveCameraDescription
+from catoptra_server.simulation.robot_description import PerspectiveCameraDescription
 from catoptra_server.transports.stream.server_info import (
     build_server_info,
     records_from_decisions,

@@ -17,8 +17,7 @@ from catoptra_protocol.stream.requests import GetStateRequest
 from catoptra_protocol.usarsim.commands import Note
 from catoptra_protocol.usarsim.reports import OdometryReading, RangeScanReading
 from catoptra_server.simulation import Fault, SimulationEvent, StateRequested
-from catoptra_server.simulation.robot import PublishedNote
-from catoptra_server.simulation.robot_state import FleetState, RobotSnapshot
+from catoptra_server.simulation.robot import FleetState, PublishedNote, RobotSnapshot
 from catoptra_server.transports.stream.pending_requests import PendingRequests
 from catoptra_server.transports.stream.report_lines import ReportLines
 from catoptra_server.transports.stream.robot_session import RobotSession

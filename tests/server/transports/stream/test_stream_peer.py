@@ -41,7 +41,7 @@ from catoptra_server.simulation import (
     StepRequested,
     StepResult,
 )
-from catoptra_server.simulation.robot_state import FleetState
+from catoptra_server.simulation.robot import FleetState
 from catoptra_server.transports.stream import stream_peer
 from catoptra_server.transports.stream.robot_session import RobotSession
 from catoptra_server.transports.stream.stream_peer import StreamPeer

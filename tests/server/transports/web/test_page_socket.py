@@ -29,7 +29,7 @@ from catoptra_protocol.stream.requests import (
 from catoptra_protocol.usarsim.commands import Drive
 from catoptra_protocol.usarsim.reports import OdometryReading
 from catoptra_server.frames import frame as frame_module
-from catoptra_server.frames.frame_request import IMAGE_PORT
+from catoptra_server.frames.frame import IMAGE_PORT
 from catoptra_server.simulation import ClientDisconnected, CommandReceived, SharedRobotDriven
 from catoptra_server.transports.stream import outbox, stream_peer
 from catoptra_server.transports.web import dead_man_switch, page_socket, web_server

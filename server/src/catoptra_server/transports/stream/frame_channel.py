@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from catoptra_protocol.labels.channels import parse_channels
 from catoptra_protocol.stream.requests import FrameVariant, GetFrameRequest
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel
-from catoptra_server.planning.camera_variant import (
+from catoptra_server.frames.frame import IMAGE_PORT, CameraChannel, Channel
+from catoptra_server.frames.plan.camera import (
     CameraVariant,
     parse_effect_modes,
     parse_picture,

@@ -15,9 +15,7 @@ from catoptra_protocol.stream.messages import SCHEMA_VERSION
 from catoptra_protocol.stream.replies import DifferenceRecord, Error, FrameHeader, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest, LabelsRecord
 from catoptra_server.frames.encode import Payload
-from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_request import Channel, is_variant
-from catoptra_server.frames.image_difference import ImageDifference
+from catoptra_server.frames.frame import Channel, Frame, ImageDifference, is_variant
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.transports.stream.frame_channel import select_channel

@@ -11,7 +11,7 @@ from catoptra_protocol.stream.requests import (
     ObjectRecord,
 )
 from catoptra_server.frames.encode import Payload
-from catoptra_server.frames.frame_labels import FrameLabels
+from catoptra_server.frames.frame import FrameLabels
 from catoptra_server.transports.stream.server_info import transform_from_pose
 
 # A record has 300 bytes and more; a header, with all else, at most MAX_REPLY_BYTES.

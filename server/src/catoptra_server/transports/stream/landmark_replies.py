@@ -9,9 +9,9 @@ from functools import partial
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.stream.replies import Error, LandmarkRecord, LandmarksReply, Reply
 from catoptra_protocol.stream.requests import GetLandmarksRequest
-from catoptra_server.frames.frame_request import CameraChannel
+from catoptra_server.frames.frame import CameraChannel
 from catoptra_server.simulation import Fault, LandmarksRequested
-from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
+from catoptra_server.simulation.sight import LandmarkVisibility
 from catoptra_server.transports.stream.pending_requests import PendingRequest
 from catoptra_server.transports.stream.robot_session import RobotSession
 

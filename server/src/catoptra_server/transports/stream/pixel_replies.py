@@ -6,9 +6,9 @@ from functools import partial
 
 from catoptra_protocol.stream.replies import Error, PixelReply, Reply
 from catoptra_protocol.stream.requests import GetPixelRequest
-from catoptra_server.frames.frame_request import CameraChannel
+from catoptra_server.frames.frame import CameraChannel
 from catoptra_server.simulation import Fault, PixelRequested
-from catoptra_server.simulation.pixel_view import PixelView
+from catoptra_server.simulation.sight import PixelView
 from catoptra_server.transports.stream.landmark_replies import camera_not_found
 from catoptra_server.transports.stream.pending_requests import PendingRequest
 from catoptra_server.transports.stream.robot_session import RobotSession

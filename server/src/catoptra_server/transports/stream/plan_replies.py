@@ -13,9 +13,9 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.stream.replies import Error, PlanAlternative, PlanReply, Reply
 from catoptra_protocol.stream.requests import SetAccuracyRequest
 from catoptra_server.frames.frame_plan import ViewState
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.plans import PlanOption
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
-from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.plan_choice import PlanOption
 from catoptra_server.render.render_settings import AccuracyTarget
 from catoptra_server.simulation import AccuracyTargetChanged, Fault
 from catoptra_server.transports.stream.pending_requests import PendingRequest

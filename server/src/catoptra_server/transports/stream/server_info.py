@@ -12,8 +12,8 @@ from catoptra_protocol.stream.replies import EffectRecord, StartPoseRecord
 from catoptra_protocol.stream.requests import Transform
 from catoptra_server import __version__
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
+from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors.perspective_camera import PerspectiveCameraSensor
 from catoptra_server.simulation.spawning import find_class
 from catoptra_server.world.world_description import World
 

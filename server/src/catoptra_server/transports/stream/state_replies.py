@@ -7,7 +7,7 @@ from functools import partial
 from catoptra_protocol.stream.replies import Error, NoteRecord, Reply, RobotState, StateReply
 from catoptra_protocol.stream.requests import GetStateRequest
 from catoptra_server.simulation import Fault, StateRequested
-from catoptra_server.simulation.robot_state import FleetState, RobotSnapshot
+from catoptra_server.simulation.robot import FleetState, RobotSnapshot
 from catoptra_server.transports.stream.pending_requests import PendingRequest
 from catoptra_server.transports.stream.report_lines import ReportLines
 from catoptra_server.transports.stream.robot_session import RobotSession

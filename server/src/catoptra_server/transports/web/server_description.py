@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 
-from catoptra_server.planning.camera_variant import POLYGON_COUNTS
+from catoptra_server.frames.plan.camera import POLYGON_COUNTS
 from catoptra_server.render.render_settings import has_mesh_viewpoint
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.robot_description import RobotDescription, SensorDescription
-from catoptra_server.sensors.range_scanner import RangeScannerDescription
-from catoptra_server.sensors.sonar import SonarDescription
+from catoptra_server.simulation.robot_description import RobotDescription, SensorDescription
+from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
+from catoptra_server.simulation.sensors.sonar import SonarDescription
 from catoptra_server.transports.stream.landmark_replies import landmarks_reply
 from catoptra_server.transports.stream.server_info import ServerInfo
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.ground_truth.label_rays import build_label_rays, make_ray_source
+from catoptra_server.frames.labels.labels import build_label_rays, make_ray_source
 from catoptra_server.render.trace.trace_engine import LabelRequest, LabelTables, TraceRequest
 from helpers.labelled_rooms import CAMERAS, SCENE, STATE, WORLD
 from helpers.trace_kernels import open_kernel

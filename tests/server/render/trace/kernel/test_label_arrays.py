@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.ground_truth.label_rays import build_label_rays, make_ray_source
+from catoptra_server.frames.labels.labels import build_label_rays, make_ray_source
 from catoptra_server.render.trace.kernel.exposure_arrays import (
     CentreMatch,
     label_arrays,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
-from catoptra_server.ground_truth.label_renderer import DrawnExposure
+from catoptra_server.frames.labels.label_renderer import DrawnExposure
 from catoptra_server.world.camera_state import INSTANTANEOUS
 from catoptra_server.world.world_description import Twist
 from helpers.labelled_rooms import CAMERAS, STATE, open_labels

@@ -1,7 +1,7 @@
 /* Optical flow: where the point that a pixel shows is in the image of another exposure.
  *
  * The frame is the other exposure; its view's table only says which pixels there are. NumPy's twin:
- * ground_truth/flow.py.
+ * frames/labels/label_renderer.py.
  */
 #ifndef CATOPTRA_FLOW_H
 #define CATOPTRA_FLOW_H

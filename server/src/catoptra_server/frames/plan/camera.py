@@ -1,0 +1,294 @@
+"""Cameras to plan and prepare views for: the camera model with the requested settings.
+
+Other settings for a camera's frames, beside the ones of its robot: for comparison, by anyone.
+
+A variant changes nothing of the camera that it belongs to, so that a viewer may try what accuracy
+and effects cost while the robot's own client goes on with the frames it chose.
+
+Choice between the exact rays of a mirror without a viewpoint and rays from its best one.
+
+Seen from afar both are one: rays miss the best viewpoint by millimetres, which is an angle at the
+distance of what they show. `Central=auto` leaves the choice to each frame, by the nearest thing of
+the scene; the near limit is the distance from which the image errs by at most the allowed pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from enum import Enum
+from functools import lru_cache
+from typing import TypeVar
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, max_miss_m, near_limit_m
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectMode, EffectSettings
+from catoptra_server.render.render_settings import (
+    AccuracyTarget,
+    MirrorSurface,
+    PerPixel,
+    RenderSettings,
+    require_mesh_viewpoint,
+)
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
+
+
+@dataclass(frozen=True, slots=True)
+class OmniCameraSpec:
+    """An omnidirectional camera with the settings under which frames are rendered."""
+
+    camera: OmniCamera
+    render_settings: RenderSettings
+    effect_settings: EffectSettings = NO_EFFECT_SETTINGS
+
+
+@dataclass(frozen=True, slots=True)
+class PerspectiveCameraSpec:
+    """A perspective camera with the effects of its frames."""
+
+    camera: PerspectiveCamera
+    effect_settings: EffectSettings = NO_EFFECT_SETTINGS
+
+
+# Compared by value: robots of one class share a plan and a prepared view.
+CameraSpec = OmniCameraSpec | PerspectiveCameraSpec
+
+
+POLYGON_COUNTS = (16, 64, 256, 1024, 4096)
+"""Mirror meshes of a variant: those of the paper. Finer ones take seconds to prepare."""
+# 4 x 4 samples are the finest level of the study of accuracy and cost.
+MAX_SAMPLES = 4
+_MAX_EFFECTS = 64
+
+_EnumT = TypeVar("_EnumT", bound=Enum)
+
+
+class ReferenceKind(Enum):
+    """Frame that the frame of a variant is compared with."""
+
+    EXACT = "exact"
+    """The exact model in 4 x 4 samples a pixel, with the effects of the variant."""
+    CAMERA = "camera"
+    """The camera's own settings."""
+
+
+# Faces have texels of their own: rays alone show the model in every sample.
+_EXACT_RENDERER = next(kind for kind in RendererKind if not kind.uses_faces)
+_EXACT = RenderSettings(samples=MAX_SAMPLES, renderer=_EXACT_RENDERER.value)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraVariant:
+    """Changes of a camera's settings; None leaves a value as the camera has it."""
+
+    max_error_px: float | None = None
+    """Tolerance; 0 for none."""
+    budget_ms: float | None = None
+    """Time budget of a frame; 0 for none."""
+    polygons: int | None = None
+    """One of POLYGON_COUNTS; 0 for the exact model in every sample."""
+    samples: int | None = None
+    """Samples along a pixel's side."""
+    renderer: RendererKind | None = None
+    effects: tuple[tuple[str, EffectMode], ...] = ()
+    """Modes of effects by name."""
+    reference: ReferenceKind | None = None
+    picture: Picture | None = None
+    """Hand of the image: the finished picture is turned round, whatever its effects."""
+    channels: tuple[str, ...] = ()
+    """Channels of labels beside the picture, by name."""
+
+    def __post_init__(self) -> None:
+        AccuracyTarget().with_changes(max_error_px=self.max_error_px, budget_ms=self.budget_ms)
+        if self.polygons not in (None, 0, *POLYGON_COUNTS):
+            known = ", ".join(map(str, (0, *POLYGON_COUNTS)))
+            raise DomainError(f"a mirror of {self.polygons} polygons: expected one of {known}")
+        if self.samples is not None and not 1 <= self.samples <= MAX_SAMPLES:
+            raise DomainError(f"samples are 1 to {MAX_SAMPLES} along a side, not {self.samples}")
+        if len(self.effects) > _MAX_EFFECTS:
+            raise DomainError(f"modes of {len(self.effects)} effects: at most {_MAX_EFFECTS}")
+
+    @property
+    def changes_picture(self) -> bool:
+        """Whether the picture may differ from the camera's own."""
+        return replace(self, channels=()) != CameraVariant()
+
+    def apply_to(self, camera: OmniCameraSpec) -> OmniCameraSpec:
+        """Camera with the changes.
+
+        Raises:
+            DomainError: The camera has no effect of a name, or no viewpoint for a mesh.
+        """
+        if self.polygons:
+            require_mesh_viewpoint(camera.camera)
+        return replace(
+            camera,
+            render_settings=self._change_settings(camera.render_settings),
+            effect_settings=self._change_effects(camera.effect_settings),
+        )
+
+    def make_reference(self, camera: OmniCameraSpec) -> OmniCameraSpec | None:
+        """Camera of the frame to compare with; None for none.
+
+        Args:
+            camera: The camera without the changes.
+        """
+        match self.reference:
+            case None:
+                return None
+            case ReferenceKind.EXACT:
+                return replace(self.apply_to(camera), render_settings=_EXACT)
+            case ReferenceKind.CAMERA:
+                return camera
+
+    def _change_settings(self, settings: RenderSettings) -> RenderSettings:
+        is_explicit = self.polygons is not None or self.samples is not None
+        # Numbers that a target would overrule take its place.
+        target = AccuracyTarget() if is_explicit else settings.accuracy_target
+        return replace(
+            settings,
+            surface=self._choose_surface(settings.surface),
+            samples=settings.samples if self.samples is None else self.samples,
+            accuracy_target=target.with_changes(
+                max_error_px=self.max_error_px, budget_ms=self.budget_ms
+            ),
+            renderer=settings.renderer if self.renderer is None else self.renderer.value,
+        )
+
+    def _choose_surface(self, surface: MirrorSurface) -> MirrorSurface:
+        if self.polygons is None:
+            return surface
+        return tessellation_from_polygon_count(self.polygons) if self.polygons else PerPixel()
+
+    def _change_effects(self, settings: EffectSettings) -> EffectSettings:
+        modes = dict(self.effects)
+        known = [one.effect.name for one in settings.settings]
+        unknown = modes.keys() - set(known)
+        if unknown:
+            raise DomainError(
+                f"this camera has no effect {min(unknown)[:80]!r}: it has "
+                f"{', '.join(known) or 'none'}"
+            )
+        changed = (
+            replace(one, mode=modes.get(one.effect.name, one.mode)) for one in settings.settings
+        )
+        return replace(settings, settings=tuple(changed)) if modes else settings
+
+
+def parse_renderer(name: str) -> RendererKind:
+    """Renderer of a name.
+
+    Raises:
+        DomainError: There is none of that name.
+    """
+    return _parse(RendererKind, name, "renderer")
+
+
+def parse_effect_modes(modes: Mapping[str, str]) -> tuple[tuple[str, EffectMode], ...]:
+    """Modes of effects by name, in the order of the names.
+
+    Raises:
+        DomainError: There is no such mode.
+    """
+    return tuple((name, _parse(EffectMode, modes[name], "mode")) for name in sorted(modes))
+
+
+def parse_reference(name: str) -> ReferenceKind:
+    """Reference of a name.
+
+    Raises:
+        DomainError: There is none of that name.
+    """
+    return _parse(ReferenceKind, name, "reference")
+
+
+def parse_picture(name: str) -> Picture:
+    """Hand of a name.
+
+    Raises:
+        DomainError: There is none of that name.
+    """
+    return _parse(Picture, name, "picture")
+
+
+def _parse(enum: type[_EnumT], name: str, noun: str) -> _EnumT:
+    try:
+        return enum(name)
+    except ValueError:
+        known = ", ".join(str(one.value) for one in enum)
+        raise DomainError(f"no {noun} {name[:80]!r}: expected one of {known}") from None
+
+
+_SELF_VIEW = "SelfView"
+
+
+def leaves_choice(spec: CameraSpec) -> bool:
+    """Whether each frame of a camera may be drawn exactly or from one viewpoint.
+
+    Not with a tolerance, which the bound of the approximation, larger than its error, would use up.
+    """
+    return (
+        isinstance(spec, OmniCameraSpec)
+        and spec.render_settings.central_error_px > 0.0
+        and not spec.render_settings.accuracy_target.max_error_px
+        and not spec.camera.is_central
+    )
+
+
+def choose_viewpoint(spec: OmniCameraSpec, nearest_m: float) -> OmniCameraSpec:
+    """Camera to draw: from one viewpoint where nothing is nearer than the near limit.
+
+    Args:
+        spec: A camera that leaves the choice.
+        nearest_m: Distance of the nearest thing in view, or less.
+    """
+    if nearest_m < _find_near_limit_m(spec.camera, spec.render_settings.central_error_px):
+        return spec
+    return replace(spec, camera=replace(spec.camera, is_approximated=True))
+
+
+def shows_ego_body(spec: OmniCameraSpec) -> bool:
+    """Whether a camera's frames may show the own robot."""
+    return any(setting.effect.name == _SELF_VIEW for setting in spec.effect_settings.settings)
+
+
+def describe_viewpoint(spec: OmniCameraSpec) -> str:
+    """How a plan treats rays without a viewpoint; empty for a mirror or a lens with one."""
+    camera, settings = spec.camera, spec.render_settings
+    if not camera.has_mirror or camera.mirror.is_central:
+        return ""
+    limit = f"{_find_near_limit_m(camera, settings.central_error_px or CENTRAL_ERROR_PX):.3g} m"
+    if not settings.central_error_px or settings.accuracy_target.max_error_px:
+        rays = "one viewpoint for all rays" if camera.is_approximated else "exact rays"
+        return f"{rays}, central from {limit}"
+    if camera.is_approximated:
+        return f"one viewpoint for all rays: nothing is nearer than {limit}"
+    return f"exact rays while anything is nearer than {limit}"
+
+
+def explain_viewpoint(spec: OmniCameraSpec, nearest_m: float) -> str:
+    """Miss, near limit and clearance of a mirror without a viewpoint; empty for others.
+
+    Args:
+        nearest_m: Lower bound of the distance of everything in view.
+    """
+    camera = spec.camera
+    if not camera.has_mirror or camera.mirror.is_central:
+        return ""
+    error_px = spec.render_settings.central_error_px or CENTRAL_ERROR_PX
+    return (
+        f"no single viewpoint: rays miss the best one by up to {1e3 * max_miss_m(camera):.2g} mm; "
+        f"central to {error_px:g} px from {_find_near_limit_m(camera, error_px):.3g} m; nothing "
+        f"is nearer than {nearest_m:.3g} m here"
+    )
+
+
+@lru_cache(maxsize=256)
+def _find_near_limit_m(camera: OmniCamera, error_px: float) -> float:
+    """Near limit, which every frame compares with: 257 rings take a millisecond."""
+    return near_limit_m(camera, error_px)

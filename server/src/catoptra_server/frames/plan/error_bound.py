@@ -1,0 +1,431 @@
+"""Error bound of a plan: the largest distance by which its frames displace any outline.
+
+Each sample of a frame shows the scene in some direction. `geometric` bounds the distance between
+that sample and the pixel to which the camera model projects that direction, over the visible image,
+in pixels and as an angle at the effective viewpoint. Camera and plan alone determine the bound of a
+plan, before anything is rendered; each frame adds what its scene contributes.
+
+The bound is a sum of named components:
+
+| component | cause                                 | computed in                               |
+|-----------|---------------------------------------|-------------------------------------------|
+| polygons  | interpolation over flat facets        | `facet_error`: on the mesh, in float64    |
+| rim       | a mesh that ends within the rim       | `facet_error.rim_gap`: closed form        |
+| faces     | texels between viewpoint and mirror   | `face_lookup_error`: half a texel's image |
+| corners   | mesh corners on the rasterizer's grid | `rounding_error.corner_error`             |
+| rounding  | float32 directions and atlas          | `rounding_error`                          |
+| scene     | float32 coordinates of the scene      | `rounding_error.scene_error`: each frame  |
+
+All but the rim add up: beyond the end of the mesh nothing is shown that could be displaced as well,
+so the rim is a lower limit of the total rather than a summand.
+
+Not included: the spacing of the samples, which is `sampling` and adds to any measurement in a frame
+(`marker_error_px` is both, for the centroid of a disc); objects smaller than four of a face's
+texels; the tessellation of the scene itself; grey levels.
+
+To add a component: a function that returns a GeometricError, and its line in
+`_additive_components`.
+
+Displacement by the texels of the cube's faces.
+
+A texel holds the mean of its samples, and the image holds a bilinear mix of four texels. A straight
+edge appears where that interpolation passes one half.
+
+With one sample a texel the edge is displaced by at most half a texel, in any direction. Let L be
+the signed distance from the edge at the texel centres, and w the bilinear weights at a point with
+L(point) = sum w L and half of the weight on centres with L > 0. The largest such L(point) within a
+square of centres is 1/2, for an edge along the texels. Texels need not be square for that: the
+bound is in their own unit. With more samples a texel holds steps of its coverage, and the
+displacement depends on the sample pattern.
+
+An object smaller than a texel may be missed altogether, and corners are rounded off (the tip of a
+right angle by 0.7 texels). That displaces nothing of the remainder and is not counted: the bound is
+for edges with a radius of curvature of at least two texels, so for objects from four texels on.
+
+Displacement by single precision: the floor under the error of every plan and every frame.
+
+Trace and the shader of mirror meshes hold directions as float32, each component rounded to a part
+in 2^24 =: 1 / u. The condition of the camera model is the image scale: a direction off by an angle
+is displaced by that angle times at most `max_px_per_rad`. So all that remains is the number of u by
+which a direction is off. Raster also holds coordinates in the atlas, as fractions of its width.
+
+Coordinates of the scene are float32, too. What that displaces depends on the viewpoint and on what
+is near: `bounds/coordinate_rounding` finds the angle for each frame.
+
+Error of a finite number of samples in an image whose every sample is exact.
+
+A sample stands for a square of the image. A surface is shown with the squares whose centres its
+image covers, so an outline is displaced by half a square's diagonal at most, in any direction and
+for any shape. A frame keeps the mean of each pixel's samples. The centre of a disc, measured as the
+centroid of that light, is displaced by the samples no more than its outline, and a little by the
+pixels; a disc smaller than a pixel can lie anywhere in its pixel.
+
+With texels denser than samples, one bilinear lookup a sample skips texels: small objects flicker or
+vanish. With texels sparser than samples, the image is blurred.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+from catoptra_protocol.optics.camera_rays import max_miss_m
+from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects.bounds.coordinate_rounding import UNIT_ROUNDOFF, CoordinateErrors
+from catoptra_server.frames.plan.faces import TexelFootprint, texel_footprint
+from catoptra_server.frames.plan.facet_error import (
+    GeometricError,
+    apply_floor,
+    facet_error,
+    facet_error_by_radius,
+    rim_gap,
+    sum_errors,
+)
+from catoptra_server.render.render_settings import PerPixel
+from catoptra_server.render.renderer import FaceRegion, RenderPlan
+from catoptra_server.world.mirror_mesh import Tessellation
+
+# Largest displacement in texels by samples a texel. 1: one half, and 1 / (8 * 2) by which an arc of
+# radius two departs from a chord of one texel. More: the worst of arcs from radius two to straight,
+# in the standard sample patterns of drivers, and a twentieth in reserve; searched in
+# tests/server/planning/test_face_lookup_error.py.
+MAX_EDGE_DISPLACEMENT_TEXELS = {1: 0.5 + 1.0 / 16.0, 2: 0.50, 4: 0.38, 8: 0.32, 16: 0.29}
+# Hardware holds triangle corners and texture coordinates in 256ths, rounded by half a step along
+# both sides: twice sqrt(2) / 512.
+_FIXED_POINT_TEXELS = math.sqrt(2.0) / 256.0
+
+
+def max_edge_displacement_texels(face_samples: int) -> float:
+    """Largest displacement of an edge by texels; drivers take at least the requested samples."""
+    tabulated = max(samples for samples in MAX_EDGE_DISPLACEMENT_TEXELS if samples <= face_samples)
+    return MAX_EDGE_DISPLACEMENT_TEXELS[tabulated] + _FIXED_POINT_TEXELS
+
+
+def face_lookup_error(
+    camera: OmniCamera, regions: tuple[FaceRegion, ...], *, face_samples: int
+) -> GeometricError:
+    """Displacement by the texels of face regions.
+
+    The rms is that of edges uniformly distributed between two texels: 1 / sqrt 3 of the maximum.
+    """
+    footprint = texel_footprint(camera, regions)
+    displacement = max_edge_displacement_texels(face_samples)
+    rms = displacement / math.sqrt(3.0)
+    return GeometricError(
+        max_px=displacement * footprint.max_px,
+        rms_px=rms * footprint.rms_px,
+        max_deg=math.degrees(displacement * footprint.max_rad),
+        rms_deg=math.degrees(rms * footprint.rms_rad),
+    )
+
+
+# Rounding errors of a handful of operations rarely all have one sign. Measured in rays: an rms of
+# 0.51 u where the largest was 2.44 u.
+_RMS_FRACTION_OF_MAX = 0.2
+
+# Trace computes in float64 and rounds twice: a unit vector (at most 1 u), and its rotation into the
+# world, three products and two sums of rounded factors, each at most 1 u of a component. All at
+# their worst and in one direction would be 8.7 u; the largest of 40 million rays in 200 rotations
+# was 2.4 u.
+TRACE_ULPS = 3.0
+# The shader of a mesh interpolates the direction between corners: about ten operations, all of them
+# well conditioned, each at most 1 u.
+SHADER_ULPS = 8.0
+# An atlas coordinate is divided by the width, rounded, and multiplied again by the sampler: each at
+# most 1 u of a width.
+_ATLAS_ULPS = 3.0
+# The rasterizer snaps corners to 256ths of a rendered pixel: half a step along both sides.
+_CORNER_PX = math.sqrt(2.0) / 512.0
+
+# Corners and viewpoint are rounded once each, relative to the scene's centre; Embree's arithmetic
+# on both adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
+# displaced by 1.0 times their size over distance in the kernel, 2.5 times in the reference,
+# rounding of corners included (tests/server/render/test_scene_rounding.py).
+_TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
+# Positions have 48 bits until the viewpoint is subtracted. What is left are products of that
+# difference, and the rasterizer's clipping of triangles that are larger than the view: 14 times
+# their size over distance in llvmpipe.
+_RASTER_COORDINATES = CoordinateErrors(position_ulps=0.0, size_ulps=32.0)
+
+
+def coordinate_errors(camera: OmniCamera, plan: RenderPlan) -> CoordinateErrors:
+    """Errors of the coordinates of a plan's renderer, and the miss of an approximated viewpoint."""
+    if plan.renderer.uses_faces:
+        return replace(_RASTER_COORDINATES, miss_m=max_miss_m(camera))
+    miss_m = max_miss_m(camera) if camera.is_approximated else 0.0
+    return replace(_TRACE_COORDINATES, miss_m=miss_m)
+
+
+def scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
+    """Displacement by the scene's coordinates.
+
+    Args:
+        angle_rad: As of `bounds/coordinate_rounding`.
+    """
+    return _angle_error(camera, angle_rad)
+
+
+def rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
+    """Displacement by float32 directions and atlas coordinates."""
+    if not plan.renderer.uses_faces:
+        return _direction_error(camera, TRACE_ULPS)
+    lookup = _atlas_coordinate_error(camera, plan.face_regions)
+    # The exact mirror's lookup map is computed in float64 and stored: no direction is ever float32.
+    if isinstance(plan.surface, PerPixel):
+        return lookup
+    return sum_errors((_direction_error(camera, SHADER_ULPS), lookup))
+
+
+def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
+    return _angle_error(camera, ulps * UNIT_ROUNDOFF)
+
+
+def _angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
+    """Displacement of directions that are off by an angle at most."""
+    scale = compute_image_scale(camera)
+    return GeometricError(
+        max_px=angle_rad * scale.max_px_per_rad,
+        rms_px=_RMS_FRACTION_OF_MAX * angle_rad * scale.rms_px_per_rad,
+        max_deg=math.degrees(angle_rad),
+        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(angle_rad),
+    )
+
+
+def _atlas_coordinate_error(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> GeometricError:
+    """Displacement in the widest atlas that could be packed: all regions side by side."""
+    # The packing is the renderer's and not known here; a wider atlas only makes the bound larger.
+    displacement_texels = _ATLAS_ULPS * UNIT_ROUNDOFF * sum(max(r.size_texels) for r in regions)
+    footprint = texel_footprint(camera, regions)
+    return GeometricError(
+        max_px=displacement_texels * footprint.max_px,
+        rms_px=_RMS_FRACTION_OF_MAX * displacement_texels * footprint.rms_px,
+        max_deg=math.degrees(displacement_texels * footprint.max_rad),
+        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(displacement_texels * footprint.rms_rad),
+    )
+
+
+def corner_error(camera: OmniCamera, samples: int) -> GeometricError:
+    """Displacement by the snapped corners of a rasterized mesh, with samples^2 a pixel."""
+    max_px = _CORNER_PX / samples
+    scale = compute_image_scale(camera)
+    min_px_per_rad = float(min(scale.radial.min(), scale.tangential.min()))
+    max_deg = math.degrees(max_px / min_px_per_rad)
+    return GeometricError(
+        max_px, _RMS_FRACTION_OF_MAX * max_px, max_deg, _RMS_FRACTION_OF_MAX * max_deg
+    )
+
+
+# Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
+# samples; less for larger discs. Searched in tests/server/planning/test_sampling_error.py.
+PIXEL_CENTROID_ERROR_PX = 0.07
+
+
+@dataclass(frozen=True, slots=True)
+class SamplingError:
+    """Error of a plan's samples."""
+
+    samples: int
+    """Samples along a pixel's side."""
+    edge_error_px: float
+    """Largest displacement of an outline."""
+    texel_footprint: TexelFootprint | None
+    """Texels of the faces; None without faces."""
+
+    @property
+    def centroid_error_px(self) -> float:
+        """Largest displacement of the measured centroid of a disc of one pixel or more."""
+        return self.edge_error_px + PIXEL_CENTROID_ERROR_PX
+
+    @property
+    def minification(self) -> float:
+        """Largest number of texels from one sample to the next; 0 without faces."""
+        return (
+            self.texel_footprint.max_texels_per_px / self.samples if self.texel_footprint else 0.0
+        )
+
+    @property
+    def is_undersampled(self) -> bool:
+        """Whether one lookup a sample skips texels anywhere in the image."""
+        return self.minification > 1.0
+
+
+def sampling_error(camera: OmniCamera, plan: RenderPlan) -> SamplingError:
+    """Error of a plan's samples in a camera's image."""
+    has_texels = plan.renderer.uses_faces
+    return SamplingError(
+        samples=plan.samples,
+        edge_error_px=math.sqrt(0.5) / plan.samples,
+        texel_footprint=texel_footprint(camera, plan.face_regions) if has_texels else None,
+    )
+
+
+__all__ = ["ErrorBound", "ErrorComponent", "GeometricError", "SamplingError", "error_bound"]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorComponent:
+    """Contribution of one cause."""
+
+    name: str
+    max_px: float
+    """Largest displacement by this cause alone."""
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorBound:
+    """Bound of a plan for a camera."""
+
+    geometric: GeometricError
+    """Displacement of samples, all components together."""
+    sampling: SamplingError
+    """Further displacement by the spacing of the samples."""
+    components: tuple[ErrorComponent, ...]
+    """Components of the geometric error."""
+    rim_radius_px: float
+    polygons_by_radius_px: tuple[float, ...] = ()
+    """Displacement by flat facets in rings of equal width, from the centre to the rim; empty for
+    the exact model."""
+
+    @property
+    def outline_error_px(self) -> float:
+        """Largest displacement of an outline: geometric error and sampling.
+
+        An accuracy target limits this number, and every frame carries it.
+        """
+        return self.geometric.max_px + self.sampling.edge_error_px
+
+    def outline_error_at_px(self, radius: float) -> float:
+        """Largest displacement of an outline at a place in the image.
+
+        Args:
+            radius: Distance from the image centre over that of the rim, 0 to 1.
+        """
+        rings = self.polygons_by_radius_px
+        if not rings:
+            return self.outline_error_px
+        own_px = rings[min(int(radius * len(rings)), len(rings) - 1)]
+        others_px = sum(p.max_px for p in self.components if p.name not in ("polygons", "rim"))
+        rim_px = next(p.max_px for p in self.components if p.name == "rim")
+        # Straight sides cut into the outermost part of the image alone. Its ring is one wider.
+        rim_ring = 1.0 - rim_px / self.rim_radius_px - 1.0 / len(rings)
+        geometric_px = max(own_px + others_px, rim_px if radius >= rim_ring else 0.0)
+        return geometric_px + self.sampling.edge_error_px
+
+    @property
+    def marker_error_px(self) -> float:
+        """Largest error of the measured centre of a marker of at least one pixel."""
+        return self.geometric.max_px + self.sampling.centroid_error_px
+
+    def as_dict(self) -> dict[str, float]:
+        """All numbers by their names in a frame header; a component is `<name>_px`."""
+        geometric, sampling = self.geometric, self.sampling
+        numbers = {
+            "max_px": geometric.max_px,
+            "rms_px": geometric.rms_px,
+            "max_deg": geometric.max_deg,
+            "rms_deg": geometric.rms_deg,
+            "edge_px": sampling.edge_error_px,
+            "outline_px": self.outline_error_px,
+            "marker_px": self.marker_error_px,
+        }
+        footprint = sampling.texel_footprint
+        if footprint is not None:
+            numbers["texels_per_px_min"] = footprint.min_texels_per_px
+            numbers["texels_per_px_median"] = footprint.median_texels_per_px
+            numbers["texels_per_px_max"] = footprint.max_texels_per_px
+        return numbers | {f"{part.name}_px": part.max_px for part in self.components}
+
+    def __str__(self) -> str:
+        geometric, sampling = self.geometric, self.sampling
+        parts = ", ".join(f"{part.name} {part.max_px:.2g}" for part in self.components)
+        text = (
+            f"displaced by at most {geometric.max_px:.3g} px or {geometric.max_deg:.2g} deg, "
+            f"{geometric.rms_px:.2g} px rms ({parts}); samples add {sampling.edge_error_px:.2g} px"
+        )
+        footprint = sampling.texel_footprint
+        if footprint is None:
+            return text
+        density = f"{footprint.min_texels_per_px:.2g} to {footprint.max_texels_per_px:.2g}"
+        undersampled = ", undersampled" if sampling.is_undersampled else ""
+        return f"{text}; {density} texels a px{undersampled}"
+
+
+# Candidates of a target are some 130 plans a camera; two cameras' fit. 3 to 27 ms at 640 px, 2
+# microseconds from the cache.
+@lru_cache(maxsize=256)
+def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
+    """Error bound of a plan for a camera.
+
+    Raises:
+        DomainError: A mirror mesh under an orthographic camera, which has no pinhole.
+    """
+    components = _additive_components(camera, plan)
+    geometric = sum_errors(error for _, error, _ in components)
+    if isinstance(plan.surface, Tessellation):
+        gap = rim_gap(camera, plan.surface)
+        geometric = apply_floor(geometric, gap)
+        reason = f"{plan.surface.sectors} straight sides end within the rim"
+        components = (*components, ("rim", gap, reason))
+    named = tuple(ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
+    return ErrorBound(
+        geometric,
+        sampling_error(camera, plan),
+        named,
+        camera.rim_radius_px,
+        facet_error_by_radius(camera, plan.surface)
+        if isinstance(plan.surface, Tessellation)
+        else (),
+    )
+
+
+def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorBound:
+    """Bound of a frame, from that of its plan.
+
+    Args:
+        camera: The plan's camera.
+        angle_rad: Largest displacement by the scene's coordinates
+            (`bounds/coordinate_rounding`).
+    """
+    error = scene_error(camera, angle_rad)
+    reason = "float32 coordinates of corners and viewpoint"
+    return replace(
+        bound,
+        geometric=sum_errors((bound.geometric, error)),
+        components=(*bound.components, ErrorComponent("scene", error.max_px, reason)),
+    )
+
+
+_Component = tuple[str, GeometricError, str]  # name, error, reason
+
+
+def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Component, ...]:
+    """Components that add up."""
+    has_faces, has_mesh = plan.renderer.uses_faces, isinstance(plan.surface, Tessellation)
+    components: list[_Component] = []
+    if isinstance(plan.surface, Tessellation):
+        components.append(_facet_component(camera, plan.surface))
+    if has_faces:
+        components.append(_face_component(camera, plan))
+    # Trace intersects no rasterized corner: its mesh is evaluated in float64 at each sample.
+    if has_faces and has_mesh:
+        corners = corner_error(camera, plan.samples)
+        components.append(("corners", corners, "snapped to 256ths of the rendered pixels"))
+    cause = "float32 atlas coordinates" if has_faces else "float32 rays, rotated"
+    return (*components, ("rounding", rounding_error(camera, plan), cause))
+
+
+def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Component:
+    size = f"{tessellation.sectors} x {tessellation.rings} flat polygons"
+    reason = f"{size}, {tessellation.interpolation.value} interpolated"
+    return "polygons", facet_error(camera, tessellation), reason
+
+
+def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
+    error = face_lookup_error(camera, plan.face_regions, face_samples=plan.face_samples)
+    displacement = max_edge_displacement_texels(plan.face_samples)
+    reason = f"edges move by {displacement:.2f} texels, the finest {plan.face_size_px} a face"
+    return "faces", error, reason

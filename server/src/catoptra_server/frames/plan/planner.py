@@ -1,0 +1,303 @@
+"""Monitor of frame times against a budget: when a plan has to be chosen again.
+
+A budget is exceeded when the median of 30 frames is more than a fifth above. There is headroom when
+the next more accurate plan would take less than 0.85 of the budget, for many frames on end; each
+time a more accurate plan turns out too slow, the wait doubles. So plans do not oscillate.
+
+Plans for the cameras of one scene.
+
+Without an accuracy target a plan follows explicit numbers, by the renderer that `renderer_choice`
+took. With a target all renderers are measured once for the camera, and the rates are stored on
+disk; times of real frames then correct the predictions by one factor per renderer. Belongs to the
+thread of the renderers.
+"""
+
+from __future__ import annotations
+
+import logging
+import statistics
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from enum import Enum
+
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.frames.plan.camera import OmniCameraSpec, describe_viewpoint
+from catoptra_server.frames.plan.candidates import (
+    CandidateTable,
+    MeasureCosts,
+    RendererCalibration,
+    measure_costs,
+)
+from catoptra_server.frames.plan.costs import CostCache, CostCorrections, CostModel, added_ms
+from catoptra_server.frames.plan.plans import (
+    PlanChoice,
+    PlanOption,
+    choose_by_settings,
+    choose_plan,
+    pareto_front,
+)
+from catoptra_server.frames.plan.renderers import RendererPool
+from catoptra_server.render.render_settings import MirrorSurface
+from catoptra_server.render.renderer import RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.runtime.memory import LruDict
+from catoptra_server.world.camera_state import CameraState
+
+log = logging.getLogger(__name__)
+
+
+# A second at 30 Hz: long enough for a stable median, short enough to react.
+WINDOW_FRAMES = 30
+OVERRUN_FACTOR = 1.2
+HEADROOM_FRACTION = 0.85
+# Frames with headroom before a more accurate plan is tried, and the limit after setbacks: ten
+# seconds at 30 Hz, and some five minutes.
+HYSTERESIS_FRAMES = 300
+_MAX_HYSTERESIS_FRAMES = 10_000
+
+
+class BudgetStatus(Enum):
+    """Frame times of a plan in relation to the budget."""
+
+    WITHIN_BUDGET = "within budget"
+    OVER_BUDGET = "over budget"
+    HEADROOM = "headroom"
+
+
+class BudgetMonitor:
+    """Frame times of one camera, across all plans of its budget."""
+
+    def __init__(self, budget_ms: float) -> None:
+        self._budget_ms = budget_ms
+        self._frame_times_ms: deque[float] = deque(maxlen=WINDOW_FRAMES)
+        self._added_ms: deque[float] = deque(maxlen=WINDOW_FRAMES)
+        self._frames_with_headroom = 0
+        self._hysteresis_frames = HYSTERESIS_FRAMES
+        self._was_upgraded = False
+
+    @property
+    def median_ms(self) -> float | None:
+        """Median of the last 30 frames; None before as many."""
+        return (
+            statistics.median(self._frame_times_ms)
+            if len(self._frame_times_ms) == WINDOW_FRAMES
+            else None
+        )
+
+    @property
+    def median_added_ms(self) -> float:
+        """Median of the times in these frames that the cost model has not; 0 before a frame."""
+        return statistics.median(self._added_ms) if self._added_ms else 0.0
+
+    def record_frame(
+        self, frame_ms: float, *, better_plan_ms: float | None, added_ms: float = 0.0
+    ) -> BudgetStatus:
+        """Record a frame.
+
+        Args:
+            frame_ms: Wall time of the frame.
+            added_ms: Part of it that the cost model has not, such as effects.
+            better_plan_ms: Predicted time of the next more accurate plan, corrected; None without
+                one.
+        """
+        self._frame_times_ms.append(frame_ms)
+        self._added_ms.append(added_ms)
+        # Most cameras have no budget; the median took 0.02 ms of each of their frames.
+        median_ms = self.median_ms if self._budget_ms else None
+        if median_ms is None:
+            return BudgetStatus.WITHIN_BUDGET
+        # The median, not the mean: a single slow frame, such as a page fault, decides nothing.
+        if median_ms > OVERRUN_FACTOR * self._budget_ms:
+            return BudgetStatus.OVER_BUDGET
+        has_headroom = (
+            better_plan_ms is not None and better_plan_ms <= HEADROOM_FRACTION * self._budget_ms
+        )
+        self._frames_with_headroom = self._frames_with_headroom + 1 if has_headroom else 0
+        return (
+            BudgetStatus.HEADROOM
+            if self._frames_with_headroom >= self._hysteresis_frames
+            else BudgetStatus.WITHIN_BUDGET
+        )
+
+    def reset(self, status: BudgetStatus) -> None:
+        """Start over with another plan, chosen because of a status."""
+        # Only an overrun right after an upgrade is a mistake of the upgrade; other overruns come
+        # from the scene or from load.
+        if status is BudgetStatus.OVER_BUDGET and self._was_upgraded:
+            self._hysteresis_frames = min(2 * self._hysteresis_frames, _MAX_HYSTERESIS_FRAMES)
+        self._was_upgraded = status is BudgetStatus.HEADROOM
+        self._frame_times_ms.clear()
+        self._added_ms.clear()
+        self._frames_with_headroom = 0
+
+
+# Cameras by zoom and tile; a table of 130 candidates holds half a megabyte.
+_MAX_CAMERAS = 16
+
+
+class RenderPlanner:
+    """Plans for the cameras of a scene, with the measured costs of their frames."""
+
+    def __init__(
+        self,
+        renderers: RendererPool,
+        cache: CostCache | None = None,
+        *,
+        measure: MeasureCosts = measure_costs,
+    ) -> None:
+        """Create a planner that has measured nothing.
+
+        Args:
+            renderers: Renderers that plans may choose.
+            cache: Costs that earlier servers measured; None measures anew.
+            measure: Measures the calibration plans of a renderer.
+        """
+        self.renderers = renderers
+        self._calibration = RendererCalibration(renderers, cache, measure)
+        self._tables: LruDict[_CostKey, CandidateTable] = LruDict(_MAX_CAMERAS)
+        self._corrections = CostCorrections()
+
+    def choose_plan(
+        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
+    ) -> PlanChoice:
+        """Choose the plan of a camera; the reason names the renderer, with engine and device.
+
+        Args:
+            camera_states: States to measure costs from, for a camera with an accuracy target.
+        """
+        choice = self._choose_plan(camera, camera_states)
+        device = self.renderers.describe(choice.plan.renderer)
+        notes = [choice.plan.reason, describe_viewpoint(camera), device]
+        reason = "; ".join(note for note in notes if note)
+        return replace(choice, plan=replace(choice.plan, reason=reason))
+
+    def _choose_plan(
+        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
+    ) -> PlanChoice:
+        target = camera.render_settings.accuracy_target
+        if not target.is_set:
+            return self._follow_settings(camera)
+        # Bounds and costs of the candidates are the same for all targets: the first plan of a
+        # camera takes 0.1 s and more, every other one a millisecond.
+        table = self._tables.get_or_make(
+            _cost_key(camera), lambda: self._make_table(camera, camera_states)
+        )
+        options = _options_of(table, camera.render_settings.renderer)
+        if not options:
+            choice = self._follow_settings(camera)
+            reason = f"no target can be met: this mirror's error has no bound; {choice.plan.reason}"
+            return PlanChoice(replace(choice.plan, reason=reason), None, target_met=False)
+        choice = choose_plan(camera.camera, pareto_front(self._correct(camera, options)), target)
+        note = self.renderers.replacement_note
+        if note:
+            plan = replace(choice.plan, reason=f"{choice.plan.reason}; {note}")
+            choice = replace(choice, plan=plan)
+        return choice
+
+    def _follow_settings(self, camera: OmniCameraSpec) -> PlanChoice:
+        """Plan by explicit numbers, with its bound where the error has one."""
+        kind, reason = self._choose_renderer(camera)
+        others = [one for one in RendererKind if self.renderers.is_usable(one)]
+        return choose_by_settings(camera, kind, reason, usable=others)
+
+    def _choose_renderer(self, camera: OmniCameraSpec) -> tuple[RendererKind, str]:
+        """Renderer of a camera without an accuracy target, and the reason."""
+        pool = self.renderers
+        requested = camera.render_settings.renderer
+        if requested and pool.is_usable(RendererKind(requested)):
+            return RendererKind(requested), "as requested"
+        return pool.default_kind, pool.reason
+
+    def _correct(
+        self, camera: OmniCameraSpec, options: Iterable[PlanOption]
+    ) -> Iterator[PlanOption]:
+        """Yield options with times that are corrected by drawn frames."""
+        correct = self._corrections.correct
+        for option in options:
+            ms = correct(camera, option.plan.renderer, option.predicted_ms)
+            yield replace(option, predicted_ms=ms)
+
+    def predict_frame_ms(self, camera: OmniCameraSpec, plan: RenderPlan) -> float | None:
+        """Predicted milliseconds of a plan's frames, corrected; None without measured costs."""
+        model = self._find_model(camera)
+        if model is None:
+            return None
+        return self._corrections.correct(camera, plan.renderer, model.predict_frame_ms(plan))
+
+    def update_times(self, camera: OmniCameraSpec, choice: PlanChoice) -> PlanChoice:
+        """Choice with the times of itself and its neighbours as predicted now."""
+        if choice.predicted_ms is None:
+            return choice
+        more_accurate, faster = (
+            option and self._update_option(camera, option)
+            for option in (choice.more_accurate, choice.faster)
+        )
+        ms = self.predict_frame_ms(camera, choice.plan)
+        return replace(choice, predicted_ms=ms, more_accurate=more_accurate, faster=faster)
+
+    def _update_option(self, camera: OmniCameraSpec, option: PlanOption) -> PlanOption:
+        ms = self.predict_frame_ms(camera, option.plan)
+        return option if ms is None else replace(option, predicted_ms=ms)
+
+    def added_ms(
+        self, camera: OmniCameraSpec, plan: RenderPlan, stage_ms: Mapping[str, float]
+    ) -> float:
+        """Milliseconds of a frame's stages that the cost model has not, such as effects."""
+        model = self._find_model(camera)
+        return 0.0 if model is None else added_ms(stage_ms, model.predict_stage_ms(plan))
+
+    def update_correction(
+        self, camera: OmniCameraSpec, plan: RenderPlan, median_ms: float, added_ms: float = 0.0
+    ) -> None:
+        """Update the corrections by medians of drawn frames.
+
+        Args:
+            median_ms: Median time of the frames.
+            added_ms: Median time of their stages that the cost model has not.
+        """
+        model = self._find_model(camera)
+        if model is not None:
+            self._corrections.update(
+                camera,
+                plan.renderer,
+                model.predict_frame_ms(plan),
+                median_ms=median_ms,
+                added_ms=added_ms,
+            )
+
+    def _find_model(self, camera: OmniCameraSpec) -> CostModel | None:
+        """Cost model of a camera; None without measured costs."""
+        table = self._tables.get(_cost_key(camera))
+        return table.model if table is not None and table.options else None
+
+    def discard_tables(self) -> None:
+        """Plan all cameras anew: the renderers have changed."""
+        self._tables.clear()
+        self._corrections.clear()
+
+    def _make_table(
+        self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
+    ) -> CandidateTable:
+        """Measure all renderers for a camera, and bound all its candidates."""
+        if self._follow_settings(camera).bound is None:
+            return CandidateTable(CostModel(camera.camera, {}), ())
+        return self._calibration.make_table(camera, camera_states)
+
+    def close(self) -> None:
+        """Close all renderers."""
+        self.renderers.close()
+
+
+def _options_of(table: CandidateTable, renderer: str) -> tuple[PlanOption, ...]:
+    """Candidates of a requested renderer; all without one, or where it has none."""
+    own = tuple(one for one in table.options if one.plan.renderer.value == renderer)
+    return own or table.options
+
+
+_CostKey = tuple[OmniCamera, MirrorSurface]
+
+
+def _cost_key(camera: OmniCameraSpec) -> _CostKey:
+    """Everything of a camera that rates depend on."""
+    return camera.camera, camera.render_settings.surface

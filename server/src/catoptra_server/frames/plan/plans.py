@@ -1,0 +1,421 @@
+"""Plan from explicit numbers: those of the robot's file, defaults for the rest.
+
+The numbers are followed as they are; nothing is weighed. With an accuracy target `plan_choice`
+picks one of many such plans.
+
+Size of a view in memory, from the numbers of its plan alone.
+
+Plan of a perspective camera's frames: the number of samples, with a reason.
+
+A perspective image needs no faces and no mirror, so nothing else is left to decide.
+
+Choice of a plan for an accuracy target: the cheapest within a tolerance, the best in a budget.
+
+Every candidate has an error bound, `ErrorBound.outline_error_px`, and a predicted time. Candidates
+that another one beats in both are dropped; the others form a Pareto front, from the cheapest to the
+most accurate. A choice is a point of the front and names both neighbours, so that a client
+sees the price of a little more accuracy, and the gain of a little less.
+
+Choice of a plan by explicit numbers: that of the chosen renderer, if it can show the image.
+
+Budget of a long exposure: a limit of its time samples, each of which renders the whole image.
+
+Counted in rays, not in milliseconds, so that a frame depends on its camera state and plan alone. An
+object costs the rays that may meet it, and the placing of its triangles.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera_rays import CENTRAL_ERROR_PX, max_miss_m, near_limit_m
+from catoptra_protocol.optics.cube_map import visible_faces
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.effects.scene.motion_blur import MotionBlur
+from catoptra_server.effects.scene.rolling_shutter import RollingShutter
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.error_bound import ErrorBound, error_bound
+from catoptra_server.frames.plan.faces import face_regions, max_face_size_px
+from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
+from catoptra_server.render.renderer import RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.runtime.memory import ViewSize
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.objects import DynamicObject
+
+log = logging.getLogger(__name__)
+
+
+# 2 x 2 removes most of the aliasing and still leaves a frame of 640 px within a tenth of a second
+# on two cores.
+DEFAULT_SAMPLES = 2
+# More samples take three times as long on software OpenGL and remove a sixth of the error:
+# measured in tests/measurements/raster_faces.py.
+DEFAULT_FACE_SAMPLES = 1
+# Finer faces cost in proportion and gain little, measured likewise.
+DEFAULT_TEXELS_PER_PX = 1.0
+
+
+def requested_samples(settings: RenderSettings) -> int:
+    """Samples along a pixel's side: the configured number, or the default for 0."""
+    return settings.samples or DEFAULT_SAMPLES
+
+
+def plan_from_settings(
+    settings: RenderSettings, camera: OmniCamera, *, kind: RendererKind, reason: str
+) -> RenderPlan:
+    """Plan a camera's frames by explicit numbers.
+
+    Args:
+        settings: Configured numbers; 0 takes the default. The accuracy target is not read.
+        reason: Reason for the choice of the renderer; the plan's reason.
+    """
+    limit_rad = max_incidence_rad(camera, settings.surface)
+    regions = face_regions(
+        camera,
+        limit_rad,
+        size_px=settings.face_size_px,
+        texels_per_px=settings.texels_per_px or DEFAULT_TEXELS_PER_PX,
+    )
+    return RenderPlan(
+        renderer=kind,
+        surface=settings.surface,
+        samples=requested_samples(settings),
+        face_size_px=max_face_size_px(regions),
+        face_samples=settings.face_samples or DEFAULT_FACE_SAMPLES,
+        faces=visible_faces(limit_rad),
+        face_regions=regions,
+        reason=reason,
+    )
+
+
+def max_incidence_rad(camera: OmniCamera, surface: MirrorSurface) -> float:
+    """Largest incidence angle that a frame looks up, radians.
+
+    Above the horizon a polygon looks higher than its corners. Corners up to the rim's elevation e
+    and 2 pi / S apart in azimuth span directions up to atan(tan e / cos(pi / S)).
+    """
+    elevation = camera.rim_rad - 0.5 * math.pi
+    # Below the horizon the chord between two corners sags towards the axis: the rim is the limit.
+    if not isinstance(surface, Tessellation) or elevation <= 0.0:
+        return camera.rim_rad
+    highest = math.atan(math.tan(elevation) / math.cos(math.pi / surface.sectors))
+    return 0.5 * math.pi + highest
+
+
+def needs_exact_rays(camera: OmniCamera, kind: RendererKind) -> bool:
+    """Whether a renderer's faces have a viewpoint that the camera's rays miss."""
+    return kind.uses_faces and not camera.is_central
+
+
+def plan_view_size(camera: OmniCamera, plan: RenderPlan, *, has_effects: bool = False) -> ViewSize:
+    """Size of the view of a plan; faces count where the plan's renderer has them."""
+    num_texels = math.ceil(sum(region.num_texels for region in plan.face_regions))
+    return ViewSize(
+        num_pixels=camera.width_px * camera.height_px,
+        samples_per_pixel=plan.samples**2,
+        num_texels=num_texels if plan.renderer.uses_faces else 0,
+        samples_per_texel=plan.face_samples,
+        has_effects=has_effects,
+        has_origins=not camera.is_central,
+    )
+
+
+def omni_view_size(camera: OmniCamera, settings: RenderSettings, *, has_effects: bool) -> ViewSize:
+    """Size of the view that explicit settings describe, whichever renderer is chosen."""
+    # With faces a view holds more than rays.
+    kind = next(kind for kind in RendererKind if kind.uses_faces)
+    plan = plan_from_settings(settings, camera, kind=kind, reason="size")
+    return plan_view_size(camera, plan, has_effects=has_effects)
+
+
+def perspective_view_size(camera: PerspectiveCamera, *, has_effects: bool = False) -> ViewSize:
+    """Size of the view of a perspective camera."""
+    # In raster the samples are the texels of a single face, which has no lookup map: 14 bytes a
+    # sample, fewer than trace's rays.
+    num_pixels = camera.width_px * camera.height_px
+    return ViewSize(num_pixels, DEFAULT_SAMPLES**2, has_effects=has_effects)
+
+
+@dataclass(frozen=True, slots=True)
+class PerspectivePlan:
+    """Plan of one perspective camera."""
+
+    renderer: RendererKind
+    samples: int
+    """Samples along a pixel's side; a pixel has samples^2."""
+    reason: str
+    """Reason of the renderer's choice, for the log."""
+
+    def __post_init__(self) -> None:
+        # The same limits as of RenderPlan.
+        if not 1 <= self.samples <= 16:
+            raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
+
+    @property
+    def has_exact_rays(self) -> bool:
+        """Whether each pixel has the ray of the camera model: always."""
+        return True
+
+    def __str__(self) -> str:
+        return f"{self.renderer.value}, {self.samples}^2 samples: {self.reason}"
+
+
+def plan_perspective_view(samples: int, *, kind: RendererKind, reason: str) -> PerspectivePlan:
+    """Plan a perspective view; 0 samples: as many as an omnidirectional camera's default."""
+    return PerspectivePlan(kind, samples or DEFAULT_SAMPLES, reason)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanOption:
+    """Candidate plan with error bound and predicted cost."""
+
+    plan: RenderPlan
+    error_bound_px: float
+    """Largest displacement of an outline."""
+    predicted_ms: float
+
+    def __str__(self) -> str:
+        numbers = f"{self.error_bound_px:.3g} px in {self.predicted_ms:.1f} ms"
+        return f"{self.plan.description}: {numbers}"
+
+
+@dataclass(frozen=True, slots=True)
+class PlanChoice:
+    """Plan of a camera, with its bound and its neighbours on the Pareto front."""
+
+    plan: RenderPlan
+    bound: ErrorBound | None
+    """None for a plan whose error has no bound: a mesh under an orthographic camera."""
+    predicted_ms: float | None = None
+    """None without an accuracy target: no cost is measured then."""
+    target_met: bool = True
+    """Whether the plan meets the accuracy target."""
+    more_accurate: PlanOption | None = None
+    """Next more accurate option."""
+    faster: PlanOption | None = None
+    """Next cheaper option."""
+
+    def __str__(self) -> str:
+        cost = "" if self.predicted_ms is None else f"; about {self.predicted_ms:.1f} ms a frame"
+        better = f"; next better {self.more_accurate}" if self.more_accurate else ""
+        cheaper = f"; next cheaper {self.faster}" if self.faster else ""
+        return f"{self.plan}{cost}{better}{cheaper}"
+
+
+def pareto_front(options: Iterable[PlanOption]) -> tuple[PlanOption, ...]:
+    """Options that no other beats in both error and cost, from the cheapest on."""
+    front: list[PlanOption] = []
+    # In order of cost, an option belongs to the front exactly if more accurate than all before.
+    for option in sorted(options, key=lambda one: (one.predicted_ms, one.error_bound_px)):
+        if not front or option.error_bound_px < front[-1].error_bound_px:
+            front.append(option)
+    return tuple(front)
+
+
+def choose_plan(
+    camera: OmniCamera, options: tuple[PlanOption, ...], target: AccuracyTarget
+) -> PlanChoice:
+    """Choose the option that meets a target, or the nearest to it.
+
+    Args:
+        options: A Pareto front, not empty.
+    """
+    index, target_met, reason = _choose_option(options, target)
+    option = options[index]
+    return PlanChoice(
+        plan=replace(option.plan, reason=reason),
+        bound=error_bound(camera, option.plan),
+        predicted_ms=option.predicted_ms,
+        target_met=target_met,
+        more_accurate=options[index + 1] if index + 1 < len(options) else None,
+        faster=options[index - 1] if index else None,
+    )
+
+
+_Selection = tuple[int, bool, str]  # index, whether the target is met, reason
+
+
+def _choose_option(options: tuple[PlanOption, ...], target: AccuracyTarget) -> _Selection:
+    tolerance_px, budget_ms = target.max_error_px, target.budget_ms
+    # The first within the tolerance is the cheapest: costs grow along the front.
+    in_tolerance = next(
+        (i for i, option in enumerate(options) if option.error_bound_px <= tolerance_px), None
+    )
+    if not budget_ms:
+        return _choose_by_tolerance(options, tolerance_px, in_tolerance)
+    in_budget = [i for i, option in enumerate(options) if option.predicted_ms <= budget_ms]
+    if in_tolerance is not None and in_tolerance in in_budget:
+        return in_tolerance, True, f"the cheapest within {tolerance_px:g} px, in {budget_ms:g} ms"
+    # In conflict the budget wins over the tolerance, as AccuracyTarget documents.
+    conflict = f"{tolerance_px:g} px is out of reach in that time, " if tolerance_px else ""
+    if not in_budget:
+        cheapest = f"the cheapest takes about {options[0].predicted_ms:.1f} ms"
+        return 0, False, f"{conflict}no plan fits into {budget_ms:g} ms: {cheapest}"
+    best = in_budget[-1]
+    reason = f"the most accurate within {budget_ms:g} ms, {options[best].error_bound_px:.3g} px"
+    return best, not tolerance_px, f"{conflict}{reason}"
+
+
+def _choose_by_tolerance(
+    options: tuple[PlanOption, ...], tolerance_px: float, in_tolerance: int | None
+) -> _Selection:
+    if in_tolerance is not None:
+        bound_px = options[in_tolerance].error_bound_px
+        return in_tolerance, True, f"the cheapest within {tolerance_px:g} px, {bound_px:.3g} px"
+    last = len(options) - 1
+    best = f"the most accurate has {options[last].error_bound_px:.3g} px"
+    return last, False, f"no plan stays within {tolerance_px:g} px: {best}"
+
+
+# Displacement over the image's radius: an image that is off by a twentieth shows other things. In a
+# tiny image half a texel is as much, and all is well.
+_MAX_FACES_FRACTION = 0.05
+_FINE_FACES_PX = 1.2
+
+
+def choose_by_settings(
+    camera: OmniCameraSpec, kind: RendererKind, reason: str, *, usable: Collection[RendererKind]
+) -> PlanChoice:
+    """Plan of a camera without an accuracy target, with its bound where the error has one.
+
+    Args:
+        kind: The chosen renderer.
+        reason: Reason of that choice.
+        usable: Renderers that may draw the camera if that one cannot.
+
+    Raises:
+        DomainError: The renderer cannot show the image, and no other may replace it.
+    """
+    choice = _bound_plan(camera, kind, reason)
+    what = _find_fault(camera, kind, choice.bound)
+    if not what:
+        return choice
+    without_faces = [one for one in RendererKind if not one.uses_faces]
+    other = next((one for one in without_faces if one in usable), None)
+    if other is None or camera.render_settings.renderer:
+        names = " or ".join(one.value for one in without_faces)
+        raise DomainError(f"{what}: choose the renderer {names}, {_other_remedy(camera)}")
+    return _bound_plan(camera, other, what)
+
+
+def _find_fault(camera: OmniCameraSpec, kind: RendererKind, bound: ErrorBound | None) -> str:
+    """Why a renderer cannot show a camera's image; empty if it can."""
+    if needs_exact_rays(camera.camera, kind):
+        miss_mm = 1e3 * max_miss_m(camera.camera)
+        error_px = camera.render_settings.central_error_px or CENTRAL_ERROR_PX
+        return (
+            f"rays of this mirror miss one viewpoint by up to {miss_mm:.2g} mm, and faces of "
+            f"{kind.value} have one: what is nearer than "
+            f"{near_limit_m(camera.camera, error_px):.3g} m would be displaced by more than "
+            f"{error_px:g} px"
+        )
+    faces_px = _unusable_faces_px(camera, bound)
+    if not faces_px:
+        return ""
+    return (
+        f"the faces of {kind.value} would displace this camera's image by {faces_px:.0f} of "
+        f"{camera.camera.width_px} px"
+    )
+
+
+def _other_remedy(camera: OmniCameraSpec) -> str:
+    if not camera.camera.has_mirror:
+        return "or a smaller FieldOfView"
+    if camera.camera.is_central:
+        return "or a mirror with K farther from 2"
+    return "or state Central=always for the mirror"
+
+
+def _bound_plan(camera: OmniCameraSpec, kind: RendererKind, reason: str) -> PlanChoice:
+    plan = plan_from_settings(camera.render_settings, camera.camera, kind=kind, reason=reason)
+    return PlanChoice(plan, _find_error_bound(camera.camera, plan))
+
+
+def _unusable_faces_px(camera: OmniCameraSpec, bound: ErrorBound | None) -> float:
+    """Displacement by faces that cannot be made fine enough to show the image; 0 for others.
+
+    The largest faces have too few texels for a mirror next to k = 2, whose image is all of a tiny
+    part of the sphere. Faces of a configured size are as coarse as their owner wants them.
+    """
+    if bound is None or camera.render_settings.face_size_px:
+        return 0.0
+    faces_px = bound.as_dict().get("faces_px", 0.0)
+    allowed_px = max(_FINE_FACES_PX, _MAX_FACES_FRACTION * bound.rim_radius_px)
+    return faces_px if faces_px > allowed_px else 0.0
+
+
+def _find_error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound | None:
+    try:
+        return error_bound(camera, plan)
+    except DomainError as error:
+        log.info("this plan has no error bound: %s", error)
+        return None
+
+
+# 20 time samples of 640 x 640 px at 2 x 2 samples, 10 with one robot in all directions: half a
+# second to a second on two cores. Robots at work need 2 to 4.
+MAX_EXPOSURE_RAYS = 2**25
+# An object of 704 triangles takes half a millisecond a time sample, whatever it covers; a ray takes
+# 16 ns.
+_RAYS_PER_TRIANGLE = 40
+
+
+# Effects whose time samples are limited.
+_SHUTTER_EFFECTS = frozenset((MotionBlur.name, RollingShutter.name))
+
+
+def limit_time_samples(
+    camera_state: CameraState, camera: RadialCamera, plan: RenderPlan | PerspectivePlan
+) -> CameraState:
+    """Camera state whose exposure stays within the budget of rays; itself without a shutter."""
+    shutter = camera_state.shutter
+    if shutter is None:
+        return camera_state
+    viewpoint, objects = camera_state.world_from_mirror.translation, camera_state.objects
+    pixel_rays = camera.width_px * camera.height_px * plan.samples**2
+    object_rays = sum(
+        covered_fraction(one, viewpoint) * pixel_rays + _RAYS_PER_TRIANGLE * len(one.mesh)
+        for one in objects
+    )
+    limit = min(int(MAX_EXPOSURE_RAYS / (pixel_rays + object_rays)), shutter.max_time_samples)
+    return replace(camera_state, shutter=replace(shutter, max_time_samples=limit))
+
+
+def covered_fraction(dynamic_object: DynamicObject, viewpoint: Floats) -> float:
+    """Fraction of all directions from a (3,) point that an object's bounding sphere covers."""
+    distance_m = float(np.linalg.norm(dynamic_object.centre - viewpoint))
+    radius_m = dynamic_object.mesh.radius_m
+    if distance_m <= radius_m:
+        return 1.0
+    return 0.5 * (1.0 - math.sqrt(1.0 - (radius_m / distance_m) ** 2))
+
+
+def explain_limit(
+    decisions: tuple[EffectDecision, ...], wanted: CameraState, limited: CameraState
+) -> tuple[EffectDecision, ...]:
+    """Decisions that say so where an exposure has fewer time samples than the effects want."""
+    if wanted.shutter is None or limited.shutter is None:
+        return decisions
+    wanted_samples, samples = wanted.shutter.num_time_samples, limited.shutter.num_time_samples
+    if wanted_samples == samples:
+        return decisions
+    note = f"{samples} of {wanted_samples} time samples, limited by the budget of a frame"
+    return tuple(
+        replace(one, reason=f"{one.reason}; {note}")
+        if one.enabled and one.effect in _SHUTTER_EFFECTS
+        else one
+        for one in decisions
+    )

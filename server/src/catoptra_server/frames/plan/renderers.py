@@ -1,0 +1,362 @@
+"""Choice of a renderer, with its reason: the one module that creates renderers.
+
+As named; else raster where a graphics processor answers; else trace. On a processor the kernel
+draws faster than software OpenGL in 28 of 30 cases, by 1.2 to 20 times, and loses 1.18 and 1.38
+times with 4 x 4 samples under two lamps (tests/measurements/renderer_comparison.py): a rule with
+fitted rates, and trials of both renderers at run time, bought no more than these two. A renderer's
+library is imported only when that renderer is chosen or probed, so a machine without OpenGL runs
+trace.
+
+To add a renderer: a member of `RendererKind`, a function here, its settings in `candidate_plans`.
+
+The renderers of one scene: created on demand, made anew after a failure, and replaced.
+
+Belongs to the thread that made the first renderer: OpenGL contexts are bound to threads.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import field
+from functools import partial
+from glob import iglob
+from typing import TYPE_CHECKING, cast
+
+from catoptra_protocol.errors import DomainError, RendererUnavailableError
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects.bounds.light import cull_lights
+from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
+from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer_kind import (
+    AUTO,
+    PACKAGE,
+    REMEDY,
+    RENDERER_NAMES,
+    RendererKind,
+    has_embreex,
+    require_embreex,
+)
+from catoptra_server.runtime.faults import log_fault
+from catoptra_server.runtime.memory import count_processors
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import Light, World
+
+if TYPE_CHECKING:
+    from catoptra_server.render.raster.device import GlDevice
+    from catoptra_server.render.trace import TraceRenderer
+
+log = logging.getLogger(__name__)
+
+
+# Without any of these files EGL finds no graphics processor: Linux drivers, NVIDIA's own, WSL 2,
+# Mali, Adreno. Loading OpenGL to find that out takes 0.1 s of every start.
+_GPU_FILES = ("/dev/dri/renderD*", "/dev/nvidia[0-9]*", "/dev/dxg", "/dev/mali*", "/dev/kgsl*")
+
+RendererFactory = Callable[[], Renderer]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RendererChoice:
+    """A renderer that holds the scene, and the reason for its choice."""
+
+    renderer: Renderer
+    kind: RendererKind
+    reason: str
+    factories: Mapping[RendererKind, RendererFactory] = field(default_factory=dict)
+    """Factories of the renderers that may draw, to be called in the thread of the first one: its
+    own, to be made anew, and others in its place; a renderer requested by name has its own alone.
+    """
+    tracer: RendererFactory | None = None
+    """Factory of the renderer whose rays label frames, whichever draws them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scene:
+    """Arguments of every renderer."""
+
+    mesh: SceneMesh
+    world: World
+    lights: tuple[Light, ...]
+    """Lights of the static scene that are not culled: one decision for all renderers."""
+    threads: int
+    instruction_set: str = AUTO
+
+
+def choose_renderer(
+    requested: str,
+    scene: SceneMesh,
+    world: World,
+    *,
+    threads: int = 0,
+    instruction_set: str = AUTO,
+    is_reproducible: bool = False,
+) -> RendererChoice:
+    """Create the renderer for `auto`, `trace` or `raster`.
+
+    Args:
+        threads: Threads of trace; 0: one for each processor.
+        instruction_set: Instruction set of trace's kernel.
+        is_reproducible: Let `auto` look for no graphics processor, for bytes that depend on no
+            machine: under lockstep, in data sets and in studies.
+
+    Returns:
+        The choice. Raster belongs to the calling thread.
+
+    Raises:
+        RendererUnavailableError: The requested renderer cannot run, or none can; the text names
+            the missing library and the packages to install.
+    """
+    if requested not in RENDERER_NAMES:
+        *others, last = RENDERER_NAMES
+        raise DomainError(f"a renderer is {', '.join(others)} or {last}, not {requested!r}")
+    inputs = _Scene(scene, world, cull_lights(scene, world.lights), threads, instruction_set)
+    factories = {kind: partial(make, inputs) for kind, make in RENDERER_FACTORIES.items()}
+    if requested != AUTO:
+        kind = RendererKind(requested)
+        return _make_choice(kind, "requested", {kind: factories[kind]}, inputs)
+    device = None if is_reproducible else _open_graphics_processor()
+    if device is not None:
+        reason = f"OpenGL on a graphics processor ({device.renderer})"
+        renderer = _create_raster(inputs, device)
+        return _make_choice(RendererKind.RASTER, reason, factories, inputs, renderer)
+    if has_embreex():
+        reason = (
+            "as the bytes are the same everywhere" if is_reproducible else "no graphics processor"
+        )
+        return _make_choice(RendererKind.TRACE, reason, factories, inputs)
+    return _choose_without_trace(inputs)
+
+
+def _make_choice(
+    kind: RendererKind,
+    reason: str,
+    factories: Mapping[RendererKind, RendererFactory],
+    inputs: _Scene,
+    renderer: Renderer | None = None,
+) -> RendererChoice:
+    tracer = partial(_create_trace, inputs)
+    return RendererChoice(renderer or factories[kind](), kind, reason, factories, tracer)
+
+
+def _choose_without_trace(inputs: _Scene) -> RendererChoice:
+    """Raster, where the package of trace is missing."""
+    reason = f"the package {PACKAGE}, which trace needs, is not installed"
+    factories = {RendererKind.RASTER: partial(_create_raster, inputs)}
+    try:
+        return _make_choice(RendererKind.RASTER, reason, factories, inputs)
+    except RendererUnavailableError as error:
+        raise RendererUnavailableError(
+            f"no renderer can run. Raster: {error}. Trace: {reason}: {REMEDY}"
+        ) from error
+
+
+def create_renderer(
+    kind: RendererKind, scene: SceneMesh, world: World, *, threads: int = 0
+) -> Renderer:
+    """Create a renderer of one kind, with the lights that the server would give it."""
+    return RENDERER_FACTORIES[kind](_Scene(scene, world, cull_lights(scene, world.lights), threads))
+
+
+def _create_trace(inputs: _Scene) -> TraceRenderer:
+    # Before the engines, which would report a missing kernel first.
+    require_embreex("the trace renderer", alternative="start with --renderer raster")
+    from catoptra_server.render.trace import TraceRenderer
+
+    return TraceRenderer(
+        inputs.mesh,
+        inputs.world,
+        threads=inputs.threads,
+        scene_lights=inputs.lights,
+        instruction_set=inputs.instruction_set,
+    )
+
+
+def _create_raster(inputs: _Scene, device: GlDevice | None = None) -> Renderer:
+    from catoptra_server.render.raster import RasterRenderer, open_device
+
+    return RasterRenderer(
+        inputs.mesh,
+        inputs.world,
+        device=device or open_device(),
+        scene_lights=inputs.lights,
+        image_changer=open_image_changer(inputs.threads, inputs.instruction_set),
+    )
+
+
+def open_image_changer(threads: int = 0, instruction_set: str = AUTO) -> ImageChanger:
+    """Image changer for raster: the kernel's, else NumPy's with a warning.
+
+    Args:
+        threads: Threads of the kernel; 0: one for each processor.
+        instruction_set: Instruction set of the kernel.
+    """
+    # Loaded where it is needed: raster serves without the kernel, and without Embree.
+    from catoptra_server.render.trace.kernel import image as kernel_image_changer
+    from catoptra_server.render.trace.kernel.library import KernelUnavailableError
+
+    try:
+        return kernel_image_changer.open_image_changer(
+            threads or count_processors(), instruction_set
+        )
+    except KernelUnavailableError as error:
+        log.warning("%s; image effects in NumPy, many times slower", error)
+        return NumpyImageChanger()
+
+
+RENDERER_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {
+    RendererKind.TRACE: _create_trace,
+    RendererKind.RASTER: _create_raster,
+}
+
+
+def _open_graphics_processor() -> GlDevice | None:
+    """OpenGL device on a graphics processor; None where there is none."""
+    if not any(next(iglob(pattern), None) for pattern in _GPU_FILES):
+        return None
+    from catoptra_server.render.raster import OpenGLMissingError, open_device
+
+    try:
+        device = open_device()
+    except OpenGLMissingError as error:
+        log.info("no OpenGL although there are files of a graphics processor: %s", error.reason)
+        return None
+    if not device.is_software:
+        return device
+    log.info("only software OpenGL (%s)", device.renderer)
+    device.close()
+    return None
+
+
+# Faces have texels of their own: rays alone meet the model's exact surfaces.
+_TRACING_KIND = next(kind for kind in RendererKind if not kind.uses_faces)
+
+
+class RendererPool:
+    """The chosen renderer of a server and its alternatives."""
+
+    def __init__(self, choice: RendererChoice, *, may_replace: bool = True) -> None:
+        """Take over the chosen renderer.
+
+        Args:
+            choice: Renderer, with the factories of this one and of the others.
+            may_replace: Whether an alternative may replace a renderer that fails; not under
+                lockstep, where the same commands give the same bytes.
+        """
+        self._choice = choice
+        self._renderers: dict[RendererKind, Renderer] = {choice.kind: choice.renderer}
+        self._factories = dict(choice.factories)
+        self._may_replace = may_replace
+        self._default_kind = choice.kind
+        self._replaced: dict[RendererKind, RendererKind] = {}
+        self._tracer: Renderer | None = None
+
+    @property
+    def default_kind(self) -> RendererKind:
+        """Kind of the renderer for cameras without an accuracy target."""
+        return self._default_kind
+
+    @property
+    def reason(self) -> str:
+        """Reason of that kind."""
+        return ": ".join(filter(None, (self.replacement_note, self._choice.reason)))
+
+    def is_usable(self, kind: RendererKind) -> bool:
+        """Whether a renderer of a kind exists or can be created, and has not been replaced."""
+        return kind not in self._replaced and kind in {*self._renderers, *self._factories}
+
+    @property
+    def replacement_note(self) -> str:
+        """Replacements in words; empty for none."""
+        return ", ".join(
+            f"{other.value} in place of {failed.value}, which failed"
+            for failed, other in self._replaced.items()
+        )
+
+    def get(self, kind: RendererKind) -> Renderer:
+        """Renderer of a kind, created at the first call and at the first one after `renew`.
+
+        Raises:
+            RendererUnavailableError: The renderer cannot run on this machine.
+        """
+        if kind not in self._renderers:
+            self._renderers[kind] = self._factories[kind]()
+            log.info("%s", self._renderers[kind].describe())
+        return self._renderers[kind]
+
+    def get_tracer(self) -> TraceRenderer:
+        """Renderer whose rays label frames: the one that draws, or one of its own.
+
+        Raises:
+            RendererUnavailableError: No ray can be traced on this machine.
+        """
+        if _TRACING_KIND in self._renderers:
+            return cast("TraceRenderer", self._renderers[_TRACING_KIND])
+        if self._tracer is None:
+            if self._choice.tracer is None:
+                raise RendererUnavailableError("this server has no renderer that traces rays")
+            self._tracer = self._choice.tracer()
+            log.info("labels by %s", self._tracer.describe())
+        return cast("TraceRenderer", self._tracer)
+
+    def describe(self, kind: RendererKind) -> str:
+        """Description of a renderer, with engine and device; creates it."""
+        return self.get(kind).describe()
+
+    def create_all(self) -> list[RendererKind]:
+        """Create all renderers; one that cannot be created is no longer an alternative.
+
+        Returns:
+            Kinds that may be used.
+        """
+        usable = []
+        for kind in RendererKind:
+            if not self.is_usable(kind):
+                continue
+            try:
+                self.get(kind)
+                usable.append(kind)
+            except RendererUnavailableError as error:
+                del self._factories[kind]
+                log.info("%s is not available: %s", kind.value, error)
+        return usable
+
+    def renew(self, kind: RendererKind) -> None:
+        """Close a renderer, whose views must be closed before; the next use creates it anew."""
+        # Without a factory the old one may still render other views.
+        if kind in self._factories and kind in self._renderers:
+            _close(self._renderers.pop(kind))
+
+    def find_replacement(self, kind: RendererKind) -> RendererKind | None:
+        """Kind that may replace a failed one; None under lockstep or after a choice by name."""
+        # A renderer requested by name has no alternatives.
+        others = (other for other in self._factories if other not in (kind, *self._replaced))
+        return next(others, None) if self._may_replace else None
+
+    def replace(self, kind: RendererKind, other: RendererKind) -> None:
+        """Use a renderer of another kind in place of a failed one."""
+        self._replaced[kind] = other
+        self._default_kind = other if self._default_kind is kind else self._default_kind
+
+    def restore(self, kind: RendererKind) -> None:
+        """Undo a replacement."""
+        self._replaced.pop(kind)
+        if self._choice.kind not in self._replaced:
+            self._default_kind = self._choice.kind
+
+    def close(self) -> None:
+        """Close all renderers."""
+        for renderer in self._renderers.values():
+            _close(renderer)
+        self._renderers.clear()
+        if self._tracer is not None:
+            _close(self._tracer)
+        self._tracer = None
+
+
+def _close(renderer: Renderer) -> None:
+    try:
+        renderer.close()
+    except Exception:
+        # A lost device cannot always be closed; the server needs nothing of it any more.
+        log_fault(log, "a renderer could not be closed")

@@ -1,0 +1,522 @@
+"""Prepared views, bounded by the memory that they hold.
+
+Cameras share a view if camera model and plan are equal: targets between two candidate plans, and
+robots of one class. Belongs to the thread of the renderers.
+
+Work of renderers that goes on after a fault.
+
+A renderer that fails is made anew; if that fails, too, another one replaces it where that is
+allowed, else the view is refused. A decision that fails is no renderer's fault: that frame fails
+with its reason, and the renderer stays.
+
+Labels of frames: the rays that a frame's picture was drawn by, and where they lead to.
+
+Belongs to the thread of the renderers. Nothing exists before the first request for a channel.
+
+Drawn views of cameras: prepared on first use, and drawn again after a fault of a renderer.
+
+What a view shows is decided in `frame_plan`; here it is drawn. A camera without a client costs
+nothing. Belongs to the thread that made the renderers.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+from catoptra_protocol.errors import CatoptraError, DomainError, RendererUnavailableError
+from catoptra_protocol.labels.channels import LABEL_CHANNELS, count_bytes
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.effects.medium.misalignment import Misalignment
+from catoptra_server.frames.frame import Channel, FrameLabels, LabelRequester, ViewRequest
+from catoptra_server.frames.frame_plan import (
+    DEFAULT_CALIBRATION_STATES,
+    CameraPlan,
+    ErrorBoundTable,
+    FramePlan,
+    FramePlanner,
+    ViewKey,
+    ViewState,
+)
+from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.plans import PerspectivePlan
+from catoptra_server.frames.plan.renderers import RendererPool
+from catoptra_server.render.renderer import RenderedImage, View
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace.trace_engine import LabellingView, LabelRequest, PixelLabels
+from catoptra_server.runtime.faults import log_fault
+from catoptra_server.runtime.memory import LruDict, release_freed_memory
+from catoptra_server.world.camera_state import CameraState
+
+if TYPE_CHECKING:
+    from catoptra_server.frames.labels.label_renderer import LabelRenderer
+    from catoptra_server.render.trace.trace_engine import LabelRequest, PixelLabels
+
+log = logging.getLogger(__name__)
+
+
+# Clients choose tolerances and fields of view, and each choice may need a view of its own: 25
+# tolerances took 0.9 GB. Enough for 30 views of 360 x 360 px at 2 x 2 samples.
+MAX_VIEW_BYTES = 256 * 2**20
+# A view of few pixels still holds tables of the scene's edges, and framebuffers on the device.
+MAX_VIEWS = 64
+# Seven views of 193 MB in all left 62 MB of gaps between them. Closing the gaps takes 0.4 to 9 ms,
+# beside 30 ms or more for the rays of so many bytes.
+_RELEASE_BYTES = 4 * 2**20
+
+
+@dataclass(slots=True, eq=False)
+class _StoredView:
+    view: View
+    memory_bytes: int
+
+
+class ViewStore:
+    """The prepared views of one scene."""
+
+    def __init__(
+        self,
+        renderers: RendererPool,
+        *,
+        max_bytes: int = MAX_VIEW_BYTES,
+        max_views: int = MAX_VIEWS,
+    ) -> None:
+        """Create an empty store.
+
+        Args:
+            renderers: Renderers that prepare the views.
+            max_bytes: Memory above which the view used longest ago is closed; one view is kept
+                whatever its size.
+            max_views: Number of views above which the view used longest ago is closed.
+        """
+        self._renderers = renderers
+        self._max_bytes = max_bytes
+        self._max_views = max_views
+        self._views: dict[ViewKey, _StoredView] = {}  # the last used at the end
+        self._newest: tuple[ViewKey, _StoredView] | None = None
+        self._changed_bytes = 0
+
+    def __len__(self) -> int:
+        """Number of prepared views."""
+        return len(self._views)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory of all views, each as of its last use; of a single view as of its preparation."""
+        return sum(stored.memory_bytes for stored in self._views.values())
+
+    def get(self, key: ViewKey) -> View:
+        """View of a camera by its plan, prepared at the first use."""
+        # By identity first: hashing camera and plan takes longer than all else here.
+        if self._newest is not None and self._newest[0] is key:
+            return self._newest[1].view
+        if len(self._views) == 1:
+            self._measure_newest()  # `trim` has not, as long as there was no other
+        # Removed and inserted again: dicts keep the order of insertion.
+        stored = self._views.pop(key, None) or self._prepare(key)
+        self._views[key] = stored
+        self._newest = key, stored
+        return stored.view
+
+    def _prepare(self, key: ViewKey) -> _StoredView:
+        camera, plan = key
+        renderer = self._renderers.get(plan.renderer)
+        view: View
+        if isinstance(plan, PerspectivePlan):
+            assert isinstance(camera, PerspectiveCamera), "a lens has a perspective plan"
+            view = renderer.prepare_perspective(camera, plan.samples)
+        else:
+            assert isinstance(camera, OmniCamera), "a mirror has a render plan"
+            view = renderer.prepare(camera, plan)
+        stored = _StoredView(view, view.memory_bytes)
+        self._changed_bytes += stored.memory_bytes
+        return stored
+
+    def trim(self) -> None:
+        """Close the views used longest ago, down to the limits; to be called after each use."""
+        # A single view stays whatever its size; to have its memory counted by the renderer's
+        # library takes a quarter of the time that a frame takes here beside the drawing.
+        if len(self._views) > 1:
+            self._measure_newest()
+        while len(self._views) > 1 and (
+            len(self._views) > self._max_views or self.memory_bytes > self._max_bytes
+        ):
+            self._close(next(iter(self._views)))
+        if self._changed_bytes >= _RELEASE_BYTES:
+            release_freed_memory()
+            self._changed_bytes = 0
+
+    def _measure_newest(self) -> None:
+        """Record the memory of the view used last, to which effects and shadows may have added."""
+        newest = next(reversed(self._views.values()))
+        newest.memory_bytes = newest.view.memory_bytes
+
+    def close_views_of(self, kind: RendererKind) -> None:
+        """Close all views of one renderer."""
+        for key in [key for key in self._views if key[1].renderer is kind]:
+            self._close(key)
+
+    def close(self) -> None:
+        """Close all views."""
+        for key in list(self._views):
+            self._close(key)
+
+    def _close(self, key: ViewKey) -> None:
+        self._newest = None
+        stored = self._views.pop(key)
+        self._changed_bytes += stored.memory_bytes
+        try:
+            stored.view.close()
+        except Exception:
+            # Of a renderer that failed: it is closed as a whole.
+            log_fault(log, "a view could not be closed")
+
+
+_ResultT = TypeVar("_ResultT")
+_PlannedT = TypeVar("_PlannedT", CameraPlan, FramePlan)
+
+
+class ViewFailedError(CatoptraError):
+    """No renderer could draw the view; the text is for clients, the log has the traceback."""
+
+
+class RendererRecovery:
+    """Renderers that are made anew after faults."""
+
+    def __init__(
+        self,
+        renderers: RendererPool,
+        *,
+        close_views: Callable[[RendererKind], None],
+        forget_plans: Callable[[], None],
+    ) -> None:
+        """Guard the work of some renderers.
+
+        Args:
+            renderers: The renderers.
+            close_views: Closes the prepared views of a renderer.
+            forget_plans: Has all cameras planned anew, with other renderers.
+        """
+        self._renderers = renderers
+        self._close_views = close_views
+        self._forget_plans = forget_plans
+
+    def work(
+        self, decide: Callable[[], _PlannedT], draw: Callable[[_PlannedT], _ResultT]
+    ) -> _ResultT:
+        """Result of drawing what is decided, by a new or another renderer after a fault.
+
+        Raises:
+            ViewFailedError: No renderer can do it, or nothing could be decided.
+        """
+        planned = _decide(decide)
+        kind = planned.plan.renderer
+        try:
+            return draw(planned)
+        except Exception as error:
+            # A request that no renderer could satisfy is no fault of this one.
+            if isinstance(error, CatoptraError) and not isinstance(error, RendererUnavailableError):
+                raise ViewFailedError(str(error)) from error
+            log_fault(log, "%s failed to render a view and is made anew", kind.value)
+        self._renew_renderer(kind)
+        try:
+            return draw(_decide(decide))
+        except Exception:
+            log_fault(log, "%s failed again after it was made anew", kind.value)
+        # Whatever comes of this view, others find a renderer that works.
+        self._renew_renderer(kind)
+        return self._work_with_replacement(decide, draw, kind)
+
+    def _work_with_replacement(
+        self,
+        decide: Callable[[], _PlannedT],
+        draw: Callable[[_PlannedT], _ResultT],
+        failed: RendererKind,
+    ) -> _ResultT:
+        """Result of some work by another renderer, which stays in use if it succeeds."""
+        other = self._renderers.find_replacement(failed)
+        if other is None:
+            raise ViewFailedError(f"{failed.value} failed to render the view: see the server's log")
+        self._renderers.replace(failed, other)
+        self._forget_plans()
+        try:
+            result = draw(_decide(decide))
+        except Exception as error:
+            log_fault(log, "%s failed in place of %s", other.value, failed.value)
+            self._renew_renderer(other)
+            self._renderers.restore(failed)
+            self._forget_plans()
+            raise ViewFailedError(
+                f"{failed.value} and {other.value} failed to render the view: see the server's log"
+            ) from error
+        log.warning("%s replaces %s, which failed twice", other.value, failed.value)
+        return result
+
+    def _renew_renderer(self, kind: RendererKind) -> None:
+        self._close_views(kind)
+        self._renderers.renew(kind)
+
+
+def _decide(decide: Callable[[], _PlannedT]) -> _PlannedT:
+    """Decision about a camera or a frame.
+
+    Raises:
+        ViewFailedError: There is none.
+    """
+    try:
+        return decide()
+    except CatoptraError as error:
+        raise ViewFailedError(str(error)) from error
+    except Exception as error:
+        log_fault(log, "a frame could not be decided")
+        raise ViewFailedError(
+            f"the frame could not be decided, {type(error).__name__}: see the server's log"
+        ) from error
+
+
+# All channels of one frame: what a client accepts of an image. Frames wait one a client.
+MAX_CHANNEL_BYTES = 64 * 2**20
+# Channels whose last frame a flow may lead to.
+_MAX_LAST_STATES = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LastExposure:
+    time_s: float
+    camera_state: CameraState
+
+
+class FrameLabeller:
+    """Labels of the frames of one scene."""
+
+    def __init__(self, renderers: RendererPool, summarizer: SceneSummarizer) -> None:
+        """Prepare nothing yet.
+
+        Args:
+            renderers: Traces the rays.
+            summarizer: Has the scene.
+        """
+        self._renderers = renderers
+        self._summarizer = summarizer
+        self._labels: LabelRenderer | None = None
+        self._last: LruDict[Channel, _LastExposure] = LruDict(_MAX_LAST_STATES)
+
+    def label(
+        self,
+        drawn: DrawnExposure,
+        names: tuple[str, ...],
+        channel: Channel,
+        time_s: float,
+        found_beside: PixelLabels | None = None,
+    ) -> FrameLabels:
+        """Labels of a view; see `ViewCache.label`."""
+        _require_room(drawn, names)
+        last = self._last.get(channel) if "flow" in names else None
+        other = None if last is None else last.camera_state
+        try:
+            truth = self._open_labels().render(drawn, names, other, found_beside)
+        except (DomainError, RendererUnavailableError) as error:
+            raise ViewFailedError(f"no labels: {error}") from error
+        if "flow" in names:
+            self._last.put(channel, _LastExposure(time_s, drawn.camera_state))
+        return FrameLabels(
+            truth,
+            has_row_times=drawn.ray_source.readout_s > 0.0,
+            is_displaced=any(isinstance(one, Misalignment) for one in drawn.image_effects),
+            flow_to_time_s=None if last is None else last.time_s,
+        )
+
+    def request(self, drawn: DrawnExposure, names: tuple[str, ...]) -> LabelRequest | None:
+        """Labels that can be found while a view is drawn; see `LabelRenderer.request`."""
+        try:
+            _require_room(drawn, names)
+            return self._open_labels().request(drawn, names)
+        except (DomainError, RendererUnavailableError, ViewFailedError):
+            # Reported by `label`, after a picture that is as good without.
+            return None
+
+    def _open_labels(self) -> LabelRenderer:
+        """Labels of the scene, made at the first request."""
+        if self._labels is None:
+            tracer = self._renderers.get_tracer()
+            # Imported here: a server without Embree runs, without labels.
+            from catoptra_server.frames.labels.label_renderer import LabelRenderer
+
+            self._labels = LabelRenderer(tracer, self._summarizer.scene)
+        return self._labels
+
+    def close(self) -> None:
+        """Free all rays."""
+        if self._labels is not None:
+            self._labels.close()
+        self._labels = None
+
+
+def _require_room(drawn: DrawnExposure, names: tuple[str, ...]) -> None:
+    """Raise ViewFailedError for channels that take too much memory."""
+    camera = drawn.camera
+    channels = [LABEL_CHANNELS[name] for name in names]
+    size = count_bytes(channels, camera.height_px, camera.width_px)
+    if size > MAX_CHANNEL_BYTES:
+        raise ViewFailedError(
+            f"no labels: the channels {', '.join(names)} of {camera.width_px} x "
+            f"{camera.height_px} px take {size / 2**20:.0f} MiB, more than "
+            f"{MAX_CHANNEL_BYTES // 2**20}: request fewer channels at a time"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RenderedView:
+    """Image of one camera, with everything that a frame reports of the rendering."""
+
+    image: RenderedImage
+    frame_plan: FramePlan
+    """Decision that the image follows."""
+    effect_decisions: tuple[EffectDecision, ...] = ()
+    """Decisions about the effects of the camera, with what the image shows, in optical order."""
+    labels: PixelLabels | None = None
+    """Labels that were found while the image was drawn."""
+
+
+class ViewCache:
+    """The views of one scene; closing them frees the renderers, too."""
+
+    def __init__(
+        self,
+        planner: RenderPlanner,
+        summarizer: SceneSummarizer,
+        *,
+        max_bytes: int = MAX_VIEW_BYTES,
+        max_views: int = MAX_VIEWS,
+        calibration_states: Sequence[CameraState] = DEFAULT_CALIBRATION_STATES,
+        error_bounds: ErrorBoundTable | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """Create an empty cache.
+
+        Args:
+            planner: Chooses plans and owns the renderers.
+            summarizer: Summarizes the scene for the decisions about effects.
+            max_bytes: Memory of prepared views above which the one rendered longest ago is closed.
+            max_views: Number of views above which the one rendered longest ago is closed.
+            calibration_states: As of `FramePlanner`.
+            error_bounds: As of `FramePlanner`.
+            clock: Clock in seconds that frames are timed by.
+        """
+        self._frames = FramePlanner(
+            planner,
+            summarizer,
+            calibration_states=calibration_states,
+            error_bounds=error_bounds,
+            clock=clock,
+        )
+        self._clock = clock
+        self._views = ViewStore(planner.renderers, max_bytes=max_bytes, max_views=max_views)
+        self._labeller = FrameLabeller(planner.renderers, summarizer)
+        self._recovery = RendererRecovery(
+            planner.renderers,
+            close_views=self._close_views_of,
+            forget_plans=self._frames.forget_all,
+        )
+
+    def _close_views_of(self, kind: RendererKind) -> None:
+        """Close all views of one renderer, and the rays of labels, which may be of the same."""
+        self._labeller.close()
+        self._views.close_views_of(kind)
+
+    def __len__(self) -> int:
+        """Number of prepared views."""
+        return len(self._views)
+
+    def prepare(self, camera: CameraSpec) -> str:
+        """Prepare the view of a camera ahead of the first frame, and return the plan in words.
+
+        Raises:
+            ViewFailedError: No renderer can prepare the view.
+        """
+
+        def prepare_view(camera_plan: CameraPlan) -> str:
+            self._views.get(camera_plan.view_key)
+            self._views.trim()
+            return camera_plan.plan_text
+
+        return self._recovery.work(partial(self._frames.plan_camera, camera), prepare_view)
+
+    def render(self, request: ViewRequest) -> RenderedView:
+        """Render a view; the first frame of a camera includes the preparation.
+
+        Raises:
+            ViewFailedError: No renderer can draw the view, or its decision failed.
+        """
+        decide = partial(self._frames.decide, request.camera, request.camera_state)
+        return self._recovery.work(decide, partial(self._draw, request.request_labels))
+
+    def _draw(self, request_labels: LabelRequester | None, frame_plan: FramePlan) -> RenderedView:
+        """Draw what is decided, and record it."""
+        # Prepared ahead of the clock: the first frame's time is not that of the later ones.
+        view = self._views.get(frame_plan.view_key)
+        begin_s = self._clock()
+        image, labels = _draw_with_labels(view, frame_plan, request_labels)
+        decisions = self._frames.record(frame_plan, image, 1e3 * (self._clock() - begin_s))
+        self._views.trim()
+        return RenderedView(image, frame_plan, decisions, labels)
+
+    def label(
+        self, rendered: RenderedView, channels: tuple[str, ...], channel: Channel, time_s: float
+    ) -> FrameLabels:
+        """Label the pixels of a rendered view.
+
+        Args:
+            rendered: The view.
+            channels: Names of the channels that are wanted.
+            channel: Channel of the frame, to whose last frame the flow leads.
+            time_s: Simulation time of the exposure.
+
+        Raises:
+            ViewFailedError: The labels take too much memory, or no ray can be traced here.
+        """
+        exposure = rendered.frame_plan.exposure
+        return self._labeller.label(exposure, channels, channel, time_s, rendered.labels)
+
+    def request_labels(
+        self, channels: tuple[str, ...], exposure: DrawnExposure
+    ) -> LabelRequest | None:
+        """Labels of channels that can be found while a view is drawn; see `ViewRequest`."""
+        return self._labeller.request(exposure, channels)
+
+    def view_state(self, camera: OmniCameraSpec) -> ViewState:
+        """Plan that the next frame of a camera will have; prepares no view."""
+        return self._frames.find_state(camera)
+
+    def close(self) -> None:
+        """Close all views, and the renderers."""
+        self._labeller.close()
+        self._views.close()
+        self._frames.close()
+
+
+def _draw_with_labels(
+    view: View, frame_plan: FramePlan, request_labels: LabelRequester | None
+) -> tuple[RenderedImage, PixelLabels | None]:
+    """Draw an exposure, with the labels that are wanted if its rays can find them."""
+    effects = frame_plan.effects
+    arguments = frame_plan.camera_state, effects.image_effects, effects.thresholds
+    if (
+        request_labels is not None
+        # Else the rays are not those of the camera that is labelled.
+        and frame_plan.camera is frame_plan.requested
+        and frame_plan.plan.has_exact_rays
+        and isinstance(view, LabellingView)
+        and (labels := request_labels(frame_plan.exposure)) is not None
+    ):
+        return view.render_with_labels(*arguments, labels)
+    return view.render(*arguments), None

@@ -1,0 +1,249 @@
+"""Environment of each robot of a fleet: the world, and the other robots as boxes.
+
+Cameras of a fleet: their tiles, the robot and camera of a channel, and its frames.
+
+Queries about what a camera sees: landmarks in view, and the view through a pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import assert_never
+
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.frames.frame import (
+    CameraChannel,
+    Channel,
+    FrameComposition,
+    ImagePortChannel,
+)
+from catoptra_server.frames.image_port import (
+    CameraRobot,
+    ImagePortLayout,
+    VisibleObjects,
+    compose_camera_frame,
+    compose_variant,
+    find_displayed_robot,
+)
+from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.simulation.collision_index import CollisionIndex
+from catoptra_server.simulation.commands import ErrorBoundLookup
+from catoptra_server.simulation.events import AccuracyTargetChanged
+from catoptra_server.simulation.robot import CameraSensor, Robot
+from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors.sensor import RayCaster, SensorEnvironment
+from catoptra_server.simulation.sight import (
+    LandmarkVisibility,
+    NamedScene,
+    PixelView,
+    compute_landmark_visibility,
+    look_through_pixel,
+)
+from catoptra_server.simulation.spawning import RobotMeshes
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import World
+
+
+class FleetEnvironment:
+    """World and robots as sensors and views meet them."""
+
+    def __init__(
+        self,
+        robots: Collection[Robot],
+        world: World,
+        scene: SceneMesh,
+        ray_caster: RayCaster,
+        collision_index: CollisionIndex,
+    ) -> None:
+        """Create the environment of a fleet.
+
+        Args:
+            robots: All robots; a view, in which robots come and go.
+            world: Tags, victims and GPS origin.
+            scene: The world as triangles, for names of items.
+            ray_caster: The world as sensors measure it.
+            collision_index: Boxes of robots at their present poses.
+        """
+        self._robots = robots
+        self._world = world
+        self._scene = scene
+        self._ray_caster = ray_caster
+        self._collision_index = collision_index
+
+    def sense(self, robot: Robot) -> SensorEnvironment:
+        """Environment of a robot, with the other robots as boxes at their present poses."""
+        world = self._world
+        return SensorEnvironment(
+            scene=self._ray_caster,
+            robot_boxes=tuple(map(self._collision_index.bounding_box, self._others(robot))),
+            rfid_tags=world.rfid_tags,
+            victims=world.victims,
+            gps_origin=world.gps_origin,
+        )
+
+    def name_things(self, robot: Robot) -> NamedScene:
+        """Everything that a robot's cameras may see, by name."""
+        others = self._others(robot)
+        return NamedScene(
+            self._scene,
+            self._ray_caster,
+            [other.name for other in others],
+            [self._collision_index.bounding_box(other) for other in others],
+        )
+
+    def _others(self, robot: Robot) -> list[Robot]:
+        return [other for other in self._robots if other is not robot]
+
+
+# Width and height of the black image of a server whose robots have no omnidirectional camera.
+_DEFAULT_BLANK_SIZE_PX = (320, 240)
+
+
+class FleetCameras:
+    """Cameras of all robots. Only the simulation thread may call methods."""
+
+    def __init__(
+        self,
+        robots: Collection[Robot],
+        classes: Sequence[RobotDescription],
+        multi_view: TileLayout | None,
+    ) -> None:
+        """Create the cameras of a fleet.
+
+        Args:
+            robots: Robots in the order of spawning; a view, in which robots come and go.
+            classes: Classes that robots may have.
+            multi_view: Tiles of the image port; None for the viewports of one robot.
+        """
+        self._robots = robots
+        self._meshes = RobotMeshes(classes)
+        self._layout = ImagePortLayout(multi_view, blank_size_px=_blank_size_px(classes))
+
+    def assign_tiles(self, robot: Robot) -> None:
+        """Assign free tiles to the cameras of a new robot."""
+        self._layout.assign_tiles(robot)
+
+    def release(self, robot: Robot) -> None:
+        """Free the tiles of a robot that is removed."""
+        self._layout.release(robot)
+
+    def compose_frame(self, channel: Channel) -> FrameComposition | None:
+        """Compose the frame of a channel; None without such a robot or camera."""
+        match channel:
+            case ImagePortChannel(tile):
+                return self._layout.compose_frame(self._robots, self._visible_objects, tile=tile)
+            case CameraChannel():
+                found = self.find(channel)
+                if found is None:
+                    return None
+                composition = compose_camera_frame(*found, self._visible_objects)
+                variant = channel.variant
+                return composition if variant is None else compose_variant(composition, variant)
+            case _:
+                assert_never(channel)
+
+    def find(self, channel: CameraChannel) -> tuple[Robot, CameraSensor] | None:
+        """Robot and camera of a channel; without a robot's name, of the displayed robot."""
+        robot = self.find_robot(channel.robot)
+        camera = robot.find_camera(channel.camera) if robot else None
+        return (robot, camera) if robot and camera else None
+
+    def find_robot(self, name: str) -> Robot | None:
+        """Robot of an exact name; the displayed one for an empty name."""
+        # Names of robots are unique with their case, as `unique_name` compares them.
+        if name:
+            return next((robot for robot in self._robots if robot.name == name), None)
+        return find_displayed_robot(self._robots)
+
+    def _visible_objects(self, robot: CameraRobot) -> VisibleObjects:
+        others = [other for other in self._robots if other is not robot]
+        return VisibleObjects(self._meshes.dynamic_objects(others), self._meshes.ego_body(robot))
+
+
+def _blank_size_px(classes: Sequence[RobotDescription]) -> tuple[int, int]:
+    """Width and height of the image port's image before the first robot."""
+    # The size that the first robot will have: clients need not resize at the first INIT.
+    cameras = [omni.camera for robot in classes for omni in robot.omni_cameras]
+    return (cameras[0].width_px, cameras[0].height_px) if cameras else _DEFAULT_BLANK_SIZE_PX
+
+
+def set_accuracy_target(
+    robot: Robot | None, event: AccuracyTargetChanged
+) -> tuple[OmniCameraSpec | None, str]:
+    """Change the accuracy target of a robot's camera.
+
+    Returns:
+        The camera with the settings of the next frames, None without such a camera; and the name of
+        the camera.
+    """
+    omnis = robot.omni_cameras if robot else []
+    named = (omni for omni in omnis if event.camera.lower() in ("", omni.name.lower()))
+    omni = next(named, None)
+    if omni is None:
+        return None, event.camera
+    omni.set_accuracy_target(max_error_px=event.max_error_px, budget_ms=event.budget_ms)
+    # As tiled: the plan depends on the size that the image port renders.
+    return omni.camera_spec(omni.tile), omni.name
+
+
+class CameraQueries:
+    """Queries about the cameras of a fleet. Only the simulation thread may call methods."""
+
+    def __init__(
+        self,
+        cameras: FleetCameras,
+        environment: FleetEnvironment,
+        landmarks: Sequence[Landmark],
+        error_bound_of: ErrorBoundLookup,
+    ) -> None:
+        """Create the queries.
+
+        Args:
+            cameras: Finds robot and camera of a channel.
+            environment: What the cameras may see.
+            landmarks: All landmarks of the world.
+            error_bound_of: Error bound of a camera; None before the first frame.
+        """
+        self._cameras = cameras
+        self._environment = environment
+        self._landmarks = landmarks
+        self._error_bound_of = error_bound_of
+
+    def compute_landmark_visibility(
+        self, channel: CameraChannel
+    ) -> tuple[LandmarkVisibility, ...] | None:
+        """Landmarks in view of a camera; None without such a robot or camera."""
+        found = self._cameras.find(channel)
+        if found is None:
+            return None
+        robot, camera = found
+        return compute_landmark_visibility(
+            camera.camera_spec(),
+            _find_pose(robot, camera),
+            self._landmarks,
+            self._environment.sense(robot),
+        )
+
+    def look_through_pixel(
+        self, channel: CameraChannel, point_px: tuple[float, float]
+    ) -> PixelView | None:
+        """What a camera sees at a point of its image; None without such a robot or camera."""
+        found = self._cameras.find(channel)
+        if found is None:
+            return None
+        robot, camera = found
+        spec = camera.camera_spec()
+        return look_through_pixel(
+            spec,
+            _find_pose(robot, camera),
+            point_px,
+            self._environment.name_things(robot),
+            self._error_bound_of(spec) if isinstance(spec, OmniCameraSpec) else None,
+        )
+
+
+def _find_pose(robot: Robot, camera: CameraSensor) -> Pose:
+    """world_from_camera at present."""
+    return robot.world_from_robot @ camera.robot_from_camera(robot.joint_angles_rad)

@@ -1,0 +1,269 @@
+"""Kinematics of a skid-steered base: wheel spin to wheel travel, wheel travel to a new pose.
+
+Both wheels of a side spin alike. Yaw grows clockwise (SAE), hence with the travel of the left side:
+turn = (left - right) / track, as USARSim's odometry integrates wheel rotations.
+
+Bases of USARSim's robots, which robot files leave to the source of the class.
+
+UT2004 P2AT and UDK P3AT: replies of real servers. P2DX: wheels and body from the manufacturer's
+data sheet of the Pioneer 2-DX, since no reply of that class is public; the wheel speed gives the
+driving speed of the P2AT. Ride heights are our choice: half the body's height.
+
+Motion of a robot's base for one tick, with wheel slip, up to the first contact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import wrap_angle
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.robot_description import DriveBase, PlanarPose
+from catoptra_server.world.obstacle_grid import (
+    ObstacleGrid,
+    Triangle2D,
+    penetration_depths,
+    rectangle_intersects,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class WheelSpin:
+    """Commanded spin of the wheels of each side."""
+
+    left_rad_s: float = 0.0
+    right_rad_s: float = 0.0
+
+    def clamp(self, max_rad_s: float) -> WheelSpin:
+        """Spin with each side limited to the motors' speed."""
+        return WheelSpin(
+            min(max(self.left_rad_s, -max_rad_s), max_rad_s),
+            min(max(self.right_rad_s, -max_rad_s), max_rad_s),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class WheelTravel:
+    """Distance rolled by the wheels of each side."""
+
+    left_m: float
+    right_m: float
+
+    @property
+    def distance_m(self) -> float:
+        """Distance travelled by the centre of the base."""
+        return 0.5 * (self.left_m + self.right_m)
+
+    def turn_rad(self, base: DriveBase) -> float:
+        """Clockwise turn of a base without slip."""
+        return (self.left_m - self.right_m) / base.wheel_separation_m
+
+
+NO_TRAVEL = WheelTravel(0.0, 0.0)
+
+
+def wheel_travel(base: DriveBase, spin: WheelSpin, duration_s: float) -> WheelTravel:
+    """Travel of spinning wheels as encoders measure, before any slip."""
+    # One product: the tachometer divides by the same one, and half of 1.0 prints as 0.5000.
+    m_per_rad_s = base.wheel_radius_m * duration_s
+    return WheelTravel(m_per_rad_s * spin.left_rad_s, m_per_rad_s * spin.right_rad_s)
+
+
+def apply_slip(base: DriveBase, travel: WheelTravel, generator: np.random.Generator) -> WheelTravel:
+    """Travel over the floor: a fraction of the turn is lost, and each side slips at random."""
+    left_noise, right_noise = generator.standard_normal(2)
+    lost_m = 0.5 * base.turn_slip * (travel.left_m - travel.right_m)
+    # A variance proportional to the travel does not depend on the number of ticks it is cut into.
+    left_m, right_m = travel.left_m, travel.right_m
+    return WheelTravel(
+        left_m - lost_m + base.slip_noise * math.sqrt(abs(left_m)) * float(left_noise),
+        right_m + lost_m + base.slip_noise * math.sqrt(abs(right_m)) * float(right_noise),
+    )
+
+
+def integrate_arc(pose: PlanarPose, distance_m: float, turn_rad: float) -> PlanarPose:
+    """Pose at the end of an arc of constant curvature, exact, with a straight line as its limit.
+
+    The chord of the arc points along the mean heading; its length is distance * sin(a) / a with
+    a = turn / 2.
+    """
+    half = 0.5 * turn_rad
+    # sin(a) / a = 1 - a^2 / 6 + ... is 1 to the last bit of a double below 1e-8.
+    chord_m = distance_m * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
+    heading_rad = pose.yaw_rad + half
+    return PlanarPose(
+        pose.x_m + chord_m * math.cos(heading_rad),
+        pose.y_m + chord_m * math.sin(heading_rad),
+        wrap_angle(pose.yaw_rad + turn_rad),
+    )
+
+
+P2AT = DriveBase(
+    wheel_radius_m=0.13,
+    wheel_separation_m=0.4712,
+    wheel_base_m=0.2884,
+    dimensions_m=(0.5238, 0.4968, 0.2913),
+    ride_height_m=0.1457,
+    mass_kg=14.0,
+    max_speed_rad_s=5.385,
+    max_torque=60.0,
+    turn_slip=0.0,
+    slip_noise=0.0,
+)
+P2DX = replace(
+    P2AT,
+    wheel_radius_m=0.0955,
+    wheel_separation_m=0.33,
+    wheel_base_m=0.185,  # from the driven axle to the castor's
+    dimensions_m=(0.44, 0.38, 0.22),
+    ride_height_m=0.11,
+    mass_kg=9.0,
+    max_speed_rad_s=7.33,  # 0.70 m/s on these wheels, as the P2AT's 5.385 on larger ones
+)
+P3AT = DriveBase(
+    wheel_radius_m=0.098,
+    wheel_separation_m=0.36,
+    wheel_base_m=0.248,
+    # UDK reports wheel base, track and 0 here, which is no body to collide with.
+    dimensions_m=(0.248, 0.36, 0.0),
+    collision_dimensions_m=(0.508, 0.497, 0.277),  # the manufacturer's data sheet
+    ride_height_m=0.1385,
+    mass_kg=11.9,
+    max_speed_rad_s=1.3,
+    max_torque=50000.0,
+    turn_slip=0.0,
+    slip_noise=0.0,
+)
+
+# By the name of the class without its package, in lower case.
+STANDARD_BASES = {"p2at": P2AT, "omnip2at": P2AT, "p2dx": P2DX, "omnip2dx": P2DX, "p3at": P3AT}
+
+
+# Halvings of a tick's motion towards the wall: 2^-7 of at most 14 mm is a tenth of a millimetre.
+_BISECTION_STEPS = 7
+# Depth up to which a base only touches: two robots compute their contact in axes of their own, and
+# coordinates of 1e5 m round to 1.5e-11 m. A hundredth of the distance that bisection leaves.
+_TOUCH_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class RobotBody:
+    """State of a base."""
+
+    base: DriveBase
+    pose: PlanarPose
+    spin: WheelSpin
+    tick: int = 0
+    """Number of ticks simulated; index of the random slip."""
+
+
+def step_body(
+    body: RobotBody, duration_s: float, *, obstacles: ObstacleGrid, random_source: RandomSource
+) -> tuple[RobotBody, WheelTravel]:
+    """Move a base by one tick.
+
+    At an obstacle the base stops within a tenth of a millimetre while the wheels roll on, as
+    encoders of a blocked robot measure. A base that starts in contact only moves to where the
+    contact is less deep: never through an obstacle, and never into another one.
+
+    Args:
+        random_source: Source of the random slip.
+
+    Returns:
+        The base after the tick, and the travel of the wheels before slip.
+    """
+    travel = wheel_travel(body.base, body.spin, duration_s)
+    pose = body.pose
+    if travel != NO_TRAVEL:
+        # Random numbers by tick: a drive repeats itself whatever other robots do.
+        travel_on_floor = apply_slip(body.base, travel, random_source.generator(body.tick))
+        pose = _move_until_contact(body, travel_on_floor, obstacles)
+    return RobotBody(body.base, pose, body.spin, body.tick + 1), travel
+
+
+def _move_until_contact(
+    body: RobotBody, travel: WheelTravel, obstacles: ObstacleGrid
+) -> PlanarPose:
+    """Pose at the end of the travel, or before the first contact."""
+    turn_rad = travel.turn_rad(body.base)
+    if not (travel.left_m or travel.right_m):  # most robots stand most of the time
+        return body.pose
+    nearby = _NearbyObstacles.around_body(body, abs(travel.distance_m), obstacles)
+    is_blocked = nearby.blocking_rule(body.pose)
+    # No step is longer than half the base: the base cannot jump over a wall.
+    steps = math.ceil(abs(travel.distance_m) / (0.5 * min(body.base.collision_size_m[:2]))) or 1
+    arc = (travel.distance_m / steps, turn_rad / steps)
+    pose = body.pose
+    for _ in range(steps):
+        goal = integrate_arc(pose, *arc)
+        if is_blocked(goal):
+            return _last_free_pose(pose, arc, is_blocked)
+        pose = goal
+    return pose
+
+
+# Whether obstacles keep a base from a pose.
+_BlockingRule = Callable[[PlanarPose], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class _NearbyObstacles:
+    """Obstacles within reach of a base in one tick, looked up once, and half the base's size."""
+
+    outlines: Sequence[Triangle2D]
+    half_size_m: tuple[float, float]
+
+    @classmethod
+    def around_body(
+        cls, body: RobotBody, distance_m: float, obstacles: ObstacleGrid
+    ) -> _NearbyObstacles:
+        half = (0.5 * body.base.collision_size_m[0], 0.5 * body.base.collision_size_m[1])
+        centre = (body.pose.x_m, body.pose.y_m)
+        return cls(obstacles.find_near(centre, math.hypot(*half) + distance_m), half)
+
+    def blocking_rule(self, start: PlanarPose) -> _BlockingRule:
+        """Rule for a base that starts at a pose: no contact, or no deeper contact than there."""
+        if not self.has_contact_at(start):
+            return self.has_contact_at
+        return partial(self._is_deeper_than, self._depths_at(start))
+
+    def has_contact_at(self, pose: PlanarPose) -> bool:
+        centre = (pose.x_m, pose.y_m)
+        return rectangle_intersects(
+            self.outlines, centre, pose.yaw_rad, half_size_m=self.half_size_m
+        )
+
+    def _is_deeper_than(self, before_m: Sequence[float], pose: PlanarPose) -> bool:
+        """Whether a pose leaves a base no less deep in obstacles, or deeper in any of them."""
+        depths_m = self._depths_at(pose)
+        if max(depths_m) <= _TOUCH_M:
+            return False
+        # For each obstacle alone, too: on the way out of a deep one no other is entered.
+        return max(depths_m) >= max(before_m) or any(
+            after > max(before, _TOUCH_M) for before, after in zip(before_m, depths_m, strict=True)
+        )
+
+    def _depths_at(self, pose: PlanarPose) -> list[float]:
+        centre = (pose.x_m, pose.y_m)
+        return penetration_depths(self.outlines, centre, pose.yaw_rad, half_size_m=self.half_size_m)
+
+
+def _last_free_pose(
+    pose: PlanarPose, arc: tuple[float, float], is_blocked: _BlockingRule
+) -> PlanarPose:
+    """Last pose that is not blocked on an arc (metres, radians) whose end is."""
+    distance_m, turn_rad = arc
+    free, blocked = 0.0, 1.0
+    for _ in range(_BISECTION_STEPS):
+        fraction = 0.5 * (free + blocked)
+        if is_blocked(integrate_arc(pose, fraction * distance_m, fraction * turn_rad)):
+            blocked = fraction
+        else:
+            free = fraction
+    return integrate_arc(pose, free * distance_m, free * turn_rad)

@@ -1,0 +1,214 @@
+"""Description of a robot class: drive, cameras, sensors and joints, as read from a robot file.
+
+Frozen data in SI units. The robot frame is SAE (x forward, y right, z down) with the origin in the
+chassis at `ride_height_m` above the floor.
+
+Mounting pose of an item of a robot file.
+
+Position and heading of a robot on a level floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
+from catoptra_protocol.vectors import Vector3
+from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
+from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.simulation.joint_chain import MissionPackageDescription
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """Pose of an item in the frame of the parent."""
+
+    position_m: Vector3 = (0.0, 0.0, 0.0)
+    rotation_rad: Vector3 = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw."""
+    parent: str = CHASSIS_MOUNT
+    """Link that carries the item, or CHASSIS_MOUNT."""
+
+    def parent_from_item(self) -> Pose:
+        """Transform from the item's frame to the parent's."""
+        return Pose.from_rpy(self.position_m, self.rotation_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanarPose:
+    """Position in the plane z = 0, and yaw, clockwise seen from above (SAE)."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+    def at_height(self, height_m: float) -> Pose:
+        """Transform to the world from an upright frame at a height above the floor."""
+        # z points down: a frame above the floor has a negative z.
+        return Pose.from_rpy((self.x_m, self.y_m, -height_m), (0.0, 0.0, self.yaw_rad))
+
+
+@dataclass(frozen=True, slots=True)
+class DriveBase:
+    """A skid-steered base."""
+
+    wheel_radius_m: float
+    wheel_separation_m: float
+    wheel_base_m: float
+    dimensions_m: tuple[float, float, float]
+    """Length, width and height as GEO reports them."""
+    ride_height_m: float
+    """Height of the chassis origin above the floor."""
+    mass_kg: float
+    max_speed_rad_s: float
+    """Largest wheel spin."""
+    max_torque: float
+    turn_slip: float
+    """Fraction of each turn that is lost to slip."""
+    slip_noise: float
+    """Standard deviation of the random slip of each side after one metre, in metres; grows with
+    the square root of the travel."""
+    collision_dimensions_m: tuple[float, float, float] | None = None
+    """Length, width and height of the body where GEO reports something else."""
+
+    @property
+    def collision_size_m(self) -> tuple[float, float, float]:
+        """Length, width and height of the body that stops the robot, from the floor up."""
+        return self.collision_dimensions_m or self.dimensions_m
+
+
+@dataclass(frozen=True, slots=True)
+class TextureClient:
+    """One CameraTextureClient: a virtual camera at the effective viewpoint and its texture."""
+
+    face: Face
+    texture: str
+    fov_rad: float
+    size_px: int
+
+
+# eq=False here and below: poses hold arrays, whose comparison is no truth value.
+@dataclass(frozen=True, slots=True, eq=False)
+class OmniCameraDescription:
+    """An omnidirectional camera: the paper's three groups (mirror and mesh, five texture clients,
+    the capture camera), or a lens, which has no mirror and no texture clients."""
+
+    name: str
+    """Name of the capture camera."""
+    camera: OmniCamera
+    robot_from_mirror: Pose
+    """Pose of the mirror frame, whose origin is the effective viewpoint, on its parent."""
+    texture_clients: tuple[TextureClient, ...]
+    render_settings: RenderSettings
+    min_frame_interval_s: float
+    """Shortest simulation time between two exposures; 0 sets no limit."""
+    capture_fov_rad: float
+    """Field of view of the capture camera over the mirror; of a lens the whole one."""
+    effects: EffectSettings = NO_EFFECT_SETTINGS
+    parent: str = CHASSIS_MOUNT
+    """Link that carries the camera, or CHASSIS_MOUNT."""
+
+
+@dataclass(frozen=True, slots=True)
+class PerspectiveCameraDescription:
+    """A perspective camera; fields of view are horizontal, the range is that of SET Camera FOV."""
+
+    name: str
+    mount: Mount
+    width_px: int
+    height_px: int
+    fov_rad: float
+    min_fov_rad: float
+    max_fov_rad: float
+    effects: EffectSettings = NO_EFFECT_SETTINGS
+
+
+class SensorDescription(Protocol):
+    """The part of a sensor's description that all kinds have; each kind's is with its sensor."""
+
+    # Read-only properties: attributes of a protocol would have to be writable, and descriptions
+    # are frozen.
+    @property
+    def name(self) -> str:
+        """Name that no other part of the robot has."""
+
+    @property
+    def interval_s(self) -> float:
+        """Simulation time between two readings."""
+
+    @property
+    def mount(self) -> Mount:
+        """Mounting pose."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotDescription:
+    """One robot class, such as USARBot.OmniP2AT."""
+
+    class_name: str
+    drive: DriveBase
+    sensors: tuple[SensorDescription, ...]
+    omni_cameras: tuple[OmniCameraDescription, ...]
+    """Omnidirectional cameras, the one with a mirror first: of those a robot has at most one."""
+    status_interval_s: float
+    """Simulation time between two STA reports."""
+    battery_s: float
+    """Simulation time that a full battery lasts."""
+    perspective_cameras: tuple[PerspectiveCameraDescription, ...] = ()
+    mission_packages: tuple[MissionPackageDescription, ...] = ()
+    chassis_joints: MissionPackageDescription | None = None
+    """Joints of the robot itself, such as flippers."""
+    stand_in: str = ""
+    """How the robot differs from USARSim's of this class, logged when it spawns; mostly empty."""
+
+    @property
+    def model_name(self) -> str:
+        """Class without its package: the name of the robot in CONF and GEO."""
+        return self.class_name.rpartition(".")[2]
+
+    def robot_from_part(self, name: str, joint_angles_rad: Mapping[str, float]) -> Pose:
+        """Pose of an item that a link carries; the chassis for an unknown link.
+
+        Args:
+            name: Name of the link in any case.
+            joint_angles_rad: Angles by lower-case link name.
+        """
+        # HARD, the chassis, is the name of no link: the search ends without a match.
+        chains = (*self.mission_packages, *filter(None, (self.chassis_joints,)))
+        for chain in chains:
+            for number, link in enumerate(chain.links, 1):
+                if link.name.lower() == name.lower():
+                    return chain.robot_from_link(number, joint_angles_rad)
+        return Pose.identity()
+
+    @property
+    def omni_camera(self) -> OmniCameraDescription | None:
+        """First omnidirectional camera, which programs for one camera mean."""
+        return next(iter(self.omni_cameras), None)
+
+    @property
+    def mirror_camera(self) -> OmniCameraDescription | None:
+        """The camera with a mirror, which shows the robot itself."""
+        return next((omni for omni in self.omni_cameras if omni.camera.has_mirror), None)
+
+    def robot_from_omni(
+        self, omni: OmniCameraDescription, joint_angles_rad: Mapping[str, float]
+    ) -> Pose:
+        """Pose of an omnidirectional camera's mirror frame on the chassis."""
+        return self.robot_from_part(omni.parent, joint_angles_rad) @ omni.robot_from_mirror
+
+    def viewpoint_height_m(self, omni: OmniCameraDescription) -> float:
+        """Height of a camera's effective viewpoint above the floor, joints at 0, robot upright."""
+        # z points down: a mirror above the chassis origin has a negative z.
+        z = float(self.robot_from_omni(omni, {}).translation[2])
+        return self.drive.ride_height_m - z
+
+    @property
+    def max_viewpoint_height_m(self) -> float:
+        """Height of the highest effective viewpoint; 0 without an omnidirectional camera."""
+        return max(map(self.viewpoint_height_m, self.omni_cameras), default=0.0)

@@ -1,0 +1,77 @@
+"""An RFID reader: the numbers of all tags in range."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.usarsim.readings import RfidReading
+from catoptra_protocol.usarsim.reports import Configuration
+from catoptra_protocol.usarsim.value_format import format_fixed_point
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.robot_description import DriveBase, Mount
+from catoptra_server.simulation.sensors.sensor import (
+    ConfiguredSensor,
+    MotionStep,
+    MountedPart,
+    Part,
+    SensorContext,
+    SensorKind,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RfidDescription:
+    """An RFID reader."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    max_range_m: float
+
+
+class RfidSensor:
+    """Tags in range, in the order of the world file."""
+
+    type = "RFID"
+
+    def __init__(
+        self, description: RfidDescription, base: DriveBase, random_source: RandomSource
+    ) -> None:
+        self.name = description.name
+        self.interval_s = description.interval_s
+        self._description = description
+        self._robot_from_reader = description.mount.parent_from_item()
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        """The reader."""
+        max_range = format_fixed_point(self._description.max_range_m)
+        configuration = Configuration(self.type, (("Name", self.name), ("MaxRange", max_range)))
+        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
+
+    def update(self, motion: MotionStep) -> None:
+        """Nothing to integrate: the tags in range are of one time."""
+
+    def read(self, context: SensorContext) -> RfidReading:
+        """Numbers of the tags in range."""
+        # Distances are between points: tags have no extent in the world file.
+        reader = context.world_from_robot.transform_points(self._robot_from_reader.translation)
+        # No line of sight: radio waves pass through walls.
+        ids = tuple(
+            tag.number
+            for tag in context.environment.rfid_tags
+            if np.linalg.norm(reader - tag.position_m) <= self._description.max_range_m
+        )
+        return RfidReading(context.time_s, self.name, ids)
+
+
+def _read_description(item: ConfiguredSensor) -> RfidDescription:
+    return RfidDescription(item.name, item.interval_s, item.mount, item.get_float("MaxRange", 6.0))
+
+
+RFID = SensorKind(
+    RfidDescription, RfidSensor, {"rfidsensor": _read_description, "rfid": _read_description}
+)
