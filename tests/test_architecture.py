@@ -305,7 +305,7 @@ def mirrors_without_parameters(names: Iterable[str]) -> list[str]:
 
 def mirrors_not_configurable(names: Iterable[str]) -> list[str]:
     """Mirrors that no robot file can name."""
-    section = text_of(SERVER / "config/mirror_section.py")
+    section = text_of(SERVER / "config/mirrors_and_lenses.py")
     return [name for name in names if f'"{name.replace("_", "")}mirror"' not in section]
 
 

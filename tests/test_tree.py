@@ -27,7 +27,7 @@ SOCKET_MODULES = (
     "client/robot_client.py",
     "client/frame_sources",
     "server/transports",
-    "server/doctor/ports.py",
+    "server/commands/doctor/machine.py",
 )
 # The protocol is sans-I/O: bytes in, events out.
 NOT_IN_THE_PROTOCOL = {"socket", "asyncio", "time", "select", "selectors", "threading", "random"}

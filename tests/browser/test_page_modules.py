@@ -17,7 +17,7 @@ from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_server.transports.web.camera_table import camera_table
+from catoptra_server.serve.web.pages import camera_table
 
 # Arithmetic in float64 over a few operations.
 _TOLERANCE = 1e-9

@@ -10,7 +10,7 @@ import pytest
 from catoptra_client.cli import main
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.model_fits import compute_residual
-from catoptra_server.calibration_command import main as write_robot_calibration
+from catoptra_server.commands.calibration import main as write_robot_calibration
 from helpers.configs import OMNI_ROBOT
 from helpers.server_process import RunningServer, start_server
 

@@ -10,6 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.usarsim.commands import Init
+from catoptra_server.config.startup import read_startup_config
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
@@ -17,7 +18,6 @@ from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.simulation import Fleet
-from catoptra_server.startup import read_startup_config
 from helpers.robots import FakeClient, render_channel
 
 CONFIGS = Path(__file__).parents[2] / "configs"

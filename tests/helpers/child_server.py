@@ -31,7 +31,7 @@ def _exit_with_parent() -> None:
 
 
 def _serve_and_report_modules(report: Path, arguments: list[str]) -> int:
-    from catoptra_server import app
+    from catoptra_server.commands import server as app
 
     loaded: list[str] | None = None
     load_deferred_modules, load_view_modules = app.load_deferred_modules, app.load_view_modules

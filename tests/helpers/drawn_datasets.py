@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from catoptra_server.datasets.dataset_run import complete_run, prepare_run
-from catoptra_server.datasets.shard_job import ShardArtist, ShardJob
-from catoptra_server.datasets.shard_writer import ShardRecord
+from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord
 from helpers.dataset_recipes import stage_recipe
 
 

@@ -22,12 +22,11 @@ from catoptra_server.frames.frame import (
     FrameRequested,
 )
 from catoptra_server.frames.mailbox import Mailboxes
+from catoptra_server.serve.limits import create_listener
+from catoptra_server.serve.stream.peer import StreamServer, serve_stream
+from catoptra_server.serve.stream.replies import CameraInfo, ServerInfo, StreamContext
+from catoptra_server.serve.tcp_server import ConnectionLimits
 from catoptra_server.simulation import SimulationEvent
-from catoptra_server.transports.listener import create_listener
-from catoptra_server.transports.stream.server_info import CameraInfo, ServerInfo
-from catoptra_server.transports.stream.stream_context import StreamContext
-from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
-from catoptra_server.transports.tcp_server import ConnectionLimits
 from helpers.loopback import HOST
 from helpers.robots import FakeViewProvider, make_p2at
 from helpers.stream_messages import CAMERA_MODEL

@@ -13,12 +13,11 @@ import aiohttp
 from catoptra_protocol.stream.messages import json_from_message, reply_from_json
 from catoptra_protocol.stream.replies import FrameHeader, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding, Request
-from catoptra_server.transports.listener import create_listener
-from catoptra_server.transports.tcp_server import ConnectionLimits
-from catoptra_server.transports.web.page_files import Document, create_document
-from catoptra_server.transports.web.web_access import WebAccess, create_web_access
-from catoptra_server.transports.web.web_pages import WebPages
-from catoptra_server.transports.web.web_server import WebServer
+from catoptra_server.serve.limits import create_listener
+from catoptra_server.serve.tcp_server import ConnectionLimits
+from catoptra_server.serve.web.pages import Document, WebPages, create_document
+from catoptra_server.serve.web.web_access import WebAccess, create_web_access
+from catoptra_server.serve.web.web_server import WebServer
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.fake_simulation import SERVER_INFO, FakeSimulation, create_fake_context
 from helpers.loopback import HOST

@@ -18,7 +18,7 @@ import numpy as np
 from effect_frame_times import DRIVING, Bench, make_settings
 from interleaved import median_ms
 
-from catoptra_server import explain
+from catoptra_server.commands import explain
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.runtime.memory import count_processors

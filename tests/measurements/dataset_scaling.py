@@ -18,7 +18,7 @@ from pathlib import Path
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.dataset_run import prepare_run
 from catoptra_server.datasets.local_workers import LocalWorkers
-from catoptra_server.datasets.shard_job import ShardJob
+from catoptra_server.datasets.shards import ShardJob
 from catoptra_server.runtime.memory import count_processors
 
 SAMPLES_A_SHARD = 6

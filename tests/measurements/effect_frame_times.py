@@ -20,8 +20,9 @@ from effect_costs import NEGLIGIBLE_PARAMETERS
 from interleaved import median_ms
 from scenes import make_camera
 
-from catoptra_server import explain
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.commands import explain
+from catoptra_server.config.known_names import find_configuration
+from catoptra_server.config.startup import StartupConfig, read_startup_config
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import (
@@ -37,7 +38,6 @@ from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_server.world.camera_state import CameraState
 
 DRIVING = explain.PlanarVelocity(1.0, 0.0, 0.5)

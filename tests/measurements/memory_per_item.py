@@ -22,7 +22,7 @@ from scenes import CAMERA_STATE, make_balls, make_camera, make_worlds
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects.effect import ImageEffect, is_image_effect
 from catoptra_server.frames.plan.plans import plan_from_settings

@@ -8,7 +8,7 @@ subtracted); and the server's own RouterSocket behind its connection guard. Prin
 frame, in turns and as medians; then the growth of memory under four attackers at full speed that
 reconnect when disconnected (the bare ROUTER is attacked for half a second only), and the frames
 that a client at 40 frames/s still receives. Decision: the connection guard
-(transports/stream/connection_guard.py).
+(serve/stream/guard.py).
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from zmq.utils.monitor import parse_monitor_message
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from catoptra_server.transports.stream.router_socket import RouterSocket
-from catoptra_server.transports.tcp_server import ConnectionLimits
+from catoptra_server.serve.stream.router import RouterSocket
+from catoptra_server.serve.tcp_server import ConnectionLimits
 from helpers.zmtp import LONG, MORE, connect_with_handshake, zmtp_frame
 
 HOST = "127.0.0.1"

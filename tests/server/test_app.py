@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server import app, server_threads
-from catoptra_server.app import ListeningAddress, serve
+from catoptra_server.commands import server as app
+from catoptra_server.commands import server as server_threads
+from catoptra_server.commands.server import ListeningAddress, Options, serve
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.frames.plan.renderers import RendererChoice
-from catoptra_server.options import Options
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.worker_thread import ThreadFailedError
 from catoptra_server.simulation import ClockMode, Simulation

@@ -8,8 +8,8 @@ import pytest
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
 from catoptra_protocol.calibration.model_fits import compute_residual
-from catoptra_server.calibration_command import main
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.commands.calibration import main
+from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 
 

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server import cli as module
-from catoptra_server.app import ListeningAddress, serve
-from catoptra_server.cli import main
-from catoptra_server.options import Options
+from catoptra_server.commands import serve as module
+from catoptra_server.commands.serve import main
+from catoptra_server.commands.server import ListeningAddress, Options, serve
 from catoptra_server.render.raster import device as gl_device
 from catoptra_server.runtime.faults import Termination
 from catoptra_server.runtime.worker_thread import ThreadFailedError
@@ -184,7 +183,7 @@ def test_server_when_it_listens_prints_its_addresses_and_ends_with_0(
             2,
             "too many. The process has no free",
         ),
-        (ZeroDivisionError(), 1, "CRITICAL catoptra_server.cli: the server ends: a bug"),
+        (ZeroDivisionError(), 1, "CRITICAL catoptra_server.commands.serve: the server ends: a bug"),
     ],
     ids=["thread", "port", "host", "privileges", "descriptors", "bug"],
 )

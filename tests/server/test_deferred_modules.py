@@ -11,19 +11,19 @@ import pytest
 # A process of its own: this one has loaded nearly all modules already.
 SCRIPT = """
 import json, sys
-from catoptra_server.cli import main
-from catoptra_server.deferred_modules import load_deferred_modules, load_view_modules
+from catoptra_server.commands.serve import main
+from catoptra_server.commands.server import load_deferred_modules, load_view_modules
 before = sorted(sys.modules)
 load_deferred_modules(sys.argv[1])
 if sys.argv[2] == "view":
     load_view_modules()
 print(json.dumps([before, sorted(sys.modules)]))
 """
-STREAM = {"zmq", "msgpack", "catoptra_server.transports.stream.stream_server"}
+STREAM = {"zmq", "msgpack", "catoptra_server.serve.stream.peer"}
 RASTER = {"moderngl", "catoptra_server.render.raster.raster_renderer"}
 
 
-VIEW = {"aiohttp", "catoptra_server.transports.web.web_server"}
+VIEW = {"aiohttp", "catoptra_server.serve.web.web_server"}
 
 
 def list_modules(renderer: str, view: str = "view") -> tuple[set[str], set[str]]:

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.commands.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state, main
+from catoptra_server.config.known_names import find_configuration
+from catoptra_server.config.startup import read_startup_config
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state, main
 from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.startup import read_startup_config
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.world_description import AT_REST
 from helpers.motion_reference import relative_twist

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.commands.list import KINDS, list_entries, main, read_first_sentence
+from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.list_command import KINDS, list_entries, main, read_first_sentence
 
 
 @pytest.mark.parametrize("kind", KINDS)

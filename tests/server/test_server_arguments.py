@@ -9,10 +9,10 @@ import pytest
 
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.__main__ import COMMANDS
+from catoptra_server.commands.serve import parse_arguments
+from catoptra_server.commands.server import Options
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.frames.multi_view import multi_view_layout
-from catoptra_server.options import Options
-from catoptra_server.server_arguments import parse_arguments
 
 FILES = ("--robot", "r.ini", "--world", "w.ini")
 

@@ -7,12 +7,11 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.usarsim.commands import Init
+from catoptra_server.commands.server import Options, ServerThreads
 from catoptra_server.config.server_file import ServerOptions
+from catoptra_server.config.startup import read_startup_config
 from catoptra_server.frames.frame import CameraChannel
-from catoptra_server.options import Options
-from catoptra_server.server_threads import ServerThreads
 from catoptra_server.simulation import ClockMode, CommandReceived
-from catoptra_server.startup import read_startup_config
 from helpers.configs import Edit, write_edited_copy, write_small_world
 from helpers.loopback import run_scenario
 from helpers.robots import FakeClient

@@ -11,9 +11,9 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.server_file import resolve_settings
+from catoptra_server.config.startup import StartupConfig, create_ray_caster, read_startup_config
 from catoptra_server.runtime.memory import MIB
 from catoptra_server.simulation.robot_description import RobotDescription, SensorDescription
-from catoptra_server.startup import StartupConfig, create_ray_caster, read_startup_config
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.configs import write_small_world
 from helpers.robots import SCANNER, make_p2at, make_walled_world

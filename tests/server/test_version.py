@@ -6,8 +6,8 @@ from importlib import metadata
 
 import pytest
 
+from catoptra_server.commands.list import describe_version
 from catoptra_server.render.trace.kernel.library import INSTRUCTION_SETS
-from catoptra_server.version import describe_version
 from helpers.trace_kernels import open_kernel
 from helpers.worlds import make_test_world
 

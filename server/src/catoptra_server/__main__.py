@@ -40,15 +40,15 @@ def _run(words: Sequence[str], termination: Termination) -> int:
     # Matched by hand: argparse's subparsers would import every command for its options.
     match words:
         case ["doctor", *rest]:
-            from catoptra_server.doctor.doctor_cli import main as doctor
+            from catoptra_server.commands.doctor.command import main as doctor
 
             return doctor(rest)
         case ["explain", *rest]:
-            from catoptra_server.explain import main as explain
+            from catoptra_server.commands.explain import main as explain
 
             return explain(rest)
         case ["calibration", *rest]:
-            from catoptra_server.calibration_command import main as write_calibration
+            from catoptra_server.commands.calibration import main as write_calibration
 
             return write_calibration(rest)
         case ["dataset", *rest]:
@@ -56,11 +56,11 @@ def _run(words: Sequence[str], termination: Termination) -> int:
 
             return draw_dataset(rest, termination)
         case ["list", *rest]:
-            from catoptra_server.list_command import main as list_names
+            from catoptra_server.commands.list import main as list_names
 
             return list_names(rest)
         case ["--version", *_]:
-            from catoptra_server.version import describe_version
+            from catoptra_server.commands.list import describe_version
 
             print(describe_version())
             return 0
@@ -87,7 +87,7 @@ def _describe_unknown(word: str) -> str:
 def _serve(words: Sequence[str], termination: Termination) -> int:
     # Modules live as long as the process: collections while they are loaded find nothing.
     gc.disable()
-    from catoptra_server.cli import main as serve
+    from catoptra_server.commands.serve import main as serve
 
     gc.freeze()
     gc.enable()

@@ -14,7 +14,7 @@ import pytest
 import trimesh
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.startup import read_startup_config
+from catoptra_server.config.startup import read_startup_config
 
 ROBOT = """\
 [USARBot.Mine]

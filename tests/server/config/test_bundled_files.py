@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.bundled_files import FileKind, bundled_files, find_configuration
+from catoptra_server.config.known_names import FileKind, bundled_files, find_configuration
 from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS, WORLDS
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_server.config.capture_section import (
+from catoptra_server.config.camera_sections import (
     read_min_frame_interval_s,
     read_picture,
     read_render_settings,

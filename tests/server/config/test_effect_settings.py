@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.effect_settings import read_effect_settings
+from catoptra_server.config.camera_sections import read_effect_settings
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects import EFFECT_TYPES

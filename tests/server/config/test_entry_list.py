@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import SourceLocation
-from catoptra_server.config.entry_list import EntryList
-from catoptra_server.config.unreal_ini import Entry
+from catoptra_server.config.unreal_ini import Entry, EntryList
 
 WHERE = SourceLocation("x.ini", 1)
 

@@ -21,7 +21,7 @@ from catoptra_protocol.optics.mirrors import (
 )
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.mirror_section import read_mirror, read_surface
+from catoptra_server.config.mirrors_and_lenses import read_mirror, read_surface
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel
 from catoptra_server.simulation.robot_description import OmniCameraDescription

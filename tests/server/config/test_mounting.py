@@ -7,7 +7,7 @@ import math
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.mounting import read_mount
+from catoptra_server.config.camera_sections import read_mount
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import parse_sections
 

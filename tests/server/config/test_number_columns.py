@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.number_columns import Columns, read_columns
+from catoptra_server.config.section_reader import Columns, read_columns
 
 PROFILE = """# millimetres, of a measuring machine
 radius, height

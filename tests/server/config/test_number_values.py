@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from catoptra_server.config.number_values import describe_range, parse_number
+from catoptra_server.config.section_reader import describe_range, parse_number
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.config.section_entries import SectionEntries
-from catoptra_server.config.unreal_ini import parse_sections
+from catoptra_server.config.unreal_ini import SectionEntries, parse_sections
 
 
 def make_entries(*lines: str) -> SectionEntries:

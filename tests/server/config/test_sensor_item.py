@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.robot_parts import SensorItem
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.config.sensor_item import SensorItem
 from catoptra_server.config.unreal_ini import parse_sections
 from catoptra_server.simulation.robot_description import Mount
 

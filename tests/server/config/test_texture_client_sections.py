@@ -10,8 +10,8 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.cube_map import Face
+from catoptra_server.config.camera_sections import read_texture_clients
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.texture_client_sections import read_texture_clients
 
 
 def write_clients(folder: Path, faces: str, line: str = "FOV=90") -> IniFile:

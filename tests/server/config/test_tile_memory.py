@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.config.tile_memory import require_tiles_fit
+from catoptra_server.config.server_file import require_tiles_fit
 from catoptra_server.frames.multi_view import multi_view_layout
 from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, write_edited_copy
 

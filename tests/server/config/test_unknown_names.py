@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.unknown_names import UnknownName, report_unknown_names, suggest_name
+from catoptra_server.config.known_names import UnknownName, report_unknown_names, suggest_name
 
 WHERE = SourceLocation("robot.ini", 7)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.config.wire_name import is_wire_name
+from catoptra_server.config.section_reader import is_wire_name
 
 
 @pytest.mark.parametrize("name", ["P2AT", "R1_left", "naïve", "a|b~c", "x" * 256])

@@ -7,7 +7,7 @@ import pytest
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import parse_sections
-from catoptra_server.config.world_values import read_colour, read_length, read_position
+from catoptra_server.config.world_file import read_colour, read_length, read_position
 
 
 def make_section(*lines: str) -> SectionReader:

@@ -11,8 +11,8 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
-from catoptra_server.datasets import contact_sheet
-from catoptra_server.datasets.contact_sheet import choose_indices, write_sheet
+from catoptra_server.datasets import pictures as contact_sheet
+from catoptra_server.datasets.pictures import choose_indices, write_sheet
 from catoptra_server.datasets.png_files import decode_png
 from helpers.dataset_recipes import write_drive
 from helpers.drawn_datasets import draw_dataset

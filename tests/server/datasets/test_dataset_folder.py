@@ -20,7 +20,7 @@ from catoptra_server.datasets.dataset_folder import (
     require_space,
 )
 from catoptra_server.datasets.recipe_file import read_recipe
-from catoptra_server.datasets.shard_writer import write_shard
+from catoptra_server.datasets.shards import write_shard
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 
 IDENTITY = DatasetIdentity("tour", "d" * 64, {"numpy": "2.4"}, "[Catoptra.Dataset]")

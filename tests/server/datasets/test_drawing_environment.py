@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.datasets.drawing_environment import (
+from catoptra_server.datasets.local_workers import run_in_pinned_process
+from catoptra_server.datasets.sample_renderer import (
     describe_environment,
     find_environment_error,
     find_processor_error,
     pinning_variables,
 )
-from catoptra_server.datasets.pinned_process import run_in_pinned_process
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
 
 HAS_AVX2 = "avx2" in available_instruction_sets()

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.datasets.effect_ranges import draw_effects
-from catoptra_server.datasets.recipe import EffectOverrides
+from catoptra_server.datasets.recipe import EffectOverrides, draw_effects
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectMode, EffectSettings
 from helpers.dataset_recipes import stage_recipe, write_recipe

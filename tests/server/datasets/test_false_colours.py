@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
-from catoptra_server.datasets.false_colours import colour_channel, colour_of_number, draw_boxes
+from catoptra_server.datasets.pictures import colour_channel, colour_of_number, draw_boxes
 
 
 @pytest.mark.parametrize("name", LABEL_CHANNELS)

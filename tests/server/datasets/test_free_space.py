@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.free_space import draw_free_pose, find_fault
+from catoptra_server.datasets.poses import draw_free_pose, find_fault
 from catoptra_server.datasets.recipe import RandomPoses
 from catoptra_server.simulation.robot_description import PlanarPose
 from helpers.dataset_recipes import stage_recipe, write_recipe

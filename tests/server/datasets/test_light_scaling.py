@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.datasets.light_scaling import scale_lights
+from catoptra_server.datasets.sample_renderer import scale_lights
 from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,

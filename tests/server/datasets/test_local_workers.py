@@ -16,7 +16,7 @@ from catoptra_server.datasets.local_workers import (
     DatasetInterruptedError,
     LocalWorkers,
 )
-from catoptra_server.datasets.shard_job import ShardJob
+from catoptra_server.datasets.shards import ShardJob
 from helpers.dataset_recipes import write_drive, write_recipe
 from helpers.long_cases import quick_cases
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.parquet_index import require_pyarrow, write_parquet_index
+from catoptra_server.datasets.dataset_folder import require_pyarrow, write_parquet_index
 
 
 def metadata(index: int) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import signal
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.pinned_process import run_in_pinned_process
+from catoptra_server.datasets.local_workers import run_in_pinned_process
 
 
 def read_variable(name: str) -> str | None:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.pose_sources import PoseSource, check_given_poses
-from catoptra_server.datasets.sampling import find_place
+from catoptra_server.datasets.poses import PoseSource, check_given_poses, find_place
 from helpers.configs import find_line_number
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 

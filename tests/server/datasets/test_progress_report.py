@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from catoptra_server.datasets.progress_report import ProgressReport, format_duration
+from catoptra_server.datasets.dataset_run import ProgressReport, format_duration
 
 
 class Clock:

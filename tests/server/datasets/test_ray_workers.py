@@ -16,7 +16,7 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.ray_workers import draw_shard_of_job, require_ray
-from catoptra_server.datasets.shard_job import ShardJob
+from catoptra_server.datasets.shards import ShardJob
 from helpers.dataset_recipes import write_drive
 from helpers.dataset_runs import COMMAND, TIMEOUT_S, read_hashes, run_dataset
 

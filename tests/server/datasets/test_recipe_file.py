@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.bundled_files import bundled_files
+from catoptra_server.config.known_names import bundled_files
 from catoptra_server.datasets.recipe_file import read_recipe
 from helpers.configs import find_line_number
 from helpers.dataset_recipes import CAMERA, write_recipe

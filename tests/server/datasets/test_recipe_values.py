@@ -7,8 +7,7 @@ import pytest
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import parse_sections
-from catoptra_server.datasets.recipe import ValueRange
-from catoptra_server.datasets.recipe_values import read_range, read_words
+from catoptra_server.datasets.recipe import ValueRange, read_range, read_words
 
 DEFAULT = ValueRange(1.0, 2.0)
 

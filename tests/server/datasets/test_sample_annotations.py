@@ -8,8 +8,7 @@ import numpy as np
 
 from catoptra_protocol.labels.masks import run_lengths_from_string
 from catoptra_server.datasets.recipe_file import read_recipe
-from catoptra_server.datasets.sample import RenderedSample, SampleDescriber
-from catoptra_server.datasets.sample_annotations import wants_annotations
+from catoptra_server.datasets.sample import RenderedSample, SampleDescriber, wants_annotations
 from catoptra_server.datasets.sample_renderer import SampleRenderer
 from helpers.dataset_recipes import stage_recipe, write_drive
 

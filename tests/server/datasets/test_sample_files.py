@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.datasets.png_files import decode_png
-from catoptra_server.datasets.sample import RenderedSample
-from catoptra_server.datasets.sample_files import encode_json, encode_sample
+from catoptra_server.datasets.sample import RenderedSample, encode_json, encode_sample
 
 RANDOM = np.random.default_rng(2)
 

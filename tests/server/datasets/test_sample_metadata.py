@@ -10,9 +10,7 @@ import pytest
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.datasets.sample import SampleDescriber
-from catoptra_server.datasets.sample_files import encode_json
-from catoptra_server.datasets.sample_metadata import describe_pose
+from catoptra_server.datasets.sample import SampleDescriber, describe_pose, encode_json
 from catoptra_server.datasets.sample_renderer import SampleRenderer
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
-from catoptra_server.datasets.sample import RenderedSample, SampleDescriber
-from catoptra_server.datasets.sample_files import encode_sample
+from catoptra_server.datasets.sample import RenderedSample, SampleDescriber, encode_sample
 from catoptra_server.datasets.sample_renderer import SampleRenderer
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from catoptra_server.datasets.recipe_file import read_recipe
-from catoptra_server.datasets.sampling import (
+from catoptra_server.datasets.poses import (
     draw_brightness,
     find_place,
     random_source,
     sequence_length,
 )
+from catoptra_server.datasets.recipe_file import read_recipe
 from helpers.dataset_recipes import CAMERA, FISHEYE, write_drive, write_recipe
 
 

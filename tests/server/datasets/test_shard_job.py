@@ -10,13 +10,13 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.shards import iterate_samples, shard_name
-from catoptra_server.datasets.shard_job import (
+from catoptra_server.datasets.shards import (
     ShardArtist,
     ShardJob,
     WorkerRefusedError,
+    open_for_writing,
     start_artist,
 )
-from catoptra_server.datasets.shard_writer import open_for_writing
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.shards import iterate_samples
-from catoptra_server.datasets.shard_writer import (
+from catoptra_server.datasets.shards import (
     PART_SUFFIX,
     open_for_writing,
     read_record,

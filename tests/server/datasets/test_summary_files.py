@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.shard_job import ShardArtist
-from catoptra_server.datasets.summary_files import (
+from catoptra_server.datasets.dataset_folder import (
     describe_cameras,
     iterate_metadata,
     write_summaries,
 )
+from catoptra_server.datasets.shards import ShardArtist
 from helpers.dataset_recipes import stage_recipe, write_drive
 
 

@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.dataset_folder import DatasetIdentity, finish_folder, open_folder
+from catoptra_server.datasets.dataset_folder import (
+    DatasetIdentity,
+    finish_folder,
+    open_folder,
+    verify_dataset,
+)
 from catoptra_server.datasets.png_files import encode_png
-from catoptra_server.datasets.shard_writer import write_shard
-from catoptra_server.datasets.verification import verify_dataset
+from catoptra_server.datasets.shards import write_shard
 
 IDENTITY = DatasetIdentity("tour", "d" * 64, {}, "")
 PICTURE = encode_png(np.arange(60, dtype=np.uint8).reshape(4, 5, 3))

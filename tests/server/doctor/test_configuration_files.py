@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from catoptra_server.config.bundled_files import bundled_files
-from catoptra_server.doctor.configuration_files import check_configurations
-from catoptra_server.doctor.finding import Level
+from catoptra_server.commands.doctor.machine import Level
+from catoptra_server.commands.doctor.self_test import check_configurations
+from catoptra_server.config.known_names import bundled_files
 from helpers.configs import OMNI_ROBOT, Edit, find_line_number, write_edited_copy, write_small_world
 
 

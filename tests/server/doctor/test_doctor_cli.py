@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from catoptra_server.doctor.doctor_cli import main
+from catoptra_server.commands.doctor.command import main
 from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.opengl import device_or_skip
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import RendererUnavailableError
-from catoptra_server.doctor import egl_devices as module
-from catoptra_server.doctor.subprocess_check import run_in_subprocess
+from catoptra_server.commands.doctor import egl_devices as module
+from catoptra_server.commands.doctor.devices import run_in_subprocess
 from helpers.opengl import device_or_skip
 
 

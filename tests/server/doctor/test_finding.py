@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.doctor.finding import (
+from catoptra_server.commands.doctor.machine import (
     Finding,
     exit_status,
     fault,

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.doctor.finding import Finding, Level, exit_status
-from catoptra_server.doctor.installation import (
+from catoptra_server.commands.doctor.machine import (
+    Finding,
+    Level,
     Requirement,
     check_packages,
     check_python,
     check_system,
+    exit_status,
     parse_release,
     read_requirements,
 )

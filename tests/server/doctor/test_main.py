@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_server.doctor.subprocess_check import run_in_subprocess
+from catoptra_server.commands.doctor.devices import run_in_subprocess
 from helpers.configs import FIELD, OMNI_ROBOT
 
 

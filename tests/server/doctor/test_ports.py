@@ -7,10 +7,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from catoptra_server.app import VIEW_PORT
-from catoptra_server.doctor import ports
-from catoptra_server.doctor.finding import Level, exit_status
-from catoptra_server.doctor.ports import check_ports, check_running_server, check_view_port
+from catoptra_server.commands.doctor import machine as ports
+from catoptra_server.commands.doctor.machine import (
+    Level,
+    check_ports,
+    check_running_server,
+    check_view_port,
+    exit_status,
+)
+from catoptra_server.commands.server import VIEW_PORT
 from client.scripted_server import serve_script
 
 HOST = "127.0.0.1"

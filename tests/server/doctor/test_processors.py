@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.doctor.finding import Level
-from catoptra_server.doctor.processors import check_processors, read_cpu_limit
+from catoptra_server.commands.doctor.machine import Level, check_processors, read_cpu_limit
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping
 
 import pytest
 
-from catoptra_server.doctor import renderer_devices
-from catoptra_server.doctor.finding import Finding, Level, exit_status
-from catoptra_server.doctor.renderer_devices import check_renderers
-from catoptra_server.doctor.subprocess_check import CheckResult
+from catoptra_server.commands.doctor import devices as renderer_devices
+from catoptra_server.commands.doctor.devices import CheckResult, check_renderers
+from catoptra_server.commands.doctor.machine import Finding, Level, exit_status
 
 GOOD_RESULT = CheckResult(
     {"renderer": "a renderer", "error_px": 0.05, "bound_px": 0.2, "duration_s": 1.0}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.doctor import self_test as module
-from catoptra_server.doctor.self_test import max_error_px, run_self_test
+from catoptra_server.commands.doctor import self_test as module
+from catoptra_server.commands.doctor.self_test import max_error_px, run_self_test
 from helpers.opengl import device_or_skip
 
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from catoptra_server.doctor.subprocess_check import CheckResult, run_command
+from catoptra_server.commands.doctor.devices import CheckResult, run_command
 
 
 def run_code(code: str, *, timeout_s: float = 30.0) -> CheckResult:

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.commands.explain import EffectTimes, measure_effect_times
+from catoptra_server.config.known_names import find_configuration
+from catoptra_server.config.startup import read_startup_config
 from catoptra_server.effects.effect import DecisionBasis, EffectMode, EffectSettings
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.frames.effect_times import EffectTimes, measure_effect_times
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.renderer import RenderedImage
-from catoptra_server.startup import read_startup_config
 from catoptra_server.world.camera_state import CameraState
 from helpers.robots import make_rendered_view
 

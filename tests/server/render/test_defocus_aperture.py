@@ -20,7 +20,7 @@ from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.kernels.lens_blur import (

@@ -23,7 +23,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.kernels.lens_blur import Aperture, lens_focus_coordinate

@@ -7,12 +7,12 @@ import importlib.util
 import pytest
 
 from catoptra_protocol.errors import RendererUnavailableError
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.known_names import find_configuration
+from catoptra_server.config.startup import create_ray_caster, read_startup_config
 from catoptra_server.frames.plan import renderers as renderer_choice
 from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
 from catoptra_server.render.raster import device as gl_device
 from catoptra_server.render.renderer_kind import EmbreexMissingError, RendererKind, has_embreex
-from catoptra_server.startup import create_ray_caster, read_startup_config
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.opengl import device_or_skip
 from helpers.worlds import make_test_world

@@ -15,6 +15,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.startup import StartupConfig
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
@@ -24,7 +25,6 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.startup import StartupConfig
 from catoptra_server.world.camera_state import CameraState
 from helpers.motion_reference import (
     START_POSES,

@@ -6,7 +6,7 @@ import resource
 
 import pytest
 
-from catoptra_server.transports.connection_budget import fit_connections
+from catoptra_server.serve.limits import fit_connections
 
 
 @pytest.mark.parametrize(

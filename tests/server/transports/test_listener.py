@@ -12,8 +12,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from catoptra_server.transports import listener
-from catoptra_server.transports.listener import AcceptLoop, create_listener
+from catoptra_server.serve import limits as listener
+from catoptra_server.serve.limits import AcceptLoop, create_listener
 from helpers.loopback import HOST, run_scenario, wait_until
 
 

@@ -6,7 +6,7 @@ import asyncio
 import threading
 from functools import partial
 
-from catoptra_server.transports.loop_calls import LoopCalls
+from catoptra_server.serve.limits import LoopCalls
 from helpers.loopback import run_scenario
 
 NUM_CALLS = 20_000

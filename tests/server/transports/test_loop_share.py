@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from catoptra_server.transports.loop_share import LoopShare
+from catoptra_server.serve.limits import LoopShare
 
 
 class Clock:

@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from catoptra_server.transports.network_exposure import warn_of_exposure
+from catoptra_server.serve.limits import warn_of_exposure
 from helpers.loopback import run_scenario
 
 

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from catoptra_server.transports.tcp_connection import READ_BYTES, HttpRequestError, TcpConnection
+from catoptra_server.serve.tcp_server import READ_BYTES, HttpRequestError, TcpConnection
 from helpers.loopback import HOST, run_scenario, wait_until
 
 

@@ -18,6 +18,9 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
     line_from_report,
 )
+from catoptra_server.serve import tcp_control
+from catoptra_server.serve.tcp_control import serve_control
+from catoptra_server.serve.tcp_server import ConnectionLimits
 from catoptra_server.simulation import (
     Client,
     ClientDisconnected,
@@ -27,9 +30,6 @@ from catoptra_server.simulation import (
     StepRequested,
     StepResult,
 )
-from catoptra_server.transports import tcp_control
-from catoptra_server.transports.tcp_control import serve_control
-from catoptra_server.transports.tcp_server import ConnectionLimits
 from helpers.legacy_sockets import reset_connection
 from helpers.loopback import HOST, abort, connect, connect_without_reading, run_scenario
 

@@ -15,11 +15,10 @@ from catoptra_client.frame_sources.image_client import rgb_from_encoded_frame
 from catoptra_protocol.usarsim.image_port import EncodedFrame, ImageFrameReader, ImageType
 from catoptra_server.frames.frame import Frame, FrameRequested
 from catoptra_server.frames.mailbox import Mailboxes
+from catoptra_server.serve.limits import LoopAccount, LoopShare
+from catoptra_server.serve.tcp_image import ImageOptions, serve_images
+from catoptra_server.serve.tcp_server import READ_BYTES, ConnectionLimits, TcpConnection, TcpServer
 from catoptra_server.simulation import SimulationEvent
-from catoptra_server.transports.loop_share import LoopAccount, LoopShare
-from catoptra_server.transports.tcp_connection import READ_BYTES, TcpConnection
-from catoptra_server.transports.tcp_image import ImageOptions, serve_images
-from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer
 from helpers.loopback import (
     HOST,
     abort,

@@ -10,10 +10,10 @@ from contextlib import AbstractAsyncContextManager
 
 import pytest
 
-from catoptra_server.transports.tcp_connection import TcpConnection
-from catoptra_server.transports.tcp_server import (
+from catoptra_server.serve.tcp_server import (
     ConnectionHandler,
     ConnectionLimits,
+    TcpConnection,
     TcpServer,
     serve_tcp,
 )

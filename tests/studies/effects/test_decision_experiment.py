@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from catoptra_server.config.bundled_files import bundled_files, find_configuration
+from catoptra_server.config.known_names import bundled_files, find_configuration
+from catoptra_server.config.startup import StartupConfig, read_startup_config
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.startup import StartupConfig, read_startup_config
 from catoptra_studies.effects.decision_experiment import (
     MOTIONS,
     WORLDS,

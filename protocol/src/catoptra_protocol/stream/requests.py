@@ -5,7 +5,7 @@ Every field is always present on the wire, nil where there is no value. The clie
 
 To add a request: its dataclass, its entries in `Request` and REQUESTS, its row in SPEC.md 9.2, a
 vector in tests/conformance/data/stream, a sample in tests/helpers/stream_messages.py; then its case
-in transports/stream/stream_server.py (all clients) or stream_peer.py (one robot) of the server.
+in serve/stream/peer.py (all clients) or stream_peer.py (one robot) of the server.
 
 A rigid transform on the wire.
 

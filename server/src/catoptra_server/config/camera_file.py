@@ -12,8 +12,8 @@ from pathlib import Path
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.config.bundled_files import bundled_files, find_configuration
 from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.known_names import bundled_files, find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.simulation.robot_description import OmniCameraDescription
 

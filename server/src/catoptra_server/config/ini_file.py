@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from catoptra_protocol.errors import SourceLocation
-from catoptra_server.config.bundled_files import FileKind
+from catoptra_server.config.known_names import FileKind, UnknownName, is_own_section, suggest_name
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.config.unknown_names import UnknownName, is_own_section, suggest_name
 from catoptra_server.config.unreal_ini import Section, read_sections
 
 # Robots of UDK are five files deep. Each further file is read at start as a whole.

@@ -14,18 +14,26 @@ from pathlib import Path
 from typing import TypedDict
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.joint_parts import read_joint_parts
-from catoptra_server.config.lens_camera_items import is_lens_camera, read_lens_camera
-from catoptra_server.config.mission_package_items import read_mission_packages
-from catoptra_server.config.omni_camera_section import read_omni_camera
-from catoptra_server.config.perspective_camera_items import (
+from catoptra_server.config.cameras import (
     is_perspective_camera,
+    read_omni_camera,
     read_perspective_camera,
 )
-from catoptra_server.config.section_reader import SectionReader, Vector
-from catoptra_server.config.sensor_readers import is_sensor, read_sensor, report_unknown_class
-from catoptra_server.config.wire_name import WIRE_NAME_EXPECTED, is_wire_name
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.mirrors_and_lenses import is_lens_camera, read_lens_camera
+from catoptra_server.config.robot_parts import (
+    is_sensor,
+    read_joint_parts,
+    read_mission_packages,
+    read_sensor,
+    report_unknown_class,
+)
+from catoptra_server.config.section_reader import (
+    WIRE_NAME_EXPECTED,
+    SectionReader,
+    Vector,
+    is_wire_name,
+)
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 from catoptra_server.simulation.drive import STANDARD_BASES
 from catoptra_server.simulation.robot_description import DriveBase, RobotDescription

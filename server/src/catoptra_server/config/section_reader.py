@@ -2,25 +2,72 @@
 
 An error names file, line, key, value and the expected form. A reader records the keys that were
 read, so that the rest can be reported as unknown (`unknown_names`).
+
+Numbers of ini files: the literals of UnrealScript, and ranges in words.
+
+Names of ini files that are sent to clients in lines of the control protocol.
+
+Columns of measured numbers in a text file beside a robot's file, such as a mirror's profile.
+
+A row a line: numbers with commas, semicolons, tabs or spaces between. Empty lines, lines that
+begin with #, and one line of titles before the first row count as no rows.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_server.config.bundled_files import (
+from catoptra_protocol.limits import MAX_NAME_CHARS
+from catoptra_protocol.text_files import read_text_file
+from catoptra_server.config.known_names import (
     FileKind,
+    UnknownName,
     describe_missing_file,
     find_bundled_file,
 )
-from catoptra_server.config.number_values import MAX_NUMBER, describe_range, parse_number
-from catoptra_server.config.section_entries import SectionEntries
-from catoptra_server.config.unknown_names import UnknownName
-from catoptra_server.config.unreal_ini import Entry, parse_struct, unquote
-from catoptra_server.config.wire_name import WIRE_NAME_EXPECTED, is_wire_name
+from catoptra_server.config.unreal_ini import Entry, SectionEntries, parse_struct, unquote
+
+# Bound of all numbers: squares and products of a few stay finite in float32, too. A
+# robot's battery of 30 years has 1e9 s; no length, mass or angle of a real file is near.
+MAX_NUMBER = 1e9
+
+
+def parse_number(text: str) -> float | None:
+    """Finite number of a literal; None for any other text."""
+    # UnrealScript's literals may end in f. "nan", "inf" and their kin, which float() would accept,
+    # are no numbers in an ini file.
+    try:
+        value = float(text.rstrip("fF")) if text[:1] not in "nNiI" else math.nan
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def describe_range(kind: str, min_value: float, max_value: float) -> str:
+    """Kind of number with its bounds: "a number from 0 to 10"."""
+    if math.isinf(min_value) and math.isinf(max_value):
+        return kind
+    # 2^31 is the default bound of get_int, which no user set: naming it would puzzle.
+    if math.isinf(max_value) or max_value == 2**31:
+        return f"{kind} of at least {min_value:g}"
+    if math.isinf(min_value):
+        return f"{kind} of at most {max_value:g}"
+    return f"{kind} from {min_value:g} to {max_value:g}"
+
+
+# Printable Latin-1 without space and braces, which delimit names in a line of the protocol.
+_WIRE_NAME = re.compile(rf"[!-z|~\xa1-\xff]{{1,{MAX_NAME_CHARS}}}")
+WIRE_NAME_EXPECTED = "one word without spaces and braces: it is sent to clients"
+
+
+def is_wire_name(text: str) -> bool:
+    """Whether a text fits a line of the protocol as a name."""
+    return _WIRE_NAME.fullmatch(text) is not None
+
 
 Vector = tuple[float, float, float]
 
@@ -299,3 +346,49 @@ def _parse_struct(entry: Entry, example: str) -> SectionReader:
     # Members share the line of their struct: one struct is one line of the file.
     inner = (Entry(name, text, "", entry.where) for name, text in members)
     return SectionReader(entry.key, entry.where, inner, is_struct=True)
+
+
+Columns = tuple[tuple[float, ...], ...]
+
+_MAX_FILE_BYTES = 2**20
+_SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
+
+
+def read_columns(section: SectionReader, key: str, titles: tuple[str, ...]) -> Columns:
+    """Columns of the file that a key names, relative to the folder of the section's file.
+
+    The first column increases.
+
+    Args:
+        section: Section with the key.
+        key: Key of the path.
+        titles: Names of the columns, for error messages.
+
+    Raises:
+        ConfigError: A missing or oversized file, or a row of other than that many numbers, or one
+            that does not increase, at its line.
+    """
+    folder = Path(section.find_location(key).file).parent
+    path = section.get_path(key, folder)
+    rows: list[tuple[float, ...]] = []
+    text = read_text_file(path, kind="table of numbers", max_bytes=_MAX_FILE_BYTES)
+    is_titled = False
+    for number, line in enumerate(text.splitlines(), 1):
+        stripped = line.strip()
+        if not stripped or stripped.startswith("#"):
+            continue
+        values = [parse_number(part) for part in _SEPARATOR.split(stripped)]
+        row = tuple(value for value in values if value is not None)
+        expected = ""
+        if not len(row) == len(values) == len(titles):
+            is_title = not (rows or row or is_titled)
+            expected = "" if is_title else f"{len(titles)} numbers, {' and '.join(titles)}"
+        elif rows and row[0] <= rows[-1][0]:
+            expected = f"{titles[0]} above {rows[-1][0]!r}, that of the row before"
+        else:
+            rows.append(row)
+        if expected:
+            where = SourceLocation(str(path), number)
+            raise ConfigError(where, key=key, value=stripped, expected=expected)
+        is_titled = True
+    return tuple(tuple(row[column] for row in rows) for column in range(len(titles)))

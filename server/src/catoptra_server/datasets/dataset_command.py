@@ -10,15 +10,18 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.config.bundled_files import find_configuration
-from catoptra_server.datasets.contact_sheet import NUM_SAMPLES, SHEET_NAME, write_sheet
-from catoptra_server.datasets.dataset_run import PreparedRun, complete_run, prepare_run
+from catoptra_server.config.known_names import find_configuration
+from catoptra_server.datasets.dataset_folder import verify_dataset
+from catoptra_server.datasets.dataset_run import (
+    PreparedRun,
+    ProgressReport,
+    complete_run,
+    prepare_run,
+)
 from catoptra_server.datasets.local_workers import DatasetInterruptedError, LocalWorkers
-from catoptra_server.datasets.progress_report import ProgressReport
+from catoptra_server.datasets.pictures import NUM_SAMPLES, SHEET_NAME, write_sheet
 from catoptra_server.datasets.ray_workers import draw_by_ray, require_ray
-from catoptra_server.datasets.shard_job import ShardJob
-from catoptra_server.datasets.shard_writer import ShardRecord, remove_parts
-from catoptra_server.datasets.verification import verify_dataset
+from catoptra_server.datasets.shards import ShardJob, ShardRecord, remove_parts
 from catoptra_server.runtime.faults import Termination
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.runtime.options import CommandParser

@@ -18,11 +18,11 @@ import numpy as np
 
 from catoptra_protocol.errors import CatoptraError, ConfigError
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.calibration_command import find_camera
+from catoptra_server.commands.calibration import find_camera
 from catoptra_server.config.camera_file import carry_camera, read_camera_file
 from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.config.unknown_names import report_unknown_names
 from catoptra_server.config.world_file import read_world
 from catoptra_server.datasets.recipe import CameraChoice, Recipe, WorldChoice
 from catoptra_server.frames.multi_view import Tile

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.drawing_environment import pinning_variables
 from catoptra_server.datasets.local_workers import DatasetInterruptedError
-from catoptra_server.datasets.shard_job import ShardArtist, ShardJob, start_artist
-from catoptra_server.datasets.shard_writer import ShardRecord
+from catoptra_server.datasets.sample_renderer import pinning_variables
+from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, start_artist
 
 LOCAL = "local"
 """Address of a cluster that is started on this machine, for this run."""

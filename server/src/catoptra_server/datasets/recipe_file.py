@@ -16,13 +16,12 @@ from pathlib import Path
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
 from catoptra_protocol.text_files import read_text_file
-from catoptra_server.config.capture_section import MAX_SIDE_PX
+from catoptra_server.config.camera_sections import MAX_SIDE_PX
 from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.known_names import report_unknown_names, suggest_name
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.config.unknown_names import report_unknown_names, suggest_name
-from catoptra_server.datasets.effect_ranges import SECTION as EFFECTS
-from catoptra_server.datasets.effect_ranges import read_effects
-from catoptra_server.datasets.pose_sections import POSE_KINDS, read_poses
+from catoptra_server.datasets.poses import POSE_KINDS, read_poses
+from catoptra_server.datasets.recipe import SECTION as EFFECTS
 from catoptra_server.datasets.recipe import (
     BrightnessLevels,
     CameraChoice,
@@ -31,8 +30,10 @@ from catoptra_server.datasets.recipe import (
     Recipe,
     WorldChoice,
     follow_each_other,
+    read_effects,
+    read_range_struct,
+    read_words,
 )
-from catoptra_server.datasets.recipe_values import read_range_struct, read_words
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.library import INSTRUCTION_SETS
 

@@ -2,7 +2,7 @@
 
 The kinds are distinguished in five modules: here, in `frames/plan/renderers.py` (creation), in
 `frames/plan/candidates.py` (settings), in `frames/plan/costs.py` (stages) and in
-`doctor/renderer_devices.py` (checks).
+`commands/doctor/devices.py` (checks).
 
 The package embreex, which brings Embree: whether it is installed, and what to do without it.
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.known_names import find_configuration
 from catoptra_server.runtime.memory import count_processors
 from catoptra_studies.accuracy_cost.cost_plots import write_result_plots
 from catoptra_studies.accuracy_cost.cost_report import format_cost_report, format_summary_table

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.known_names import find_configuration
 from catoptra_studies.accuracy_cost.cost_results import (
     LevelCost,
     LocalizationAccuracy,

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.known_names import find_configuration
 from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_studies.camera_figures.figure_spec import (
     FigureInputs,

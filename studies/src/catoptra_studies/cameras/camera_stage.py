@@ -14,8 +14,8 @@ from pathlib import Path
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.camera_file import CameraFile, carry_camera, read_camera_files
+from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings

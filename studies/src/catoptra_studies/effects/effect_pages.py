@@ -18,7 +18,8 @@ from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.known_names import find_configuration
+from catoptra_server.config.startup import read_startup_config
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import (
     Effect,
@@ -35,7 +36,6 @@ from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.spawning import build_ego_mesh
-from catoptra_server.startup import read_startup_config
 from catoptra_server.world.camera_state import CameraState, NoiseSeed
 from catoptra_server.world.objects import DynamicObject, build_object_mesh
 from catoptra_server.world.shapes import box

@@ -18,7 +18,7 @@ import pytest
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.renderer import LinearImage
 from catoptra_server.render.trace.ray_table import (

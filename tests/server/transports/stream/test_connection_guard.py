@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.transports.listener import create_listener
-from catoptra_server.transports.stream import connection_guard
-from catoptra_server.transports.stream.connection_guard import ConnectionGuard
-from catoptra_server.transports.tcp_server import ConnectionLimits
+from catoptra_server.serve.limits import create_listener
+from catoptra_server.serve.stream import guard as connection_guard
+from catoptra_server.serve.stream.guard import ConnectionGuard
+from catoptra_server.serve.tcp_server import ConnectionLimits
 from helpers.loopback import HOST, SMALL_BUFFER_BYTES, Streams, run_scenario, wait_until
 from helpers.zmtp import GREETING, LONG, MORE, READY, zmtp_frame
 

@@ -11,7 +11,7 @@ from catoptra_server.effects.effect import EffectMode
 from catoptra_server.frames.frame import IMAGE_PORT, CameraChannel, Channel
 from catoptra_server.frames.plan.camera import CameraVariant, ReferenceKind
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.transports.stream.frame_channel import select_channel
+from catoptra_server.serve.stream.frames import select_channel
 
 
 def select(robot: str, camera: str, variant: FrameVariant | None = None) -> Channel:

@@ -11,7 +11,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, pack
 from catoptra_protocol.stream.requests import ChannelEncoding
 from catoptra_server.frames.frame import FrameLabels
-from catoptra_server.transports.stream.label_parts import MAX_OBJECT_RECORDS, encode_labels
+from catoptra_server.serve.stream.frames import MAX_OBJECT_RECORDS, encode_labels
 
 
 def label_objects(count: int, name: str) -> FrameLabels:

@@ -8,15 +8,14 @@ import threading
 from catoptra_protocol.stream.replies import Error, LandmarksReply, Reply
 from catoptra_protocol.stream.requests import GetLandmarksRequest
 from catoptra_server.frames.frame import CameraChannel
-from catoptra_server.simulation import Fault, LandmarksRequested, SimulationEvent
-from catoptra_server.simulation.sight import LandmarkVisibility
-from catoptra_server.transports.stream.landmark_replies import (
+from catoptra_server.serve.stream.replies import (
     camera_not_found,
     landmarks_reply,
     request_projections,
 )
-from catoptra_server.transports.stream.pending_requests import PendingRequests
-from catoptra_server.transports.stream.robot_session import RobotSession
+from catoptra_server.serve.stream.session import PendingRequests, RobotSession
+from catoptra_server.simulation import Fault, LandmarksRequested, SimulationEvent
+from catoptra_server.simulation.sight import LandmarkVisibility
 from helpers.fake_simulation import LANDMARK
 from helpers.loopback import run_scenario
 

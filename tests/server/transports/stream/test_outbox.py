@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from catoptra_server.transports.stream.outbox import Outbox, SendResult
+from catoptra_server.serve.stream.router import Outbox, SendResult
 
 
 @dataclass

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from catoptra_protocol.stream.replies import Error, Ok, Reply
-from catoptra_server.transports.stream.pending_requests import INTERNAL_FAULT, PendingRequests
+from catoptra_server.serve.stream.session import INTERNAL_FAULT, PendingRequests
 from helpers.loopback import run_scenario
 
 

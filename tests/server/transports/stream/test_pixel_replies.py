@@ -10,11 +10,10 @@ import pytest
 from catoptra_protocol.stream.replies import Error, PixelReply, Reply
 from catoptra_protocol.stream.requests import GetPixelRequest
 from catoptra_server.frames.frame import CameraChannel
+from catoptra_server.serve.stream.replies import request_pixel
+from catoptra_server.serve.stream.session import PendingRequests, RobotSession
 from catoptra_server.simulation import Fault, PixelRequested, SimulationEvent
 from catoptra_server.simulation.sight import OUTSIDE, PixelView
-from catoptra_server.transports.stream.pending_requests import PendingRequests
-from catoptra_server.transports.stream.pixel_replies import request_pixel
-from catoptra_server.transports.stream.robot_session import RobotSession
 from helpers.loopback import run_scenario
 
 

@@ -10,10 +10,9 @@ from catoptra_protocol.stream.requests import GetStatusRequest, SetAccuracyReque
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.render_thread import PlanCallback, PlanFailure
 from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
+from catoptra_server.serve.stream.replies import request_plan
+from catoptra_server.serve.stream.session import PendingRequests, RobotSession
 from catoptra_server.simulation import AccuracyTargetChanged, Fault, SimulationEvent
-from catoptra_server.transports.stream.pending_requests import PendingRequests
-from catoptra_server.transports.stream.plan_replies import request_plan
-from catoptra_server.transports.stream.robot_session import RobotSession
 from helpers.fake_simulation import FakeSimulation, serve_fake_simulation
 from helpers.loopback import run_scenario
 from helpers.robots import CAMERA

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.transports.stream.private_folder import create_private_folder
+from catoptra_server.serve.stream.router import create_private_folder
 
 # Prints the folder and waits, as a server does; a socket file stays behind when it is killed.
 OTHER_SERVER = """
 import signal
-from catoptra_server.transports.stream.private_folder import create_private_folder
+from catoptra_server.serve.stream.router import create_private_folder
 with create_private_folder() as folder:
     (folder / "stream").touch()
     print(folder, flush=True)

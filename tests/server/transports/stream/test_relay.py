@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.transports.stream.relay import InspectBytes, Relay
+from catoptra_server.serve.stream.guard import InspectBytes, Relay
 from helpers.loopback import run_scenario, wait_until
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.usarsim.reports import OdometryReading, Report, VehicleStatus
-from catoptra_server.transports.stream import report_lines
-from catoptra_server.transports.stream.report_lines import ReportLines, lines_from_reports
+from catoptra_server.serve.stream import session as report_lines
+from catoptra_server.serve.stream.session import ReportLines, lines_from_reports
 
 ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
 STATUS = VehicleStatus(1.0, 100)

@@ -11,6 +11,7 @@ from catoptra_protocol.stream.replies import Error, Ok, Reply, SensorReports
 from catoptra_protocol.stream.requests import DriveRequest, PublishRequest, SpawnRequest
 from catoptra_protocol.usarsim.commands import Drive, Init, Note, ShareControl
 from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
+from catoptra_server.serve.stream.session import PendingRequests, RobotSession
 from catoptra_server.simulation import (
     ClientDisconnected,
     CommandReceived,
@@ -21,8 +22,6 @@ from catoptra_server.simulation import (
     StepRequested,
     StepResult,
 )
-from catoptra_server.transports.stream.pending_requests import PendingRequests
-from catoptra_server.transports.stream.robot_session import RobotSession
 from helpers.loopback import run_scenario
 
 SPAWN = SpawnRequest(1, "USARBot.OmniP2AT", "Mine", None, "Centre")

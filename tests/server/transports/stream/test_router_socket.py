@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.transports.listener import create_listener
-from catoptra_server.transports.stream.router_socket import RouterSocket, SendResult
-from catoptra_server.transports.tcp_server import ConnectionLimits
+from catoptra_server.serve.limits import create_listener
+from catoptra_server.serve.stream.router import RouterSocket, SendResult
+from catoptra_server.serve.tcp_server import ConnectionLimits
 from helpers.loopback import HOST, run_scenario, wait_until
 from helpers.stream_peer import connect_raw_peer
 from helpers.zmtp import (

@@ -8,12 +8,12 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.simulation.robot_description import PerspectiveCameraDescription
-from catoptra_server.transports.stream.server_info import (
+from catoptra_server.serve.stream.replies import (
     build_server_info,
     records_from_decisions,
     transform_from_pose,
 )
+from catoptra_server.simulation.robot_description import PerspectiveCameraDescription
 from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS
 from helpers.robots import FORWARD_MOUNT, make_p2at
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from catoptra_protocol.stream.replies import CameraReply, Error
-from catoptra_server.transports.stream.robot_session import RobotSession
-from catoptra_server.transports.stream.server_replies import camera_reply, status_reply
+from catoptra_server.serve.stream.replies import camera_reply, status_reply
+from catoptra_server.serve.stream.session import RobotSession
 from helpers.fake_simulation import SERVER_INFO, FakeSimulation, create_fake_context
 from helpers.loopback import run_scenario
 

@@ -16,12 +16,10 @@ from catoptra_protocol.stream.replies import Error, NoteRecord, Reply, StateRepl
 from catoptra_protocol.stream.requests import GetStateRequest
 from catoptra_protocol.usarsim.commands import Note
 from catoptra_protocol.usarsim.reports import OdometryReading, RangeScanReading
+from catoptra_server.serve.stream.replies import request_state
+from catoptra_server.serve.stream.session import PendingRequests, ReportLines, RobotSession
 from catoptra_server.simulation import Fault, SimulationEvent, StateRequested
 from catoptra_server.simulation.robot import FleetState, PublishedNote, RobotSnapshot
-from catoptra_server.transports.stream.pending_requests import PendingRequests
-from catoptra_server.transports.stream.report_lines import ReportLines
-from catoptra_server.transports.stream.robot_session import RobotSession
-from catoptra_server.transports.stream.state_replies import request_state
 from helpers.loopback import run_scenario
 
 POSE = Pose.from_rpy((1.0, 2.0, -0.2), (0.0, 0.0, 0.5))

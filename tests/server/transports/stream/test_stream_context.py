@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from catoptra_protocol.stream.messages import bytes_from_message
-from catoptra_server.transports.stream.outbox import Outbox, SendResult
-from catoptra_server.transports.stream.stream_peer import StreamPeer
+from catoptra_server.serve.stream.peer import StreamPeer
+from catoptra_server.serve.stream.router import Outbox, SendResult
 from helpers.fake_simulation import FakeSimulation, create_fake_context
 from helpers.loopback import run_scenario
 

@@ -31,6 +31,9 @@ from catoptra_protocol.stream.requests import (
     StepRequest,
 )
 from catoptra_protocol.usarsim.reports import OdometryReading, VehicleStatus
+from catoptra_server.serve.stream import peer as stream_peer
+from catoptra_server.serve.stream.peer import StreamPeer, StreamServer
+from catoptra_server.serve.stream.session import RobotSession
 from catoptra_server.simulation import (
     ClientDisconnected,
     NotePublished,
@@ -42,10 +45,6 @@ from catoptra_server.simulation import (
     StepResult,
 )
 from catoptra_server.simulation.robot import FleetState
-from catoptra_server.transports.stream import stream_peer
-from catoptra_server.transports.stream.robot_session import RobotSession
-from catoptra_server.transports.stream.stream_peer import StreamPeer
-from catoptra_server.transports.stream.stream_server import StreamServer
 from helpers.fake_simulation import FakeSimulation, serve_fake_simulation
 from helpers.loopback import run_scenario, wait_until
 from helpers.stream_messages import SAMPLE_REQUESTS

@@ -26,10 +26,11 @@ from catoptra_protocol.stream.requests import (
     ImageEncoding,
 )
 from catoptra_server.frames.frame import Frame
+from catoptra_server.serve import limits as listener
+from catoptra_server.serve.stream import peer as stream_peer
+from catoptra_server.serve.stream import peer as stream_server
+from catoptra_server.serve.stream.peer import StreamPeer
 from catoptra_server.simulation import ClientDisconnected
-from catoptra_server.transports import listener
-from catoptra_server.transports.stream import stream_peer, stream_server
-from catoptra_server.transports.stream.stream_peer import StreamPeer
 from helpers.fake_simulation import SERVER_INFO, FakeSimulation, serve_fake_simulation
 from helpers.loopback import run_scenario, wait_until
 from helpers.stream_messages import CAMERA_MODEL

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.transports.stream.zmtp_identity import IdentityFilter
+from catoptra_server.serve.stream.guard import IdentityFilter
 from helpers.zmtp import COMMAND, GREETING, LONG, READY, zmtp_frame
 
 MESSAGES = zmtp_frame(b"one") + zmtp_frame(b"\x08Identity")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.transports.stream.zmtp_part_limit import MAX_PARTS, ZmtpPartCounter
+from catoptra_server.serve.stream.guard import MAX_PARTS, ZmtpPartCounter
 from helpers.zmtp import COMMAND, GREETING, LONG, MORE, READY, zmtp_frame
 
 PART = zmtp_frame(b"part", MORE)

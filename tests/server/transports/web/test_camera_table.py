@@ -21,7 +21,7 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_server.transports.web.camera_table import camera_table
+from catoptra_server.serve.web.pages import camera_table
 
 # What the page may miss: a hundredth of what is seen, and more than interpolation costs.
 TOLERANCE_PX = 1e-4

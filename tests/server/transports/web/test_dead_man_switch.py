@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from catoptra_protocol.stream.requests import DriveRequest
-from catoptra_server.transports.web.dead_man_switch import DRIVE_TIMEOUT_S, DeadManSwitch
+from catoptra_server.serve.web.page_socket import DRIVE_TIMEOUT_S, DeadManSwitch
 
 
 class Clock:

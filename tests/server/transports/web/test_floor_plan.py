@@ -7,7 +7,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.transports.web.floor_plan import floor_plan, section_segments
+from catoptra_server.serve.web.pages import floor_plan, section_segments
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
 

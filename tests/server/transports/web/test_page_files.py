@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from catoptra_server.transports.web.page_files import (
+from catoptra_server.serve.web.pages import (
     STATIC_FOLDER,
     create_document,
     read_page_files,

@@ -30,9 +30,11 @@ from catoptra_protocol.usarsim.commands import Drive
 from catoptra_protocol.usarsim.reports import OdometryReading
 from catoptra_server.frames import frame as frame_module
 from catoptra_server.frames.frame import IMAGE_PORT
+from catoptra_server.serve.stream import peer as stream_peer
+from catoptra_server.serve.stream import router as outbox
+from catoptra_server.serve.web import page_socket, web_server
+from catoptra_server.serve.web import page_socket as dead_man_switch
 from catoptra_server.simulation import ClientDisconnected, CommandReceived, SharedRobotDriven
-from catoptra_server.transports.stream import outbox, stream_peer
-from catoptra_server.transports.web import dead_man_switch, page_socket, web_server
 from helpers.fake_simulation import FakeSimulation
 from helpers.live_page import PageClient, PageSession, serve_fake_page
 from helpers.loopback import run_scenario, wait_until

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.transports.stream.server_info import build_server_info
-from catoptra_server.transports.web.server_description import describe_server
+from catoptra_server.serve.stream.replies import build_server_info
+from catoptra_server.serve.web.pages import describe_server
 from helpers.configs import ROBOTS
 from helpers.fake_simulation import SERVER_INFO
 from helpers.worlds import make_test_world

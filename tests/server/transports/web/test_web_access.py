@@ -7,8 +7,8 @@ import socket
 
 import pytest
 
-from catoptra_server.transports.listener import create_listener
-from catoptra_server.transports.web.web_access import WebAccess, create_web_access
+from catoptra_server.serve.limits import create_listener
+from catoptra_server.serve.web.web_access import WebAccess, create_web_access
 
 LOOPBACK = WebAccess(frozenset({"127.0.0.1", "localhost", "[::1]"}), "127.0.0.1", 5080)
 OPEN = WebAccess(frozenset(), "robots.lan", 5080, "secret")

@@ -8,9 +8,8 @@ import logging
 import pytest
 
 from catoptra_protocol.stream.requests import GetStateRequest, GetStatusRequest
-from catoptra_server.transports.loop_share import LoopShare
-from catoptra_server.transports.web.page_socket import PageSocket
-from catoptra_server.transports.web.web_connection import WebConnection
+from catoptra_server.serve.limits import LoopShare
+from catoptra_server.serve.web.page_socket import PageSocket, WebConnection
 from helpers.fake_simulation import FakeSimulation
 from helpers.live_page import PageSession, serve_fake_page
 from helpers.loopback import run_scenario, wait_until

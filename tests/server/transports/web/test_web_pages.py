@@ -8,8 +8,8 @@ import threading
 
 import pytest
 
-from catoptra_server.transports.web import web_pages
-from catoptra_server.transports.web.web_pages import WebPages
+from catoptra_server.serve.web import pages as web_pages
+from catoptra_server.serve.web.pages import WebPages
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.fake_simulation import SERVER_INFO
 from helpers.live_page import FILES

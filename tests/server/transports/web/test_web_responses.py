@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.transports.web.page_files import create_document
-from catoptra_server.transports.web.web_responses import document_response, text_response
+from catoptra_server.serve.web.page_socket import document_response, text_response
+from catoptra_server.serve.web.pages import create_document
 
 DOCUMENT = create_document("text/css; charset=utf-8", b"body {}")
 

@@ -13,11 +13,12 @@ import pytest
 
 from catoptra_protocol.stream.replies import StatusReply
 from catoptra_protocol.stream.requests import GetStatusRequest
-from catoptra_server.transports import listener
-from catoptra_server.transports.tcp_server import ConnectionLimits
-from catoptra_server.transports.web import web_pages, web_server
-from catoptra_server.transports.web.web_access import WebAccess
-from catoptra_server.transports.web.web_responses import SECURITY_HEADERS
+from catoptra_server.serve import limits as listener
+from catoptra_server.serve.tcp_server import ConnectionLimits
+from catoptra_server.serve.web import pages as web_pages
+from catoptra_server.serve.web import web_server
+from catoptra_server.serve.web.page_socket import SECURITY_HEADERS
+from catoptra_server.serve.web.web_access import WebAccess
 from helpers.live_page import FILES, PageSession, serve_fake_page
 from helpers.loopback import connect, run_scenario, wait_until
 

@@ -1,0 +1,546 @@
+"""Options of the server, as its command line states them.
+
+The two threads behind the ports: one owns the clock and the robots, one the renderers.
+
+Mailboxes and event queues connect both with the asyncio loop, which owns all sockets.
+
+Modules that a server needs only once it serves, loaded right after its ports listen.
+
+Before, each would delay the first frame. Later, a request would load them: a slow one, and one that
+fails where connections have taken all descriptors of open files, since an import opens files. The
+few requests that come earlier wait, in a thread of their own or in the stream's backlog, for the
+module that they need.
+
+The modules that use these import them in a function, with a reference to this one.
+tests/end_to_end/test_loaded_modules.py finds what lacks here.
+
+The server as a whole: from options to listening sockets, and to an orderly end.
+
+Three threads: one owns the simulation's clock and robots, one the renderer; the calling thread's
+asyncio loop owns all sockets. Mailboxes and event queues connect the threads.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import importlib
+import logging
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import field, replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.usarsim.grammar import Dialect
+from catoptra_protocol.usarsim.reports import Greeting
+from catoptra_server.config.server_file import (
+    ServerOptions,
+    ServerSettings,
+    require_tiles_fit,
+    resolve_settings,
+)
+from catoptra_server.config.startup import StartupConfig, create_ray_caster, read_startup_config
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.frames.frame_plan import ErrorBoundTable
+from catoptra_server.frames.image_port import mounted_camera_state
+from catoptra_server.frames.mailbox import Mailboxes
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.costs import CostCache, default_cache_folder
+from catoptra_server.frames.plan.planner import RenderPlanner
+from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.render_thread import RenderThread
+from catoptra_server.frames.views import ViewCache
+from catoptra_server.render.renderer_kind import AUTO
+from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB
+from catoptra_server.runtime.worker_thread import WorkerThread, lower_thread_priority
+from catoptra_server.serve.limits import (
+    Listener,
+    LoopShare,
+    create_listener,
+    fit_connections,
+    wait_for_connection,
+    warn_of_exposure,
+)
+from catoptra_server.serve.stream.guard import (
+    DESCRIPTORS_PER_CONNECTION,
+    MAX_CONNECTIONS,
+)
+from catoptra_server.serve.tcp_control import serve_control
+from catoptra_server.serve.tcp_image import ImageOptions, serve_images
+from catoptra_server.serve.tcp_server import ConnectionLimits, TcpServer
+from catoptra_server.serve.web.web_access import MAX_VIEW_CONNECTIONS, create_web_access
+from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.world.camera_state import CameraState
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Options of the server, as the command line states them."""
+
+    robot_files: tuple[Path, ...]
+    """Robot files; INIT chooses among the robots of all of them."""
+    world_file: Path
+    """World file."""
+    server_file: Path | None = None
+    """File with UDK's sections for the server; overrides those of robot files."""
+    server_options: ServerOptions = field(default_factory=ServerOptions)
+    """Options that override the same ones of any file."""
+    host: str = "127.0.0.1"
+    """Address of all ports."""
+    stream_port: int | None = None
+    """Port of the ZeroMQ stream, 0 = any free one; None = 5005, or any free one if another is 0."""
+    has_view: bool = True
+    """Whether the live page is served."""
+    view_port: int | None = None
+    """Port of the live page, 0 = any free one; None = 5080, or any free one if 5080 is in use or
+    another port is 0."""
+    dialect: Dialect = Dialect.UT2004
+    """Dialect of the control port."""
+    renderer: str = "auto"
+    """`auto`, `trace` or `raster`."""
+    threads: int = 0
+    """Threads of the trace renderer; 0 = one per processor."""
+    instruction_set: str = "auto"
+    """Instruction set of the trace renderer's kernel: `auto`, or a smaller one than the
+    processor's, for the same bytes on several machines."""
+    clock: ClockMode = ClockMode.REALTIME
+    """Real time, or lockstep with the commands of clients."""
+    is_strict: bool = False
+    """Whether unknown keys of all sections of files are errors."""
+    seed: int = 0
+    """Seed of all random numbers."""
+    max_error_px: float | None = None
+    """Tolerance of every camera, pixels; None = that of the robot's file."""
+    budget_ms: float | None = None
+    """Time budget of every camera, milliseconds per frame; None = that of the robot's file."""
+    memory_limit_mib: int = DEFAULT_LIMIT_BYTES // MIB
+    """Memory that each camera's view may take, and the world's meshes and textures together."""
+
+
+# Start poses at which candidate plans are timed; their frames stand for all frames of the world.
+_MAX_CALIBRATION_STATES = 4
+# Rendering uses all processors at times; the threads of reports and sockets, which mostly wait,
+# come first. Under all attacks of tests/load at once 4 to 12 % of the reports were over 20 % late
+# without.
+RENDER_NICENESS = 5
+
+
+class ServerThreads:
+    """Simulation and rendering, a thread each, and the mailboxes between these and the sockets."""
+
+    def __init__(
+        self, startup: StartupConfig, options: Options, *, on_failure: Callable[[], None]
+    ) -> None:
+        self.startup = startup
+        self.options = options
+        self.settings: ServerSettings = resolve_settings(
+            startup.server_options, options.server_options
+        )
+        # Render plan of each class's omnidirectional camera, as text; filled by the render thread.
+        self.plans: dict[tuple[str, str], str] = {}
+        self.error_bounds = ErrorBoundTable()
+        is_realtime = options.clock is ClockMode.REALTIME
+        # Prefetching renders the next frame before a viewer requests one. Not under lockstep, where
+        # frames follow from commands alone, so that the same commands give the same bytes.
+        self.mailboxes = Mailboxes(self._post, prefetch=is_realtime)
+        self.render_thread = render_thread = RenderThread(
+            self.mailboxes, is_lockstep=not is_realtime
+        )
+        self.simulation = Simulation(
+            self._create_fleet(),
+            clock=options.clock,
+            render=render_thread.submit if is_realtime else render_thread.submit_and_wait,
+            reject=self.mailboxes.fail,
+            frame_skip=self.settings.frame_skip,
+        )
+        self._workers = (
+            WorkerThread(
+                "rendering",
+                self._render,
+                stop=render_thread.stop,
+                on_failure=on_failure,
+            ),
+            WorkerThread(
+                "simulation",
+                self.simulation.run,
+                stop=partial(self._post, StopRequested()),
+                on_failure=on_failure,
+            ),
+        )
+
+    def _post(self, event: SimulationEvent) -> None:
+        self.simulation.post(event)
+
+    @asynccontextmanager
+    async def run(self) -> AsyncIterator[None]:
+        """Run both threads for the length of a block.
+
+        The simulation ends first: under lockstep its thread waits for frames of the other one.
+        """
+        async with AsyncExitStack() as started:
+            for worker in self._workers:
+                await worker.start()
+                started.push_async_callback(worker.stop)
+            yield
+
+    def _render(self, on_ready: Callable[[], None]) -> None:
+        """Main function of the render thread."""
+        # Threads that this one starts, such as those of the trace renderer, have its priority.
+        lower_thread_priority(RENDER_NICENESS)
+        self.render_thread.run(self._create_view_cache, on_ready)
+
+    def _create_view_cache(self) -> ViewCache | None:
+        """Views of the server's cameras, those of each class's omnidirectional camera prepared.
+
+        Runs in the render thread, which owns the OpenGL context. None without any camera.
+        """
+        startup, options = self.startup, self.options
+        if not any(robot.omni_cameras or robot.perspective_cameras for robot in startup.robots):
+            log.info("no robot has a camera: no renderer is started")
+            return None
+        omnis = {
+            (robot.class_name, omni.name): omni
+            for robot in startup.robots
+            for omni in robot.omni_cameras
+        }
+        is_realtime = options.clock is ClockMode.REALTIME
+        choice = choose_renderer(
+            options.renderer,
+            startup.scene,
+            startup.world,
+            threads=options.threads,
+            instruction_set=options.instruction_set,
+            is_reproducible=not is_realtime,
+        )
+        log.info("%s", choice.renderer.describe())
+        views = ViewCache(
+            RenderPlanner(
+                RendererPool(choice, may_replace=is_realtime),
+                CostCache(default_cache_folder(), startup.scene),
+            ),
+            SceneSummarizer(startup.scene, startup.world),
+            calibration_states=_make_calibration_states(startup),
+            error_bounds=self.error_bounds,
+        )
+        # Prepared at start: calibration takes seconds, in which the first viewer would wait.
+        for key, omni in omnis.items():
+            spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
+            self.plans[key] = views.prepare(spec)
+        return views
+
+    def _create_fleet(self) -> Fleet:
+        startup = self.startup
+        return Fleet(
+            startup.robots,
+            startup.world,
+            startup.scene,
+            seed=self.options.seed,
+            ray_caster=create_ray_caster(startup),
+            multi_view=self.settings.multi_view,
+            error_bound_of=self.error_bounds.get,
+        )
+
+
+def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
+    """Camera states for calibration: upright at the world's start poses, or at the origin.
+
+    The height is that of the first robot with an omnidirectional camera.
+    """
+    heights_m = [r.viewpoint_height_m(omni) for r in startup.robots for omni in r.omni_cameras]
+    height_m = next(iter(heights_m), 0.0)
+    starts = [
+        (s.location_m, s.rotation_rad) for s in startup.world.starts[:_MAX_CALIBRATION_STATES]
+    ]
+    return tuple(
+        mounted_camera_state(PlanarPose(x, y, yaw).at_height(height_m), Pose.identity())
+        for (x, y, _), (_, _, yaw) in starts or [((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
+    )
+
+
+# In the order in which clients may need them. NumPy imports some parts at their first use: `ma` in
+# its own `unique`.
+_MODULES = (
+    "catoptra_server.commands.stream_port",
+    "numpy.ma",
+    "numpy.polynomial",
+    "numpy.random",
+)
+# For the rays of GetLandmarks and of sensors, those of mirror meshes, and those of a kernel that
+# cannot be made anew; a server without them runs without embreex.
+_RAY_MODULES = (
+    "catoptra_server.render.trace.ray_caster",
+    "catoptra_server.render.trace.mirror_mesh_rays",
+    "catoptra_server.render.trace.reference.engine",
+)
+# The raster renderer, and what moderngl imports with its first context.
+_RASTER_MODULES = ("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util")
+
+
+def load_deferred_modules(renderer: str) -> None:
+    """Load all modules that a request may need.
+
+    Args:
+        renderer: requested renderer; `auto` may change to one that it did not start with.
+    """
+    for name in _MODULES:
+        importlib.import_module(name)
+    for optional in (_RAY_MODULES, _RASTER_MODULES if renderer == AUTO else ()):
+        with suppress(ImportError):
+            for name in optional:
+                importlib.import_module(name)
+
+
+def load_view_modules() -> None:
+    """Load all modules of the live page: 0.2 s and 13 MB, for which no other port waits."""
+    importlib.import_module("catoptra_server.commands.web_port")
+
+
+STREAM_PORT = 5005
+VIEW_PORT = 5080
+# A program that waits for the line of the ports has its first frame 0.05 s later, or 0.1 s where
+# modules are loaded meanwhile.
+_FIRST_FRAME_TIME_S = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class ListeningAddress:
+    """Address and actual ports of a server that listens."""
+
+    host: str
+    """Address of all ports."""
+    control_port: int
+    """TCP port of the USARSim protocol."""
+    image_port: int | None
+    """TCP port of the image server; None without one."""
+    stream_port: int
+    """TCP port of the ZeroMQ stream."""
+    view_link: str | None = None
+    """Address of the live page for a browser; None without one."""
+
+
+async def serve(
+    options: Options, announce: Callable[[ListeningAddress], None], stop: asyncio.Event
+) -> None:
+    """Serve until an event is set.
+
+    Args:
+        options: the options of the server.
+        announce: called once with the addresses, when all ports are open.
+        stop: ends the server, also while it starts.
+
+    Raises:
+        CatoptraError: if the configuration is wrong, no renderer can run, or a thread failed.
+        OSError: if a port cannot be opened.
+    """
+    startup = await asyncio.to_thread(_read_startup_config, options)
+    server = ServerThreads(_apply_accuracy_target(startup, options), options, on_failure=stop.set)
+    async with server.run():
+        await _open_ports(server, announce, stop)
+
+
+def _read_startup_config(options: Options) -> StartupConfig:
+    """Content of the configuration files, all of whose cameras fit into memory."""
+    limit_bytes = options.memory_limit_mib * MIB
+    startup = read_startup_config(
+        options.robot_files,
+        options.world_file,
+        options.server_file,
+        limit_bytes=limit_bytes,
+        is_strict=options.is_strict,
+    )
+    settings = resolve_settings(startup.server_options, options.server_options)
+    require_tiles_fit(startup.robots, settings.multi_view, limit_bytes=limit_bytes)
+    return startup
+
+
+async def _open_ports(
+    server: ServerThreads, announce: Callable[[ListeningAddress], None], stop: asyncio.Event
+) -> None:
+    """Keep all ports open until the stop event is set."""
+    host = server.options.host
+    await warn_of_exposure(host)
+    limits = _make_limits(server.settings)
+    async with AsyncExitStack() as open_ports:
+        control = await open_ports.enter_async_context(_serve_control_port(server, limits.control))
+        image_port = None
+        if server.settings.has_images:
+            images = await open_ports.enter_async_context(_serve_image_port(server, limits.image))
+            image_port = images.port
+        stream = open_ports.enter_context(_create_stream_listener(server))
+        view = _create_view_listener(server)
+        access = None
+        if view is not None:
+            open_ports.enter_context(view)
+            access = create_web_access(host, view)
+        # What is loaded now lives as long as the process: a collection that looks at all 65 000
+        # objects would stop every thread for 45 ms, two ticks.
+        gc.freeze()
+        # After the last port: a program that reads the line may connect to any of them at once.
+        stream_port = stream.getsockname()[1]
+        link = access.link if access is not None else None
+        announce(ListeningAddress(host, control.port, image_port, stream_port, link))
+        # Clients of stream and page wait in their backlogs meanwhile, as they would for the line.
+        await _wait_for_first_frame([stream, *([view] if view else [])], stop)
+        if not stop.is_set():
+            await asyncio.to_thread(load_deferred_modules, server.options.renderer)
+            # See deferred_modules.
+            from catoptra_server.commands.stream_port import (
+                create_stream_context,
+                serve_stream_port,
+            )
+
+            context = create_stream_context(server)
+            await open_ports.enter_async_context(serve_stream_port(context, stream, limits.stream))
+            if view is not None and access is not None and await _load_view(view, stop):
+                from catoptra_server.commands.web_port import serve_web_port  # likewise
+
+                await open_ports.enter_async_context(
+                    serve_web_port(context, server.startup.scene, view, access, limits.view)
+                )
+            # Those modules, too.
+            gc.freeze()
+        await stop.wait()
+        log.info("stopping")
+
+
+async def _wait_for_first_frame(listeners: Sequence[Listener], stop: asyncio.Event) -> None:
+    """Wait while a first frame may be under way: not where a client of these ports needs it first,
+    nor where the server ends.
+    """
+    events = [*map(wait_for_connection, listeners), stop.wait()]
+    waits = [asyncio.ensure_future(event) for event in events]
+    await asyncio.wait(waits, timeout=_FIRST_FRAME_TIME_S, return_when=asyncio.FIRST_COMPLETED)
+    for wait in waits:
+        wait.cancel()
+    await asyncio.gather(*waits, return_exceptions=True)
+
+
+async def _load_view(view: Listener, stop: asyncio.Event) -> bool:
+    """Load the modules of the live page; False if the server ends or cannot load them."""
+    loading = asyncio.ensure_future(asyncio.to_thread(load_view_modules))
+    stopping = asyncio.ensure_future(stop.wait())
+    # A server that ends closes its ports at once, and leaves the thread to its own end.
+    await asyncio.wait((loading, stopping), return_when=asyncio.FIRST_COMPLETED)
+    stopping.cancel()
+    if not loading.done():
+        return False
+    try:
+        loading.result()
+    # OSError: no free descriptor. All else is served without the page.
+    except (ImportError, OSError) as error:
+        log.error("the live page is not served: %s", error)
+        view.close()
+        return False
+    return True
+
+
+# Parts of the process's descriptors for the connections of control and image port, each, of stream
+# and live page.
+_TCP_DESCRIPTOR_SHARE = 0.2
+_STREAM_DESCRIPTOR_SHARE = 0.5
+_VIEW_DESCRIPTOR_SHARE = 0.1
+
+
+def _serve_control_port(
+    server: ServerThreads, limits: ConnectionLimits
+) -> AbstractAsyncContextManager[TcpServer]:
+    return serve_control(
+        server.options.host,
+        server.settings.control_port,
+        greeting=Greeting("BotDeathMatch", server.startup.world.name),
+        dialect=server.options.dialect,
+        post=server.simulation.post,
+        limits=limits,
+    )
+
+
+def _serve_image_port(
+    server: ServerThreads, limits: ConnectionLimits
+) -> AbstractAsyncContextManager[TcpServer]:
+    settings = server.settings
+    return serve_images(
+        server.options.host,
+        settings.image_port,
+        mailboxes=server.mailboxes,
+        options=ImageOptions(settings.image_type, settings.legacy_images, settings.multi_view),
+        limits=limits,
+    )
+
+
+def _create_stream_listener(server: ServerThreads) -> Listener:
+    settings, port = server.settings, server.options.stream_port
+    # Scripts of USARSim's time know two ports: with --control-port 0 a second server on the machine
+    # would still collide at 5005.
+    if port is None:
+        port = STREAM_PORT if settings.control_port and settings.image_port else 0
+    return create_listener(server.options.host, port, name="stream")
+
+
+def _create_view_listener(server: ServerThreads) -> Listener | None:
+    """Listening socket of the live page; None without one."""
+    options, settings = server.options, server.settings
+    if not options.has_view:
+        return None
+    create = partial(create_listener, options.host, name="view")
+    if options.view_port is not None:
+        return create(options.view_port)
+    if not (settings.control_port and settings.image_port and options.stream_port != 0):
+        return create(0)
+    try:
+        return create(VIEW_PORT)
+    except OSError as error:
+        log.info("the live page takes a free port: %s", error.strerror)
+        return create(0)
+
+
+class _PortLimits(NamedTuple):
+    """Limits of the connections to each port."""
+
+    control: ConnectionLimits
+    image: ConnectionLimits
+    stream: ConnectionLimits
+    view: ConnectionLimits
+
+
+def _make_limits(settings: ServerSettings) -> _PortLimits:
+    limits = ConnectionLimits(
+        handshake_timeout_s=settings.handshake_timeout_s,
+        idle_timeout_s=settings.idle_timeout_s,
+        loop_share=LoopShare(),
+    )
+    fit_tcp = partial(fit_connections, share=_TCP_DESCRIPTOR_SHARE)
+    stream = fit_connections(
+        MAX_CONNECTIONS,
+        share=_STREAM_DESCRIPTOR_SHARE,
+        descriptors_each=DESCRIPTORS_PER_CONNECTION,
+        name="stream",
+    )
+    view = fit_connections(MAX_VIEW_CONNECTIONS, share=_VIEW_DESCRIPTOR_SHARE, name="view")
+    return _PortLimits(
+        replace(limits, max_connections=fit_tcp(settings.max_connections, name="control")),
+        replace(limits, max_connections=fit_tcp(settings.max_image_connections, name="image")),
+        replace(limits, max_connections=stream),
+        replace(limits, max_connections=view),
+    )
+
+
+def _apply_accuracy_target(startup: StartupConfig, options: Options) -> StartupConfig:
+    """Start-up configuration with the command line's accuracy target for all cameras."""
+    robots = []
+    for robot in startup.robots:
+        omnis = []
+        for omni in robot.omni_cameras:
+            target = omni.render_settings.accuracy_target.with_changes(
+                max_error_px=options.max_error_px, budget_ms=options.budget_ms
+            )
+            settings = replace(omni.render_settings, accuracy_target=target)
+            omnis.append(replace(omni, render_settings=settings))
+        robots.append(replace(robot, omni_cameras=tuple(omnis)))
+    return replace(startup, robots=tuple(robots))

@@ -1,0 +1,250 @@
+"""Mounts of the items of a robot's section, in SI units whatever the file's units.
+
+What the sections of all omnidirectional cameras have: image, samples, accuracy, memory.
+
+Texture clients of an omnidirectional camera, a section each.
+
+Effects of a camera's section: a mode for each, and their parameters.
+
+The keys are those of EFFECT_TYPES in `effects/`: `ShotNoise=auto` is a mode, `FullWell=18000` a
+parameter that several effects share. An effect without a mode is neither simulated nor reported.
+The keys are the same for a capture camera and for a perspective one, which has no mirror.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+
+from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
+from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.section_reader import SectionReader, Vector
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.effect import (
+    DecisionBasis,
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    EffectType,
+)
+from catoptra_server.frames.plan.plans import omni_view_size, requested_samples
+from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
+from catoptra_server.runtime.memory import MemoryBudget
+from catoptra_server.simulation.robot_description import Mount, OmniCameraDescription, TextureClient
+
+log = logging.getLogger(__name__)
+
+
+# The largest body that a file may describe.
+MAX_OFFSET_M = 100.0
+
+
+def read_mount(robot: SectionReader, item: SectionReader, key: str = "Position") -> Mount:
+    """Mount of an item, relative to its Parent or, without one, to the chassis.
+
+    Args:
+        robot: the robot's section, whose bMountByUU switches to Unreal units.
+        item: the item's struct.
+        key: name of the position's key.
+
+    Raises:
+        ConfigError: A position far from the robot.
+    """
+    position, direction = (
+        item.get_vector(key, (0.0, 0.0, 0.0)),
+        item.get_vector("Direction", (0.0, 0.0, 0.0)),
+    )
+    # UT2004's own switch: 250 Unreal units to the metre, 65536 to the turn.
+    if robot.get_bool("bMountByUU", False):
+        x, y, z = (metres_from_uu(value) for value in position)
+        roll, pitch, yaw = (radians_from_uu(value) for value in direction)
+        position, direction = (x, y, z), (roll, pitch, yaw)
+    require_on_robot(item, key, position)
+    parent = item.get_wire_name("Parent", CHASSIS_MOUNT) or CHASSIS_MOUNT
+    return Mount(position, direction, parent)
+
+
+def require_on_robot(item: SectionReader, key: str, position_m: Vector) -> None:
+    """Check that a position is near the robot that has it.
+
+    Raises:
+        ConfigError: The position is more than MAX_OFFSET_M away in some direction.
+    """
+    if max(map(abs, position_m)) > MAX_OFFSET_M:
+        raise item.make_error(key, expected=f"a position within {MAX_OFFSET_M:g} m of its parent")
+
+
+MAX_SIDE_PX = 8192
+"""8192^2 raw pixels are 201 MB for a frame; the largest texture of OpenGL devices is not far
+above."""
+
+
+def read_picture(section: SectionReader, default: Picture) -> Picture:
+    """Hand of a camera's picture."""
+    names = [picture.value for picture in Picture]
+    return Picture(section.get_choice("Picture", names, default.value))
+
+
+def read_min_frame_interval_s(section: SectionReader) -> float:
+    """Shortest simulation time between two exposures."""
+    return section.get_float("FrameInterval", 0.0, min_value=0.0, max_value=60.0)
+
+
+def read_render_settings(
+    section: SectionReader,
+    *,
+    surface: MirrorSurface,
+    face_size_px: int,
+    central_error_px: float = 0.0,
+) -> RenderSettings:
+    """Settings of a camera's frames.
+
+    Args:
+        section: the capture camera's section.
+        surface: the mirror's mesh, or the exact surface.
+        face_size_px: texels along a cube face; 0 lets the plan choose sizes by density.
+        central_error_px: error up to which frames of a mirror without a viewpoint may have one.
+    """
+    return RenderSettings(
+        surface=surface,
+        # Without a key the plan's default, which is no number of samples that a file could state.
+        samples=section.get_int("Samples", 0, min_value=1, max_value=16),
+        face_size_px=face_size_px,
+        face_samples=section.get_int("FaceSamples", 0, min_value=1, max_value=8),
+        central_error_px=central_error_px,
+        accuracy_target=AccuracyTarget(
+            max_error_px=section.get_float("MaxErrorPx", 0.0, min_value=0.0, max_value=1000.0),
+            budget_ms=section.get_float("BudgetMs", 0.0, min_value=0.0, max_value=60_000.0),
+        ),
+    )
+
+
+def reserve_view(omni: OmniCameraDescription, section: SectionReader, memory: MemoryBudget) -> None:
+    """Raise ConfigError for a view that would take too much memory, before any is taken."""
+    camera, settings = omni.camera, omni.render_settings
+    size = omni_view_size(camera, settings, has_effects=bool(omni.effects.settings))
+    samples = requested_samples(settings)
+    faces = f", faces of {settings.face_size_px} px" if settings.face_size_px else ""
+    memory.reserve(
+        size.num_bytes,
+        where=section.find_location("ResolutionX"),
+        key=f"{section.name}.ResolutionX",
+        value=f"{camera.width_px} x {camera.height_px} px, Samples={samples}{faces}",
+        remedy="fewer pixels, Samples, or texels (TextureSize, FaceSamples)",
+    )
+
+
+# Of a face; as of an image.
+_MAX_SIDE_PX = 8192
+
+
+def read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
+    """Texture clients N, E, S, W, C, as USARSim spawns them, and U where the file has one."""
+    names = {face: f"USARBot.USARCameraTextureClient{face.name}" for face in Face}
+    missing = [n for face, n in names.items() if face is not Face.U and not file.has_section(n)]
+    if missing:
+        log.warning(
+            "%s: no section %s: a texture client renders one side of what the mirror shows; it is "
+            "served with FOV=90 and TextureSize=0; add the section with these lines to state them",
+            file.path,
+            ", ".join(f"[{name}]" for name in missing),
+        )
+    clients = []
+    for face in Face:
+        section = file.get_section(names[face])
+        if face is Face.U and not file.has_section(section.name):
+            continue
+        # USARSim's key; another value than 90 leaves gaps between the faces or lets them overlap.
+        fov = section.get_float("FOV", 90.0)
+        if abs(fov - 90.0) > 1e-6:
+            raise section.make_error("FOV", expected="90: the faces of a cube")
+        clients.append(
+            TextureClient(
+                face=face,
+                texture=section.get_str("DestTexture", f"OmniCam{face.name}"),
+                fov_rad=math.radians(fov),
+                size_px=section.get_int("TextureSize", 0, max_value=_MAX_SIDE_PX),
+            )
+        )
+    return tuple(clients)
+
+
+_MODES = [mode.value for mode in EffectMode]
+_BASES = [basis.value for basis in DecisionBasis]
+_DEFAULT_BASIS = DecisionBasis.MEASURED.value
+
+
+def read_effect_settings(section: SectionReader, *, has_viewpoint: bool = True) -> EffectSettings:
+    """Settings of the effects that a capture camera's section gives a mode, in optical order.
+
+    Args:
+        section: the capture camera's section.
+        has_viewpoint: whether the mirror has a single viewpoint.
+
+    Raises:
+        ConfigError: for an effect that a mirror without a viewpoint cannot have, a parameter
+            outside its range or an unknown mode.
+    """
+    for kind in EFFECT_TYPES:
+        if kind.needs_viewpoint and not has_viewpoint and section.has_key(kind.name):
+            expected = (
+                "no such effect of a mirror without a single viewpoint: its virtual image is "
+                "astigmatic, which is not simulated"
+            )
+            raise section.make_error(kind.name, expected=expected)
+    return _read_effect_settings(section, EFFECT_TYPES)
+
+
+def read_lens_effect_settings(section: SectionReader) -> EffectSettings:
+    """Settings of the effects that the section of a camera without a mirror gives a mode.
+
+    Raises:
+        ConfigError: for an effect of mirrors, a parameter outside its range or an unknown mode.
+    """
+    kinds = [kind for kind in EFFECT_TYPES if not kind.needs_mirror]
+    for kind in EFFECT_TYPES:
+        if kind.needs_mirror and section.has_key(kind.name):
+            known = ", ".join(one.name for one in kinds)
+            expected = f"an effect of a lens, which has no mirror: {known}"
+            raise section.make_error(kind.name, expected=expected)
+    return _read_effect_settings(section, kinds)
+
+
+def _read_effect_settings(section: SectionReader, kinds: Sequence[EffectType]) -> EffectSettings:
+    settings = [_read_effect_setting(section, kind) for kind in kinds]
+    return EffectSettings(
+        tuple(setting for setting in settings if setting is not None),
+        threshold_grey_levels=section.get_float(
+            "EffectThreshold", 0.5, min_value=0.0, max_value=255.0
+        ),
+        basis=DecisionBasis(section.get_choice("EffectDecision", _BASES, _DEFAULT_BASIS)),
+        threshold_px=_read_threshold_px(section),
+    )
+
+
+def _read_threshold_px(section: SectionReader) -> float | None:
+    if not section.has_key("EffectThresholdPx"):
+        return None
+    return section.get_float("EffectThresholdPx", min_value=0.0, max_value=1000.0)
+
+
+def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSetting | None:
+    """Setting of one effect; None without a mode."""
+    # Read even without a mode: a typing error is found before the effect is switched on, and a
+    # parameter of an effect that is off does not count as an unknown key.
+    values = {
+        p.field: section.get_float(p.key, p.default, min_value=p.min_value, max_value=p.max_value)
+        for p in kind.parameters
+    }
+    mode = section.get_choice(kind.name, _MODES, "")
+    if not mode:
+        return None
+    effect = kind.factory(**values)
+    fault = kind.find_fault(effect) if kind.find_fault else None
+    if fault:
+        raise section.make_error(fault.key, expected=fault.expected)
+    return EffectSetting(effect, EffectMode(mode))

@@ -1,0 +1,179 @@
+"""Start-up: files are read and checked before a thread runs or a socket opens."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import field, replace
+from pathlib import Path
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.known_names import report_unknown_names
+from catoptra_server.config.robot_file import find_unserved_robots, read_robots
+from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
+from catoptra_server.config.world_file import read_world
+from catoptra_server.frames.plan.costs import default_cache_folder
+from catoptra_server.render.renderer_kind import has_embreex, require_embreex
+from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MemoryBudget
+from catoptra_server.simulation.robot_description import RobotDescription
+from catoptra_server.simulation.sensors import casts_rays
+from catoptra_server.simulation.sensors.sensor import RayCaster, Triangles
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.world_description import World
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StartupConfig:
+    """Content of the configuration files."""
+
+    robots: tuple[RobotDescription, ...]
+    """All robots, in the order of the files."""
+    world: World
+    """The world as described."""
+    scene: SceneMesh
+    """The world's triangles, meshes and textures loaded."""
+    server_options: ServerOptions = field(default_factory=ServerOptions)
+    """Options that the files state for the server itself."""
+
+
+def read_startup_config(
+    robots: Sequence[Path],
+    world: Path,
+    server: Path | None = None,
+    *,
+    limit_bytes: int = DEFAULT_LIMIT_BYTES,
+    is_strict: bool = False,
+) -> StartupConfig:
+    """Read all configuration files, and log their unknown keys.
+
+    Args:
+        robots: robot files; of the server's options a later file overrides an earlier one.
+        world: the world file.
+        server: file with the server's own sections, which overrides those of robot files.
+        limit_bytes: memory that each camera's view may take, and the scene as a whole.
+        is_strict: reject unknown keys of USARSim's sections, too, not of our own alone.
+
+    Raises:
+        ConfigError: with file, line, key, value and the expected form.
+    """
+    contents = [read_robots(robot, limit_bytes=limit_bytes) for robot in robots]
+    world_description, world_file = read_world(world)
+    robot_files = [file for _, file in contents]
+    server_files = [_read_server_file(server)] if server is not None else []
+    options = ServerOptions()
+    for file in (*robot_files, *server_files):
+        options.update(read_server_options(file))
+    # After every reader: a key is unknown if no reader has read it.
+    for file in (*robot_files, world_file, *server_files):
+        report_unknown_names(file.unknown_names(), is_strict=is_strict)
+    for file in robot_files:
+        _warn_unserved_robots(file)
+    descriptions = _drop_repeated_classes([one for robot, _ in contents for one in robot])
+    scene = build_scene(world_description, MemoryBudget(limit_bytes))
+    scene = _occlude_sky(scene, world_description)
+    return StartupConfig(descriptions, world_description, scene, options)
+
+
+def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
+    """The scene with its occlusion map, where the world wants one."""
+    if not world.ambient_occlusion or not has_embreex():
+        return scene
+    # Imported here: a server without Embree runs, with the whole sky everywhere.
+    from catoptra_server.render.trace.occlusion import occlusion_cache
+
+    if not occlusion_cache.wants_occlusion(scene, world):
+        return scene
+    folder = default_cache_folder().parent / "occlusion"
+    return replace(scene, occlusion=occlusion_cache.find_occlusion(scene, folder))
+
+
+def _warn_unserved_robots(file: IniFile) -> None:
+    names = find_unserved_robots(file)
+    if names:
+        log.warning(
+            "%s: not served: %s; a robot has SteeringType=SkidSteered, or the name of a class of "
+            "USARSim with four wheels or two",
+            file.path,
+            ", ".join(names),
+        )
+
+
+def _drop_repeated_classes(
+    descriptions: Sequence[RobotDescription],
+) -> tuple[RobotDescription, ...]:
+    """Robots of different classes; of several with the name of one class the first."""
+    first: dict[str, RobotDescription] = {}
+    for description in descriptions:
+        known = first.setdefault(description.class_name.lower(), description)
+        if known is not description:
+            log.warning(
+                "a second robot of class %s is left out: INIT finds the first one of a name; "
+                "rename the section of one of them",
+                description.class_name,
+            )
+    return tuple(first.values())
+
+
+def _read_server_file(path: Path) -> IniFile:
+    file = IniFile(path)
+    if not any(map(file.has_section, SERVER_SECTIONS)):
+        log.warning(
+            "%s has no settings of the server: no section %s", path, ", ".join(SERVER_SECTIONS)
+        )
+    return file
+
+
+def create_ray_caster(startup: StartupConfig) -> RayCaster:
+    """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle.
+
+    Raises:
+        EmbreexMissingError: a robot has such a sensor, and rays cannot be cast here.
+    """
+    caster = _LazyRayCaster(startup.scene)
+    # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if
+    # ever: a server with cameras alone saves the time and memory.
+    for robot in startup.robots:
+        sensors = [sensor.name for sensor in robot.sensors if casts_rays(sensor)]
+        if sensors:
+            require_embreex(
+                f"{robot.class_name}, whose sensors cast rays ({', '.join(sensors)}),",
+                alternative="serve a robot without such sensors, such as --robot p2at_omni",
+            )
+            return caster.build()
+    return caster
+
+
+class _LazyRayCaster:
+    """A ray caster that is built at its first use."""
+
+    def __init__(self, scene: SceneMesh) -> None:
+        self._scene = scene
+        self._caster: RayCaster | None = None
+
+    def build(self) -> RayCaster:
+        """The ray caster, built at the first call."""
+        if self._caster is None:
+            require_embreex(
+                "a ray in the scene", alternative="request neither landmarks nor pixels in view"
+            )
+            # Imported here, so that a server without such sensors runs without embree.
+            from catoptra_server.render.trace.ray_caster import commit_ray_caster
+
+            self._caster = commit_ray_caster(self._scene)
+        return self._caster
+
+    def distances(self, origins: Floats, directions: Floats) -> Floats:
+        """Distances (n,) along unit directions, metres; inf without a hit."""
+        return self.build().distances(origins, directions)
+
+    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Distances (n,), metres, and normals (n, 3) of the closest hits."""
+        return self.build().closest_hits(origins, directions)
+
+    def closest_triangles(self, origins: Floats, directions: Floats) -> tuple[Floats, Triangles]:
+        """Distances (n,), metres, and indices (n,) of the closest triangles; else inf and -1."""
+        return self.build().closest_triangles(origins, directions)

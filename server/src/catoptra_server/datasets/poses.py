@@ -1,0 +1,421 @@
+"""Which world, camera, pose and light a sample has: a function of the recipe and the index alone.
+
+Samples of one sequence follow each other: a whole path, drive or grid, or one random pose. The next
+sequence has the next world and camera of all combinations, cameras changing first.
+
+Free space of a robot in a world: where it stands on a floor, touches nothing and is in nothing.
+
+Contact is that of driving robots (`simulation/collision_index.py`), seen from above. Two rays more
+tell what outlines cannot: one down for the floor, and level ones for the inside of a solid, whose
+surface is met from behind on all sides.
+
+Sections of a recipe that say where its samples are taken: random, grid, path or drive.
+
+    [Catoptra.RandomPoses]  Clearance, MaxTries, X, Y, Yaw, Speed, YawRate
+    [Catoptra.GridPoses]    X, Y, Yaw: (Min=,Max=,Count=)
+    [Catoptra.PathPoses]    Points=(X=,Y=), one a line; Spacing, Speed
+    [Catoptra.DrivePoses]   Samples, Interval, WheelSpeed, Hold; for its start, all of RandomPoses
+
+The robot stands on the floor: a pose is X, Y in metres and Yaw in radians, clockwise from above.
+
+Poses and motions of samples: random in free space, given in the recipe, or driven.
+
+A drive repeats the simulation's ticks from the start of its sequence, so that any process can take
+it up anywhere; the last drive is kept, since its samples are mostly drawn one after the other.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_protocol.usarsim.commands_drive import Drive
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.config.world_file import MAX_LENGTH_M
+from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera, RecipeWorld
+from catoptra_server.datasets.recipe import (
+    DrivePoses,
+    GivenPose,
+    GivenPoses,
+    PoseRecipe,
+    RandomPoses,
+    Recipe,
+    ValueRange,
+    read_range,
+    read_range_struct,
+)
+from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M
+from catoptra_server.world.world_description import AT_REST, Twist
+
+
+@dataclass(frozen=True, slots=True)
+class SamplePlace:
+    """Place of a sample in a data set."""
+
+    index: int
+    sequence: int
+    step: int
+    """Number within the sequence."""
+    world: int
+    """Number of the world in the recipe."""
+    camera: int
+
+
+def sequence_length(recipe: Recipe) -> int:
+    """Samples of a sequence."""
+    if isinstance(recipe.poses, GivenPoses):
+        return len(recipe.poses.poses)
+    return recipe.poses.num_samples if isinstance(recipe.poses, DrivePoses) else 1
+
+
+def find_place(recipe: Recipe, index: int) -> SamplePlace:
+    """Place of a sample."""
+    sequence, step = divmod(index, sequence_length(recipe))
+    world, camera = divmod(
+        sequence % (len(recipe.worlds) * len(recipe.cameras)), len(recipe.cameras)
+    )
+    return SamplePlace(index, sequence, step, world, camera)
+
+
+def random_source(recipe: Recipe, purpose: str) -> RandomSource:
+    """Random numbers of the samples, or sequences, for one purpose."""
+    return RandomSource.from_names(recipe.seed, "dataset", purpose)
+
+
+def draw_brightness(recipe: Recipe, index: int) -> float:
+    """Factor of all lights in a sample."""
+    levels = recipe.brightness.levels
+    number = random_source(recipe, "brightness").generator(index).integers(levels)
+    return recipe.brightness.level(int(number))
+
+
+_NUM_LEVEL_RAYS = 8
+# Above sills and carpets, which robots drive over.
+_RAY_HEIGHT_M = 0.1
+
+
+def find_fault(
+    world: RecipeWorld, camera: RecipeCamera, pose: PlanarPose, clearance_m: float = 0.0
+) -> str:
+    """Why a robot cannot stand at a pose; empty for a free one."""
+    place = np.array([[pose.x_m, pose.y_m]])
+    is_free = world.obstacles.are_free(
+        camera.robot, place, clearance_m, yaw_rad=pose.yaw_rad, robots=()
+    )
+    if not bool(is_free[0]):
+        return "the robot touches an obstacle"
+    if world.has_floor and not _has_floor(world, pose):
+        return "there is no floor below"
+    return "it is inside a solid" if _is_inside_solid(world, pose) else ""
+
+
+def _has_floor(world: RecipeWorld, pose: PlanarPose) -> bool:
+    down = np.array([[0.0, 0.0, 1.0]])
+    distance_m = world.caster.distances(_origin(pose), down)[0]
+    return bool(abs(distance_m - _RAY_HEIGHT_M) <= GROUND_CLEARANCE_M)
+
+
+def _is_inside_solid(world: RecipeWorld, pose: PlanarPose) -> bool:
+    angles = np.arange(_NUM_LEVEL_RAYS) * (2.0 * math.pi / _NUM_LEVEL_RAYS)
+    rays = np.stack((np.cos(angles), np.sin(angles), np.zeros(_NUM_LEVEL_RAYS)), axis=-1)
+    origins = np.repeat(_origin(pose), _NUM_LEVEL_RAYS, axis=0)
+    distances, normals = world.caster.closest_hits(origins, rays)
+    is_back = np.isfinite(distances) & (np.einsum("ri,ri->r", normals, rays) > 0.0)
+    return bool(is_back.all())
+
+
+def _origin(pose: PlanarPose) -> Floats:
+    return np.array([[pose.x_m, pose.y_m, -_RAY_HEIGHT_M]])
+
+
+def draw_free_pose(
+    world: RecipeWorld, camera: RecipeCamera, poses: RandomPoses, generator: np.random.Generator
+) -> PlanarPose:
+    """Random pose in free space, uniform over the allowed area.
+
+    Raises:
+        CatoptraError: No free pose within the tries that the recipe allows.
+    """
+    low, high = world.scene.box_min, world.scene.box_max
+    x_m = poses.x_m or ValueRange(float(low[0]), float(high[0]))
+    y_m = poses.y_m or ValueRange(float(low[1]), float(high[1]))
+    fault = ""
+    for _ in range(poses.max_tries):
+        # Three numbers a try, so that the next try does not depend on the reason of this one.
+        pose = PlanarPose(*(values.draw(generator) for values in (x_m, y_m, poses.yaw_rad)))
+        fault = find_fault(world, camera, pose, poses.clearance_m)
+        if not fault:
+            return pose
+    raise CatoptraError(
+        f"{poses.where}: no free pose for {camera.robot.class_name} in world {world.name} within "
+        f"{poses.max_tries} tries (the last one: {fault}); give X= and Y= a free area, lower "
+        "Clearance or raise MaxTries"
+    )
+
+
+POSE_KINDS = ("random", "grid", "path", "drive")
+TICK_S = 0.02
+"""Tick of drives, that of a server by default."""
+
+_FULL_TURN = ValueRange(0.0, 2.0 * math.pi)
+_ZERO = ValueRange(0.0, 0.0)
+_MAX_TURN_RAD = 100.0
+_MAX_SPEED = 100.0
+# Each pose is checked against the obstacles of each world before anything is drawn.
+_MAX_POSES = 1_000_000
+_MAX_COUNT = 10_000
+
+
+def read_poses(file: IniFile, kind: str) -> PoseRecipe:
+    """Poses of a kind.
+
+    Raises:
+        ConfigError: For a missing key, an empty range, or too many poses.
+    """
+    match kind:
+        case "random":
+            return _read_random(file.get_section("Catoptra.RandomPoses"))
+        case "grid":
+            return _read_grid(file.get_section("Catoptra.GridPoses"))
+        case "path":
+            return _read_path(file.get_section("Catoptra.PathPoses"))
+        case _:
+            return _read_drive(file.get_section("Catoptra.DrivePoses"))
+
+
+def _read_random(section: SectionReader) -> RandomPoses:
+    return RandomPoses(
+        clearance_m=section.get_float("Clearance", 0.02, min_value=0.0, max_value=100.0),
+        max_tries=section.get_int("MaxTries", 1000, min_value=1, max_value=1_000_000),
+        x_m=_read_extent(section, "X"),
+        y_m=_read_extent(section, "Y"),
+        yaw_rad=read_range(
+            section, "Yaw", _FULL_TURN, min_value=-_MAX_TURN_RAD, max_value=_MAX_TURN_RAD
+        ),
+        speed_m_s=read_range(section, "Speed", _ZERO, min_value=-_MAX_SPEED, max_value=_MAX_SPEED),
+        yaw_rate_rad_s=read_range(
+            section, "YawRate", _ZERO, min_value=-_MAX_SPEED, max_value=_MAX_SPEED
+        ),
+        where=section.where,
+    )
+
+
+def _read_extent(section: SectionReader, key: str) -> ValueRange | None:
+    if not section.get_str(key, ""):
+        return None
+    return read_range(section, key, _ZERO, min_value=-MAX_LENGTH_M, max_value=MAX_LENGTH_M)
+
+
+def _read_grid(section: SectionReader) -> GivenPoses:
+    xs, ys = (_read_axis(section, key, MAX_LENGTH_M) for key in "XY")
+    yaws = _read_axis(section, "Yaw", _MAX_TURN_RAD) if section.has_key("Yaw") else [0.0]
+    if len(xs) * len(ys) * len(yaws) > _MAX_POSES:
+        raise section.make_error("X", expected=f"a grid of at most {_MAX_POSES} poses")
+    where = section.find_location("X")
+    poses = tuple(GivenPose(PlanarPose(x, y, yaw), where) for x in xs for y in ys for yaw in yaws)
+    return GivenPoses(poses, is_path=False, interval_s=0.0, speed_m_s=0.0)
+
+
+def _read_axis(section: SectionReader, key: str, max_value: float) -> list[float]:
+    """Evenly spaced values, both ends included."""
+    struct = section.get_struct(key, example="(Min=-1,Max=1,Count=5)")
+    extent = read_range_struct(section, key, struct, -max_value, max_value)
+    count = struct.get_int("Count", min_value=1, max_value=_MAX_COUNT)
+    return [float(value) for value in np.linspace(extent.low, extent.high, count)]
+
+
+def _read_path(section: SectionReader) -> GivenPoses:
+    spacing_m = section.get_float("Spacing", 0.1, min_value=1e-3, max_value=MAX_LENGTH_M)
+    speed_m_s = section.get_float("Speed", 0.5, min_value=1e-3, max_value=_MAX_SPEED)
+    points = section.get_structs("Points", example="(X=0,Y=0)")
+    if len(points) < 2:
+        raise section.make_error("Points", expected="at least two points, such as (X=0,Y=0)")
+    places = [
+        np.array([p.get_float(k, min_value=-MAX_LENGTH_M, max_value=MAX_LENGTH_M) for k in "XY"])
+        for p in points
+    ]
+    poses: list[GivenPose] = []
+    travelled_m = 0.0  # along all lines so far
+    for begin, end, point in zip(places, places[1:], points[1:], strict=False):
+        length_m = float(np.hypot(*(end - begin)))
+        if length_m == 0.0:
+            raise point.make_error("X", expected="a point apart from the one before")
+        yaw_rad = math.atan2(end[1] - begin[1], end[0] - begin[0])
+        # The next multiple of the spacing, counted from the first point: corners do not restart it.
+        first = math.ceil(travelled_m / spacing_m - 1e-9)
+        last = math.floor((travelled_m + length_m) / spacing_m + 1e-9)
+        if len(poses) + last - first > _MAX_POSES:
+            raise section.make_error("Spacing", expected=f"a path of at most {_MAX_POSES} poses")
+        for number in range(first, last + 1):
+            if number < len(poses):  # a pose at the corner belongs to the line before
+                continue
+            x, y = begin + (end - begin) * ((number * spacing_m - travelled_m) / length_m)
+            poses.append(GivenPose(PlanarPose(float(x), float(y), yaw_rad), point.where))
+        travelled_m += length_m
+    return GivenPoses(
+        tuple(poses), is_path=True, interval_s=spacing_m / speed_m_s, speed_m_s=speed_m_s
+    )
+
+
+def _read_drive(section: SectionReader) -> DrivePoses:
+    interval_s = section.get_float("Interval", 0.2, min_value=TICK_S, max_value=3600.0)
+    ticks = round(interval_s / TICK_S)
+    if abs(ticks * TICK_S - interval_s) > 1e-9:
+        raise section.make_error("Interval", expected=f"a multiple of the tick of {TICK_S} s")
+    return DrivePoses(
+        start=_read_random(section),
+        num_samples=section.get_int("Samples", 50, min_value=1, max_value=100_000),
+        interval_s=interval_s,
+        wheel_speed_rad_s=read_range(
+            section, "WheelSpeed", ValueRange(-1.0, 5.0), min_value=-1000.0, max_value=1000.0
+        ),
+        hold_s=read_range(
+            section, "Hold", ValueRange(0.5, 2.0), min_value=TICK_S, max_value=3600.0
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotMotion:
+    """Robot of a sample at the time of its exposure."""
+
+    time_s: float
+    """Since the begin of the sequence."""
+    world_from_robot: Pose
+    twist: Twist
+    """In world axes, referred to the chassis."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleMotion:
+    """Robot now and at the next sample of the sequence."""
+
+    now: RobotMotion
+    next: RobotMotion | None
+    """None at the end of a path, and where samples do not follow each other."""
+
+
+class PoseSource:
+    """Poses of the samples of a recipe, for one process."""
+
+    def __init__(self, stage: DatasetStage) -> None:
+        self._stage = stage
+        self._recipe = stage.recipe
+        self._drive: tuple[int, list[RobotMotion]] = (-1, [])
+        """Number of the last drive's sequence, and its motions."""
+
+    def find_motion(self, place: SamplePlace) -> SampleMotion:
+        """Robot of a sample.
+
+        Raises:
+            CatoptraError: There is no free space for a random pose.
+        """
+        poses = self._recipe.poses
+        if isinstance(poses, GivenPoses):
+            return self._given_motion(poses, place)
+        if isinstance(poses, RandomPoses):
+            return SampleMotion(self._random_motion(poses, place), None)
+        if self._drive[0] != place.sequence:
+            self._drive = (place.sequence, self._simulate_drive(poses, place))
+        motions = self._drive[1]
+        return SampleMotion(motions[place.step], motions[place.step + 1])
+
+    def _given_motion(self, poses: GivenPoses, place: SamplePlace) -> SampleMotion:
+        camera = self._stage.cameras[place.camera]
+        steps = [place.step, place.step + 1]
+        motions = [_given_robot(camera, poses, step) for step in steps if step < len(poses.poses)]
+        has_next = poses.is_path and len(motions) > 1
+        return SampleMotion(motions[0], motions[1] if has_next else None)
+
+    def _random_motion(self, poses: RandomPoses, place: SamplePlace) -> RobotMotion:
+        world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
+        generator = random_source(self._recipe, "pose").generator(place.index)
+        pose = draw_free_pose(world, camera, poses, generator)
+        motion = random_source(self._recipe, "motion").generator(place.index)
+        speed, rate = poses.speed_m_s.draw(motion), poses.yaw_rate_rad_s.draw(motion)
+        return RobotMotion(0.0, _stand(camera, pose), _planar_twist(pose, speed, rate))
+
+    def _simulate_drive(self, poses: DrivePoses, place: SamplePlace) -> list[RobotMotion]:
+        """Motions of all samples of a drive, and of one more for the last one's flow."""
+        world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
+        recipe, sequence = self._recipe, place.sequence
+        start = draw_free_pose(
+            world, camera, poses.start, random_source(recipe, "pose").generator(sequence)
+        )
+        robot = Robot(camera.robot, start, name=f"drive {sequence}", seed=recipe.seed, time_s=0.0)
+        speeds = random_source(recipe, "wheel speeds").generator(sequence)
+        motions: list[RobotMotion] = []
+        ticks_a_sample, hold_ticks = round(poses.interval_s / TICK_S), 0
+        for tick in range(poses.num_samples * ticks_a_sample + 1):
+            time_s = tick * TICK_S
+            if tick % ticks_a_sample == 0:
+                motions.append(RobotMotion(time_s, robot.world_from_robot, robot.twist))
+            if hold_ticks == 0:
+                left, right = (poses.wheel_speed_rad_s.draw(speeds) for _ in range(2))
+                hold_ticks = max(1, round(poses.hold_s.draw(speeds) / TICK_S))
+                robot.drive_wheels(Drive(left=left, right=right), time_s)
+            hold_ticks -= 1
+            robot.step(TICK_S, time_s + TICK_S, world.obstacles.obstacles_near(robot, ()))
+        return motions
+
+
+def seed_noise(stage: DatasetStage, place: SamplePlace) -> NoiseSeed:
+    """Seed of the image noise of a sample: another in each, whatever the camera."""
+    return NoiseSeed.from_source(random_source(stage.recipe, "noise"), place.index)
+
+
+def check_given_poses(stage: DatasetStage) -> None:
+    """Check every given pose in each world and for each robot that takes it.
+
+    Raises:
+        CatoptraError: A pose is not free; names file, line, pose and reason.
+    """
+    poses = stage.recipe.poses
+    if not isinstance(poses, GivenPoses):
+        return
+    checked: set[tuple[int, str, int]] = set()
+    recipe = stage.recipe
+    # Sequences repeat after all combinations of worlds and cameras.
+    num_places = len(poses.poses) * len(recipe.worlds) * len(recipe.cameras)
+    for index in range(min(recipe.num_samples, num_places)):
+        place = find_place(recipe, index)
+        camera = stage.cameras[place.camera]
+        key = (place.world, camera.robot.class_name, place.step)
+        if key in checked:
+            continue
+        checked.add(key)
+        given, world = poses.poses[place.step], stage.world(place.world)
+        fault = find_fault(world, camera, given.pose)
+        if fault:
+            x, y, yaw = given.pose.x_m, given.pose.y_m, given.pose.yaw_rad
+            raise CatoptraError(
+                f"{given.where}: pose {place.step + 1} (X={x:g}, Y={y:g}, Yaw={yaw:g}) is not free "
+                f"for {camera.robot.class_name} in world {world.name}: {fault}"
+            )
+
+
+def _given_robot(camera: RecipeCamera, poses: GivenPoses, step: int) -> RobotMotion:
+    pose = poses.poses[step].pose
+    twist = _planar_twist(pose, poses.speed_m_s, 0.0)
+    return RobotMotion(step * poses.interval_s, _stand(camera, pose), twist)
+
+
+def _stand(camera: RecipeCamera, pose: PlanarPose) -> Pose:
+    return pose.at_height(camera.robot.drive.ride_height_m)
+
+
+def _planar_twist(pose: PlanarPose, speed_m_s: float, yaw_rate_rad_s: float) -> Twist:
+    if speed_m_s == 0.0 and yaw_rate_rad_s == 0.0:
+        return AT_REST
+    linear = (speed_m_s * math.cos(pose.yaw_rad), speed_m_s * math.sin(pose.yaw_rad), 0.0)
+    return Twist(linear, (0.0, 0.0, yaw_rate_rad_s))

@@ -1,0 +1,481 @@
+"""Removal of the identity that a ZMTP peer chooses for itself, without sockets.
+
+A ROUTER gives a peer without one a unique identity. Chosen ones would let a peer pass for another;
+of two peers with the same one libzmq 4.3.5 never reads the second, and keeps its connection for
+ever. Source: ZMTP 3.1 (rfc.zeromq.org/spec/37): a greeting of 64 bytes, then the command READY with
+properties: a byte of length and the name, four bytes of length and the value.
+
+Limit on the parts of a ZMTP message, without sockets.
+
+libzmq buffers all parts of a message before the application gets the first one, and limits only the
+single part. Source: ZMTP 3.1 (rfc.zeromq.org/spec/37): a greeting of 64 bytes, then frames of a
+byte of flags, a length of 1 or 8 bytes and a body.
+
+One direction of a relayed connection: bytes of one socket to another, without a queue.
+
+The public port of the stream: a relay to the private ROUTER that limits what clients can use.
+
+Bytes pass both ways, unchanged but for the identity of a client, over a local socket that only this
+user can open. A message without an end, a flood of requests, a connection without a request: each
+is held back or ended here, where ZeroMQ has no limit. At most one read per direction is buffered:
+bytes that the ROUTER does not accept stay in the client's TCP connection, and vice versa. Measured
+in tests/measurements/unterminated_messages.py.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import select
+import socket
+import struct
+from collections.abc import Callable
+
+from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_server.serve.limits import AcceptLoop, LoopAccount, set_vanished_timeout
+from catoptra_server.serve.tcp_server import ConnectionLimits
+
+log = logging.getLogger(__name__)
+
+
+GREETING_BYTES = 64
+LONG, COMMAND = 2, 4
+_READY = b"\x05READY"
+_IDENTITY = b"identity"
+# As long as the name it replaces; names with X- are for applications, and libzmq ignores them.
+_REPLACEMENT = b"X-Unused"
+# Socket type and identity are at most 300 bytes.
+_MAX_READY_BYTES = 1024
+
+
+class IdentityFilter:
+    """The bytes of one connection with the identity made a property that nothing reads."""
+
+    def __init__(self) -> None:
+        self._greeting_bytes_left = GREETING_BYTES
+        self._ready = bytearray()
+        self._is_done = False
+
+    def feed(self, data: bytes) -> bytes:
+        """Bytes to pass on; those of an incomplete READY are held back.
+
+        Raises:
+            RemoteProtocolError: READY is longer than any of a DEALER.
+        """
+        if self._is_done:
+            return data
+        # Passed at once: ZeroMQ waits for a part of its peer's greeting in the middle of its own.
+        greeting = data[: self._greeting_bytes_left]
+        self._greeting_bytes_left -= len(greeting)
+        self._ready += data[len(greeting) :]
+        end = _frame_end(self._ready)
+        if end > _MAX_READY_BYTES:
+            raise RemoteProtocolError(f"a first command of {end} bytes")
+        if not end or len(self._ready) < end:
+            return greeting
+        self._is_done = True
+        return greeting + _replace_identity(bytes(self._ready[:end])) + bytes(self._ready[end:])
+
+
+def _frame_end(data: bytes | bytearray) -> int:
+    """Length of the frame that the bytes begin with, head included; 0 if its head is incomplete."""
+    head_bytes = 9 if data and data[0] & LONG else 2
+    if len(data) < head_bytes:
+        return 0
+    return head_bytes + int.from_bytes(data[1:head_bytes], "big")
+
+
+def _replace_identity(frame: bytes) -> bytes:
+    """The first frame with another name of its identity, if it is READY with one."""
+    position = (9 if frame[0] & LONG else 2) + len(_READY)
+    if not frame[0] & COMMAND or frame[position - len(_READY) : position] != _READY:
+        return frame  # libzmq ends this connection
+    while position < len(frame):
+        name_begin, name_end = position + 1, position + 1 + frame[position]
+        # Names are compared without case.
+        if frame[name_begin:name_end].lower() == _IDENTITY:
+            frame = frame[:name_begin] + _REPLACEMENT + frame[name_end:]
+        value_bytes = int.from_bytes(frame[name_end : name_end + 4], "big")
+        position = name_end + 4 + value_bytes
+    return frame
+
+
+# A request is one part; with a few more the client gets an error in words, which helps its author.
+MAX_PARTS = 8
+_SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 2, 9
+# Frames of older versions have another form.
+_MIN_VERSION = 3
+_MORE = 1
+
+
+class ZmtpPartCounter:
+    """Counter of the parts in one connection's messages, fed with its bytes."""
+
+    def __init__(self) -> None:
+        # Of the greeting or of a frame, as far as received.
+        self._head = bytearray()
+        self._head_bytes = GREETING_BYTES
+        self._parse_head = self._read_greeting
+        self._remaining_body_bytes = 0
+        self._num_parts_of_message = 0  # of the one that has not ended
+        self._is_last_part = False  # the frame whose body has not ended
+        self.num_messages = 0
+        """Complete messages so far."""
+        self.num_parts = 0
+        """Parts and commands so far."""
+
+    def feed(self, data: bytes) -> None:
+        """Parse the next bytes.
+
+        Raises:
+            RemoteProtocolError: The bytes must not reach libzmq.
+        """
+        position = 0
+        while position < len(data):
+            if self._remaining_body_bytes:
+                consumed = min(self._remaining_body_bytes, len(data) - position)
+                self._remaining_body_bytes -= consumed
+                if not self._remaining_body_bytes:
+                    self._end_frame()
+            else:
+                consumed = self._head_bytes - len(self._head)
+                self._head += data[position : position + consumed]
+                if len(self._head) == self._head_bytes:
+                    self._parse_head()
+            position += consumed
+
+    def _read_greeting(self) -> None:
+        head = self._head
+        # The same test as in libzmq, which must not parse an accepted greeting as an older version.
+        if head[0] != 0xFF or not head[9] & 1 or head[10] < _MIN_VERSION:
+            raise RemoteProtocolError(f"no greeting of ZMTP 3: it begins {head[:11].hex(' ')}")
+        self._parse_head = self._read_frame
+        self._expect_frame_head()
+
+    def _expect_frame_head(self) -> None:
+        self._head.clear()
+        self._head_bytes = _SHORT_HEAD_BYTES
+
+    def _read_frame(self) -> None:
+        flags = self._head[0]
+        if flags & LONG and self._head_bytes == _SHORT_HEAD_BYTES:
+            # The other seven bytes of the length are still to come.
+            self._head_bytes = _LONG_HEAD_BYTES
+            return
+        self._count_part(flags)
+        self._remaining_body_bytes = int.from_bytes(self._head[1:], "big")
+        self._expect_frame_head()
+        if not self._remaining_body_bytes:
+            self._end_frame()
+
+    def _end_frame(self) -> None:
+        if self._is_last_part:
+            self._is_last_part = False
+            self.num_messages += 1
+
+    def _count_part(self, flags: int) -> None:
+        """Count a part. A command may stand between two parts; it ends no message."""
+        self.num_parts += 1
+        if flags & COMMAND:
+            if flags & _MORE:
+                raise RemoteProtocolError("a ZMTP command with more parts to follow")
+            return
+        if not flags & _MORE:
+            self._num_parts_of_message = 0
+            self._is_last_part = True
+            return
+        self._num_parts_of_message += 1
+        if self._num_parts_of_message == MAX_PARTS:
+            raise RemoteProtocolError(f"a message of more than {MAX_PARTS} parts")
+
+
+# Receives the bytes of a read; returns those to relay, and the time in seconds until the next read.
+# A RemoteProtocolError ends the connection.
+InspectBytes = Callable[[bytes], tuple[bytes, float]]
+EndCallback = Callable[[Exception | None], None]
+
+
+class Relay:
+    """Bytes from a source to a sink; reads nothing more until the sink has accepted all."""
+
+    def __init__(
+        self,
+        source: socket.socket,
+        sink: socket.socket,
+        *,
+        read_bytes: int,
+        inspect: InspectBytes,
+        on_end: EndCallback,
+    ) -> None:
+        """Begin to relay.
+
+        Args:
+            source: Non-blocking socket to read.
+            sink: Non-blocking socket to write.
+            read_bytes: Largest read.
+            inspect: Inspects, and may change, the bytes of each read.
+            on_end: Called with the reason when the source or the sink has ended.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._source = source
+        self._sink = sink
+        self._read_bytes = read_bytes
+        self._inspect = inspect
+        self._on_end = on_end
+        self._pending = memoryview(b"")
+        self._pause: asyncio.TimerHandle | None = None
+        self._is_reading = self._is_writing = False
+        self._update_callbacks()
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether bytes wait for the sink; the end of the source is not noticed meanwhile."""
+        return bool(self._pending)
+
+    def close(self) -> None:
+        """End all callbacks; to be called before the sockets are closed."""
+        if self._pause is not None:
+            self._pause.cancel()
+        self._loop.remove_reader(self._source)
+        self._loop.remove_writer(self._sink)
+
+    def _receive(self) -> None:
+        try:
+            received = self._source.recv(self._read_bytes)
+            data, wait_s = self._inspect(received)
+        except BlockingIOError:
+            return
+        except (OSError, RemoteProtocolError) as error:
+            self._on_end(error)
+            return
+        if not received:
+            self._on_end(None)
+            return
+        self._pending = memoryview(data)
+        if wait_s > 0.0:
+            self._pause = self._loop.call_later(wait_s, self._end_pause)
+        self._send_pending()
+
+    def _send_pending(self) -> None:
+        try:
+            self._pending = self._pending[self._sink.send(self._pending) :]
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self._on_end(error)
+            return
+        self._update_callbacks()
+
+    def _end_pause(self) -> None:
+        self._pause = None
+        self._update_callbacks()
+
+    def _update_callbacks(self) -> None:
+        """Wait for the sink while bytes are pending, else for the source unless it is paused."""
+        # Backpressure: while the source is not read, TCP stops its sender.
+        writes = bool(self._pending)
+        reads = not writes and self._pause is None
+        if reads != self._is_reading:
+            self._is_reading = reads
+            if reads:
+                self._loop.add_reader(self._source, self._receive)
+            else:
+                self._loop.remove_reader(self._source)
+        if writes != self._is_writing:
+            self._is_writing = writes
+            if writes:
+                self._loop.add_writer(self._sink, self._send_pending)
+            else:
+                self._loop.remove_writer(self._sink)
+
+
+# All clients and some more, which get an error in reply.
+MAX_CONNECTIONS = 288
+# The client's socket, and two ends of the local one.
+DESCRIPTORS_PER_CONNECTION = 3
+# Requests are small: one read is a few of them, so that a flood is held back before it has cost
+# much.
+_UPSTREAM_READ_BYTES = 1024
+# A frame should take few turns of the loop.
+_DOWNSTREAM_READ_BYTES = 256 * 1024
+# Time of the loop for a request with its reply, measured as 0.12 to 0.19 ms, and as much of the
+# thread of ZeroMQ; for a part, and for a read.
+_MESSAGE_COST_S = 0.4e-3
+_PART_COST_S = 2e-6
+_READ_COST_S = 50e-6
+# A read of the smallest messages costs 0.1 s, and ten thousand seconds of a flood of many clients.
+_MAX_WAIT_S = 60.0
+_CHECK_INTERVAL_S = 0.25
+
+
+class ConnectionGuard:
+    """The connections of a listening socket to the Unix socket at a path."""
+
+    def __init__(self, listener: socket.socket, path: str, *, limits: ConnectionLimits) -> None:
+        """Begin to accept connections.
+
+        Args:
+            listener: Listening socket, which the guard owns from now on.
+            path: Path of the ROUTER's socket.
+            limits: Number of connections, and time for the first request; there is no limit of
+                idleness, since TCP checks idle connections.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._path = path
+        self._limits = limits
+        # In the order of acceptance.
+        self._connections: dict[_GuardedConnection, None] = {}
+        self._accept_loop = AcceptLoop(listener, self._accept, name="stream")
+        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
+
+    def close(self) -> None:
+        """Release the port and close every connection."""
+        self._accept_loop.close()
+        self._check.cancel()
+        for connection in list(self._connections):
+            connection.close()
+
+    def _accept(self, client_socket: socket.socket, address: str) -> None:
+        if len(self._connections) >= self._limits.max_connections and not self._make_room():
+            limit = f"the limit of {self._limits.max_connections} connections is reached"
+            raise ConnectionRefusedError(limit)
+        set_vanished_timeout(client_socket)
+        router_socket = socket.socket(socket.AF_UNIX)
+        try:
+            router_socket.setblocking(False)
+            router_socket.connect(self._path)
+        except OSError:
+            router_socket.close()
+            raise
+        connection = _GuardedConnection(
+            client_socket,
+            router_socket,
+            address=address,
+            account=self._limits.loop_share.open_account(max_wait_s=_MAX_WAIT_S),
+            on_close=self._connections.pop,
+        )
+        self._connections[connection] = None
+
+    def _make_room(self) -> bool:
+        """Close the oldest connection without a whole request; False if there is none."""
+        oldest = next((one for one in self._connections if not one.has_request), None)
+        if oldest is None:
+            return False
+        log.info("stream connection of %s closed for a newcomer: no request", oldest.address)
+        oldest.close()
+        return True
+
+    def _check_connections(self) -> None:
+        """Close connections without a request in time, and those that the ROUTER has ended."""
+        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
+        limit_s = self._limits.handshake_timeout_s
+        opened_before_s = self._loop.time() - limit_s
+        for connection in list(self._connections):
+            if limit_s and not connection.has_request and connection.opened_s < opened_before_s:
+                log.info(
+                    "stream connection of %s closed: no request in %g s",
+                    *(connection.address, limit_s),
+                )
+                connection.close()
+        self._close_orphans()
+
+    def _close_orphans(self) -> None:
+        """Close connections whose end of the ROUTER is shut down while the client reads nothing."""
+        blocked = {one.router_fd: one for one in self._connections if one.is_client_blocked}
+        poll = select.poll()
+        for descriptor in blocked:
+            poll.register(descriptor, 0)  # hang-ups and errors are always reported
+        for descriptor, _ in poll.poll(0):
+            blocked[descriptor].close()
+
+
+class _GuardedConnection:
+    """The two sockets of one client; both end when either does."""
+
+    def __init__(
+        self,
+        client_socket: socket.socket,
+        router_socket: socket.socket,
+        *,
+        address: str,
+        account: LoopAccount,
+        on_close: Callable[[_GuardedConnection], object],
+    ) -> None:
+        self._sockets = (client_socket, router_socket)
+        self.address = address
+        self.opened_s = asyncio.get_running_loop().time()
+        self._account = account
+        self._on_close = on_close
+        self._counter = ZmtpPartCounter()
+        self._identity_filter = IdentityFilter()
+        # Whether ZeroMQ has sent anything since the last read from the client.
+        self._has_replied = True
+        self._upstream = Relay(
+            client_socket,
+            router_socket,
+            read_bytes=_UPSTREAM_READ_BYTES,
+            inspect=self._inspect,
+            on_end=self._close_on_error,
+        )
+        self._downstream = Relay(
+            router_socket,
+            client_socket,
+            read_bytes=_DOWNSTREAM_READ_BYTES,
+            inspect=self._note_reply,
+            on_end=self._close_on_error,
+        )
+
+    @property
+    def has_request(self) -> bool:
+        """Whether the client has sent a whole message."""
+        return self._counter.num_messages > 0
+
+    @property
+    def router_fd(self) -> int:
+        """Descriptor of the socket to the ROUTER."""
+        return self._sockets[1].fileno()
+
+    @property
+    def is_client_blocked(self) -> bool:
+        """Whether bytes wait for the client to read."""
+        return self._downstream.is_blocked
+
+    def close(self) -> None:
+        """Close both sockets; reset the connection of a client that reads nothing."""
+        if self.is_client_blocked:
+            # Otherwise the kernel would keep megabytes for minutes, and the client notice no end.
+            no_linger = struct.pack("ii", 1, 0)
+            self._sockets[0].setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, no_linger)
+        # Callbacks first: the number of a closed descriptor may be reused at once.
+        self._upstream.close()
+        self._downstream.close()
+        for end in self._sockets:
+            end.close()
+        self._on_close(self)
+
+    def _inspect(self, data: bytes) -> tuple[bytes, float]:
+        """Count the messages of a read; the bytes for ZeroMQ, and the time until the next read."""
+        num_messages, num_parts = self._counter.num_messages, self._counter.num_parts
+        # A part beyond the limit must not reach libzmq.
+        self._counter.feed(data)
+        # A client that waits for each reply occupies the loop with one request at any time.
+        if self._has_replied and self._counter.num_messages <= num_messages + 1:
+            self._account.write_off()
+        self._has_replied = False
+        self._account.charge(
+            _READ_COST_S
+            + _MESSAGE_COST_S * (self._counter.num_messages - num_messages)
+            + _PART_COST_S * (self._counter.num_parts - num_parts)
+        )
+        return self._identity_filter.feed(data), self._account.remaining_wait_s
+
+    def _note_reply(self, data: bytes) -> tuple[bytes, float]:
+        """Pass all bytes of the ROUTER, which is ours, at once."""
+        self._has_replied = True
+        return data, 0.0
+
+    def _close_on_error(self, reason: Exception | None) -> None:
+        # Only violations are logged here; StreamServer logs clients that disconnect.
+        if isinstance(reason, RemoteProtocolError):
+            log.info("stream connection of %s ended: %s", self.address, reason)
+        self.close()

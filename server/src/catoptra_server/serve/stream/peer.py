@@ -1,0 +1,439 @@
+"""One client of the stream: its requests, its robot, its frames.
+
+Each request has exactly one reply with its id, unless the client disconnects before.
+
+Server of the ZeroMQ stream (TCP 5005): requests, replies and frames on one ROUTER socket.
+
+Clients pull: the reply to a frame request is the newest frame. So every client has its own pace,
+nothing queues, and a client that stalls has no cost for any other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from functools import partial
+from typing import assert_never
+
+from catoptra_protocol.errors import InvalidRequestError, LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.notes import find_note_error
+from catoptra_protocol.stream.messages import (
+    SCHEMA_VERSION,
+    bytes_from_message,
+    request_from_bytes,
+)
+from catoptra_protocol.stream.replies import Error, Heartbeat, Ok, Reply, StartPosesReply
+from catoptra_protocol.stream.requests import (
+    DriveRequest,
+    GetCameraRequest,
+    GetFrameRequest,
+    GetLandmarksRequest,
+    GetPixelRequest,
+    GetReadingsRequest,
+    GetStartPosesRequest,
+    GetStateRequest,
+    GetStatusRequest,
+    PublishRequest,
+    Request,
+    ResetRequest,
+    SetAccuracyRequest,
+    ShareControlRequest,
+    SpawnRequest,
+    StepRequest,
+)
+from catoptra_server.frames.encode import Payload
+from catoptra_server.runtime.faults import log_fault
+from catoptra_server.serve.stream.frames import FrameSender
+from catoptra_server.serve.stream.replies import (
+    StreamContext,
+    camera_reply,
+    landmarks_reply,
+    request_pixel,
+    request_plan,
+    request_projections,
+    request_state,
+    status_reply,
+)
+from catoptra_server.serve.stream.router import Outbox, RouterSocket, SendResult
+from catoptra_server.serve.stream.session import (
+    INTERNAL_FAULT,
+    MAX_PENDING,
+    PendingRequests,
+    RobotSession,
+)
+from catoptra_server.serve.tcp_server import ConnectionLimits
+
+log = logging.getLogger(__name__)
+
+
+_NO_ROBOT = "this client has no robot: spawn one first (a lost connection removes its robot)"
+# A client that reads nothing for so long is not a busy program: ZeroMQ reads for that one, until
+# its queue is full. Linux ends the connection itself then (TCP_USER_TIMEOUT of the guard).
+_MAX_BLOCKED_S = 6.0
+
+EncodeReply = Callable[[Reply], bytes]
+
+
+class StreamPeer:
+    """One client, from its first request to the end of its connection."""
+
+    def __init__(self, outbox: Outbox, context: StreamContext, *, encode: EncodeReply) -> None:
+        """Begin without a robot.
+
+        Args:
+            outbox: Messages to the client.
+            context: What the clients of the server share.
+            encode: Encodes a reply for the client's transport.
+        """
+        self._loop = asyncio.get_running_loop()
+        self.outbox = outbox
+        self._context = context
+        self._encode = encode
+        self._pending = PendingRequests(self.send_reply)
+        self.frame_sender = FrameSender(
+            outbox, context.mailboxes, send_reply=self.send_reply, encode=encode
+        )
+        self.robot = RobotSession(context.post, on_fault=self._replace_robot)
+        context.clients.add(self)
+        self._idle_heartbeats = 0
+        self._blocked_since_s: float | None = None
+
+    def disconnect(self) -> None:
+        """Cancel pending work; the robot is removed from the world."""
+        self._context.clients.discard(self)
+        self.outbox.close()
+        self._pending.cancel_all()
+        self.frame_sender.close()
+        self.robot.close()
+
+    def send_reply(self, reply: Reply) -> None:
+        """Send a reply, after all replies that wait for the client to read."""
+        self.outbox.send(self._encode_reply(reply))
+
+    def reset_idle_count(self) -> None:
+        """Record a request: the client has read its earlier messages."""
+        self._idle_heartbeats = 0
+
+    def wants_heartbeat(self, max_idle: int) -> bool:
+        """Whether a heartbeat is due; counts those without a pending request, up to `max_idle`."""
+        # Unread messages are a sign of life as good as a heartbeat.
+        if self.outbox.is_blocked:
+            return False
+        # A client that waits reads, so its heartbeats cannot accumulate.
+        if len(self._pending) or self.frame_sender.has_pending_request:
+            return True
+        self._idle_heartbeats += 1
+        return self._idle_heartbeats <= max_idle
+
+    def has_stalled_outbox(self) -> bool:
+        """Whether the client has read nothing for long; to be called regularly."""
+        if self.outbox.flush() or not self.outbox.is_blocked:
+            self._blocked_since_s = None
+            return False
+        now_s = self._loop.time()
+        self._blocked_since_s = self._blocked_since_s or now_s
+        return now_s - self._blocked_since_s > _MAX_BLOCKED_S
+
+    def serve(self, request: Request) -> None:
+        """Reply to a request; a fault in its handling ends this request only."""
+        refusal = self._find_refusal(request)
+        if refusal:
+            self.send_reply(Error(request.id, refusal))
+            return
+        try:
+            self._handle_request(request)
+        except Exception:
+            log_fault(log, "a stream request %s failed", request.KIND)
+            self._pending.reject(request.id, INTERNAL_FAULT)
+
+    def _find_refusal(self, request: Request) -> str:
+        """Reason against any further request now; empty if there is none."""
+        # A request for a frame replaces the pending one.
+        if isinstance(request, GetFrameRequest):
+            return ""
+        if len(self._pending) >= MAX_PENDING:
+            return f"{MAX_PENDING} requests are pending: wait for their replies"
+        if not self.robot.has_room:
+            return "the simulation has not executed the commands before: wait, and send it again"
+        return ""
+
+    def _handle_request(self, request: Request) -> None:
+        """Serve a request; one without a case here fails the type check."""
+        match request:
+            case GetFrameRequest():
+                self.frame_sender.submit(request)
+            case SpawnRequest():
+                self._spawn(request)
+            case StepRequest(id_, time_s):
+                self.robot.step(time_s, self._pending.add(id_))
+            case ResetRequest(id_):
+                self.robot.reset(self._pending.add(id_))
+            # True positions never change, so neither robot nor simulation is needed.
+            case GetLandmarksRequest(id_, None, None):
+                self.send_reply(landmarks_reply(id_, self._context.server_info.landmarks))
+            case GetLandmarksRequest(id_):
+                request_projections(request, self._pending.add(id_), self.robot)
+            case GetPixelRequest(id_):
+                request_pixel(request, self._pending.add(id_), self.robot)
+            case SetAccuracyRequest(id_):
+                request_plan(request, self._pending.add(id_), self.robot, self._context.query_plan)
+            case GetStateRequest(id_):
+                pending = self._pending.add(id_)
+                request_state(request, pending, self.robot, self._context.report_lines)
+            case DriveRequest(id_) if request.robot:
+                self.robot.drive_by_name(request, self._pending.add(id_))
+            case (
+                DriveRequest() | GetReadingsRequest() | PublishRequest() | ShareControlRequest()
+            ) if not self.robot.has_robot:
+                self.send_reply(Error(request.id, _NO_ROBOT))
+            case DriveRequest(id_):
+                self.robot.drive(request)
+                self.send_reply(Ok(id_))
+            case GetReadingsRequest(id_):
+                self.send_reply(self.robot.readings_reply(id_))
+            case PublishRequest():
+                self._publish(request)
+            case ShareControlRequest(id_, shared):
+                self.robot.share_control(shared)
+                self.send_reply(Ok(id_))
+            case GetCameraRequest(id_, camera):
+                info = self._context.server_info
+                self.send_reply(camera_reply(id_, camera, info, self.robot))
+            case GetStartPosesRequest(id_):
+                start_poses = self._context.server_info.start_poses
+                self.send_reply(StartPosesReply(id_, start_poses))
+            case GetStatusRequest(id_):
+                num_sent = self.frame_sender.num_sent
+                self.send_reply(status_reply(id_, self._context, self.robot, num_sent=num_sent))
+            case _:
+                assert_never(request)
+
+    def _spawn(self, request: SpawnRequest) -> None:
+        # Reasons known here go to the client at once.
+        reason = self.robot.find_spawn_error(request)
+        if reason:
+            self.send_reply(Error(request.id, reason))
+        else:
+            self.robot.spawn(request, self._pending.add(request.id))
+
+    def _publish(self, request: PublishRequest) -> None:
+        # Checked here, where the JSON of one client delays no robot.
+        reason = find_note_error(request.name, request.text)
+        if reason:
+            self.send_reply(Error(request.id, reason))
+        else:
+            self.robot.publish(request, self._pending.add(request.id))
+
+    def _replace_robot(self, reason: str) -> None:
+        """Go on without a robot after a fault."""
+        # Another object: late messages of the simulation about the old robot find it closed.
+        self.robot = RobotSession(self._context.post, on_fault=self._replace_robot)
+        self._pending.reject_all(reason)
+
+    def _encode_reply(self, reply: Reply) -> bytes:
+        try:
+            return self._encode(reply)
+        except LocalProtocolError:
+            # Contained here, since every reply passes here: the client is told in any case.
+            log_fault(log, "a reply of kind %s was not sent", reply.KIND)
+            return self._encode(Error(getattr(reply, "id", 0), INTERNAL_FAULT))
+
+
+# A client treats three missed heartbeats as a lost server.
+HEARTBEAT_INTERVAL_S = 0.5
+# Encoded once: all clients get the same bytes.
+_HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
+# Heartbeats in a row to a client without a pending request. A busy program may not read: its unread
+# heartbeats must not fill the queue of its ZeroMQ (64 messages in our client), or its connection
+# stalls, and with it the answers to PING that keep its robot in the world.
+MAX_IDLE_HEARTBEATS = 16
+# Each client may have a robot.
+MAX_PEERS = 256
+# Messages that ZeroMQ had no room for are tried again: 400 of them a second cost the loop less than
+# a hundredth of its time.
+_FLUSH_INTERVAL_S = 0.02
+_FLUSHED_PEERS = 8
+
+
+class StreamServer:
+    """All clients of the stream, from their first request to the end of their connection."""
+
+    def __init__(
+        self, listener: socket.socket, context: StreamContext, *, limits: ConnectionLimits
+    ) -> None:
+        """Accept clients.
+
+        Args:
+            listener: Listening socket of the port; closed with this server.
+            context: What the clients of the server share.
+            limits: Limits of the connections.
+
+        Raises:
+            OSError: The private socket of the ROUTER is not available.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._context = context
+        self._peers: dict[bytes, StreamPeer] = {}
+        # Peers with waiting messages, and the timer that sends them.
+        self._blocked: deque[StreamPeer] = deque()
+        self._flush_timer: asyncio.TimerHandle | None = None
+        self._socket = RouterSocket(
+            listener,
+            limits=limits,
+            on_message=self._handle_message,
+            on_disconnect=self._remove_peer,
+        )
+        self.port = self._socket.port
+
+    @property
+    def peers(self) -> tuple[StreamPeer, ...]:
+        """Connected clients, in the order of their first requests."""
+        return tuple(self._peers.values())
+
+    def close(self) -> None:
+        """Disconnect all clients and close the socket."""
+        self.disconnect_peers()
+        if self._flush_timer is not None:
+            self._flush_timer.cancel()
+        self._socket.close()
+
+    def disconnect_peers(self) -> None:
+        """Disconnect all clients: their robots are removed."""
+        # A copy: each disconnection removes its client from the dict.
+        for identity in list(self._peers):
+            self._remove_peer(identity)
+
+    def send_heartbeats(self) -> None:
+        """Send due heartbeats, and remove clients that read nothing."""
+        for identity, peer in list(self._peers.items()):
+            if peer.has_stalled_outbox():
+                self._end_connection(identity, peer)
+            elif peer.wants_heartbeat(MAX_IDLE_HEARTBEATS):
+                self._send(identity, [_HEARTBEAT])
+
+    def _send(self, identity: bytes, parts: Sequence[Payload]) -> SendResult:
+        result = self._socket.send(identity, parts)
+        if result is SendResult.DISCONNECTED:
+            self._remove_peer(identity)
+        return result
+
+    def _remove_peer(self, identity: bytes) -> None:
+        peer = self._peers.pop(identity, None)
+        if peer is not None:
+            peer.disconnect()
+            num_sent = peer.frame_sender.num_sent
+            log.info("stream client %s disconnected after %d frames", identity.hex(), num_sent)
+
+    def _end_connection(self, identity: bytes, peer: StreamPeer) -> None:
+        """Disconnect a client that reads too little for its replies."""
+        if self._peers.get(identity) is peer:
+            log.warning("stream client %s reads nothing: disconnected", identity.hex())
+            self._remove_peer(identity)
+            self._socket.disconnect(identity)
+
+    def _handle_message(self, identity: bytes, parts: list[bytes]) -> None:
+        try:
+            self._receive(identity, parts)
+        except Exception:
+            log_fault(log, "a stream message failed")
+            self._reject(identity, Error(0, INTERNAL_FAULT))
+
+    def _receive(self, identity: bytes, parts: list[bytes]) -> None:
+        try:
+            request = _parse_request(parts)
+        except RemoteProtocolError as error:
+            log.debug("from stream client %s: %s", identity.hex(), error)
+            id_ = error.request_id if isinstance(error, InvalidRequestError) else 0
+            self._reject(identity, Error(id_, str(error)))
+            return
+        log.debug("from stream client %s: %s", identity.hex(), request)
+        # A client exists from its first valid request on; malformed messages add none.
+        peer = self._peers.get(identity) or self._add_peer(identity)
+        if peer is None:
+            limit = f"the limit of {MAX_PEERS} clients is reached"
+            self._reject(identity, Error(request.id, limit))
+            return
+        # A client that sends a request has read its heartbeats.
+        peer.reset_idle_count()
+        peer.serve(request)
+
+    def _reject(self, identity: bytes, error: Error) -> None:
+        """Send an error about a message, whether or not its sender is a client."""
+        peer = self._peers.get(identity)
+        if peer is not None:
+            peer.send_reply(error)
+        # A sender of malformed messages only, which does not read, has no queue.
+        elif self._send(identity, [bytes_from_message(error)]) is SendResult.QUEUE_FULL:
+            self._socket.disconnect(identity)
+
+    def _add_peer(self, identity: bytes) -> StreamPeer | None:
+        """New client; None at the limit."""
+        if len(self._peers) >= MAX_PEERS:
+            return None
+        outbox = Outbox(
+            partial(self._send, identity),
+            on_blocked=lambda: self._schedule_flush(peer),
+            # Later: the caller has more to do with the peer.
+            on_overflow=lambda: self._loop.call_soon(self._end_connection, identity, peer),
+        )
+        peer = self._peers[identity] = StreamPeer(outbox, self._context, encode=bytes_from_message)
+        log.info("stream client %s connected", identity.hex())
+        return peer
+
+    def _schedule_flush(self, peer: StreamPeer | None = None) -> None:
+        """Send waiting messages soon, those of a newly blocked peer among them."""
+        if peer is not None:
+            self._blocked.append(peer)
+        if self._blocked and self._flush_timer is None:
+            self._flush_timer = self._loop.call_later(_FLUSH_INTERVAL_S, self._flush_outboxes)
+
+    def _flush_outboxes(self) -> None:
+        self._flush_timer = None
+        # A few in turn, so that peers that read nothing cost no time, however many.
+        for _ in range(min(_FLUSHED_PEERS, len(self._blocked))):
+            peer = self._blocked.popleft()
+            peer.outbox.flush()
+            if peer.outbox.is_blocked:
+                self._blocked.append(peer)
+        self._schedule_flush()
+
+
+@asynccontextmanager
+async def serve_stream(
+    listener: socket.socket, context: StreamContext, *, limits: ConnectionLimits
+) -> AsyncIterator[StreamServer]:
+    """Serve the stream until the block ends; for the arguments see StreamServer.
+
+    Raises:
+        OSError: The private socket of the ROUTER is not available.
+    """
+    server = StreamServer(listener, context, limits=limits)
+    heartbeats = asyncio.create_task(_run_heartbeats(server))
+    try:
+        yield server
+    finally:
+        # Before the socket closes: a heartbeat must not be sent to a closed one.
+        heartbeats.cancel()
+        await asyncio.gather(heartbeats, return_exceptions=True)
+        server.close()
+
+
+async def _run_heartbeats(server: StreamServer) -> None:
+    while True:
+        await asyncio.sleep(HEARTBEAT_INTERVAL_S)
+        try:
+            server.send_heartbeats()
+        # Without heartbeats all clients would take the server for lost.
+        except Exception:
+            log_fault(log, "heartbeats failed")
+
+
+def _parse_request(parts: list[bytes]) -> Request:
+    # Rejected as a whole: a client that splits its request would lose the rest silently.
+    if len(parts) != 1:
+        raise RemoteProtocolError(f"a message of {len(parts)} parts: a request is one part")
+    return request_from_bytes(parts[0])

@@ -1,0 +1,381 @@
+"""The files of the page, read once: a request selects one by its address, and names no path.
+
+The model of an omnidirectional camera as tables, so that the page needs no formula of a mirror.
+
+A direction with incidence angle theta and azimuth phi, (x, y) = (cos phi, sin phi), has the pixel
+
+    centre + r(theta) * [[a, b], [c, d]] @ [x, y] + q(theta) * [[e, f, g], [h, i, j]] @ [xx, xy, yy]
+
+r and q are interpolated between table entries. The second term is the tangential distortion of a
+decentred lens, of second order in the azimuth; other cameras have none. Of a mirror without a
+single viewpoint theta is that of things far away, and the ray begins on the mirror's surface.
+
+Section of the world by a level plane, for the page's map.
+
+Description of the server for the page: robots, cameras, sensors, start poses, landmarks.
+
+All that the page reads by GET: its files, and descriptions of the server as JSON.
+
+Addresses are looked up in tables: a request never names a file.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from catoptra_protocol.optics.image_plane import DistortedProjection
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.frames.plan.camera import POLYGON_COUNTS
+from catoptra_server.render.render_settings import has_mesh_viewpoint
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.serve.stream.replies import ServerInfo, landmarks_reply
+from catoptra_server.simulation.robot_description import RobotDescription, SensorDescription
+from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescription
+from catoptra_server.simulation.sensors.sonar import SonarDescription
+from catoptra_server.world.scene_mesh import SceneMesh
+
+STATIC_FOLDER = Path(__file__).with_name("static")
+INDEX = "index.html"
+# Browsers run no script of another type, since the type is not to be guessed (nosniff).
+_CONTENT_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".txt": "text/plain; charset=utf-8",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """What a GET request reads."""
+
+    content_type: str
+    body: bytes
+    etag: str
+    """Changes with the body: browsers ask again, and get the body only if it has changed."""
+
+
+def create_document(content_type: str, body: bytes) -> Document:
+    """Document with the tag of its body."""
+    return Document(content_type, body, f'"{hashlib.sha256(body).hexdigest()[:32]}"')
+
+
+def read_page_files(folder: Path = STATIC_FOLDER) -> dict[str, Document]:
+    """Files by the path of their address: `/` for the page itself, others under `/static/`."""
+    documents: dict[str, Document] = {}
+    for file in sorted(folder.rglob("*")):
+        content_type = _CONTENT_TYPES.get(file.suffix)
+        if content_type is not None and file.is_file():
+            document = create_document(content_type, file.read_bytes())
+            documents[f"/static/{file.relative_to(folder).as_posix()}"] = document
+    index = documents.pop(f"/static/{INDEX}", None)
+    return documents if index is None else {"/": index, **documents}
+
+
+# Interpolated linearly, 4096 entries miss 3e-5 px at 640 px and a rim of 120 degrees.
+NUM_ENTRIES = 4096
+_DIAGONAL = math.sqrt(0.5)
+
+
+def camera_table(camera: OmniCamera) -> dict[str, object]:
+    """Table of a camera as a JSON object; pixels and radians."""
+    # A cone shows nothing nearer to its axis than its apex does.
+    lowest_t = camera.projection.t_min
+    theta_rad = np.linspace(0.0, camera.rim_rad, NUM_ENTRIES)
+    t = np.maximum(np.tan(0.5 * theta_rad), lowest_t)
+    # The matrices are read from the model itself, hand and stretch included, at one angle.
+    middle_t = math.tan(0.25 * (2.0 * math.atan(lowest_t) + camera.rim_rad))
+    odd, even = _offsets(camera, middle_t)
+    azimuth_matrix = odd[:2].T / float(camera.radius_px_from_t(np.array(middle_t)))
+    return {
+        "kind": "radial",
+        "width_px": camera.width_px,
+        "height_px": camera.height_px,
+        "centre_px": camera.centre_px,
+        "picture": camera.picture.value,
+        "min_theta_rad": 2.0 * math.atan(lowest_t),
+        "max_theta_rad": camera.rim_rad,
+        "azimuth_matrix": azimuth_matrix.ravel().tolist(),
+        "radius_px": camera.radius_px_from_t(t).tolist(),
+        **_decentring(camera, t, middle_t, even),
+        **_surface(camera, t),
+    }
+
+
+def _offsets(camera: OmniCamera, t: float) -> tuple[Floats, Floats]:
+    """Offsets (3, 2) from the centre along x, y and their diagonal: odd and even in the azimuth."""
+    sine, cosine = 2.0 * t / (1.0 + t * t), (1.0 - t * t) / (1.0 + t * t)
+    level = sine * np.array([(1.0, 0.0), (0.0, 1.0), (_DIAGONAL, _DIAGONAL)])
+    directions = [np.column_stack((sign * level, np.full(3, cosine))) for sign in (1.0, -1.0)]
+    pixels, _ = pixel_from_direction(camera, np.array(directions))
+    ahead, behind = pixels - camera.centre_px
+    return 0.5 * (ahead - behind), 0.5 * (ahead + behind)
+
+
+def _decentring(camera: OmniCamera, t: Floats, middle_t: float, even: Floats) -> dict[str, object]:
+    """The term of a decentred lens; nothing for others."""
+    if not camera.plane.is_decentred:
+        return {}
+    projection = cast(DistortedProjection, camera.projection)
+
+    def squared_px(t: Floats) -> Floats:
+        return camera.scale_px * np.square(projection.undistorted_ratio_from_t(t))
+
+    along_x, along_y, diagonal = even / float(squared_px(np.array(middle_t)))
+    matrix = np.column_stack((along_x, 2.0 * diagonal - along_x - along_y, along_y))
+    return {
+        "decentring_matrix": matrix.ravel().tolist(),
+        "decentring_px": squared_px(t).tolist(),
+    }
+
+
+def _surface(camera: OmniCamera, t: Floats) -> dict[str, object]:
+    """Where the rays of a mirror without a single viewpoint begin; nothing for other cameras."""
+    if camera.is_central:
+        return {}
+    r, z = camera.mirror.surface_point(np.minimum(t, camera.rim_t))
+    return {"surface_r_m": r.tolist(), "surface_z_m": z.tolist()}
+
+
+# Height of a robot's sensors: walls, furniture and landmarks are cut, floors and carpets are not.
+HEIGHT_M = 0.3
+MAX_SEGMENTS = 4000
+# Triangles that are cut at once: 20 MB of temporary arrays.
+_BLOCK = 65536
+# A millimetre: shorter ones are invisible on any map.
+_MIN_LENGTH_M = 1e-3
+
+
+def floor_plan(scene: SceneMesh, height_m: float = HEIGHT_M) -> dict[str, object]:
+    """Section as a JSON object: segments [x1, y1, x2, y2] and bounds, metres in the world frame.
+
+    Args:
+        scene: Triangles of the world.
+        height_m: Height of the plane above the origin of the world.
+    """
+    segments = section_segments(scene.corners, -height_m)  # z points down
+    points = segments.reshape(-1, 2)
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else _scene_bounds(scene)
+    return {
+        "segments": np.round(segments, 4).tolist(),
+        "bounds": [*map(float, low), *map(float, high)],
+        "height_m": height_m,
+    }
+
+
+def section_segments(corners: Floats, z_m: float, *, max_segments: int = MAX_SEGMENTS) -> Floats:
+    """Segments (m, 4) in which a level plane cuts triangles, the longest ones, sorted by length.
+
+    Args:
+        corners: (n, 3, 3) triangles.
+        z_m: Plane.
+        max_segments: Largest number of segments.
+    """
+    longest = np.zeros((0, 4))
+    for first in range(0, len(corners), _BLOCK):
+        cut = _cut_triangles(corners[first : first + _BLOCK], z_m)
+        # Both sides of a thin wall, and each shared edge, are one line on a map.
+        longest = _longest(np.concatenate((longest, cut)), max_segments)
+    return longest
+
+
+def _cut_triangles(corners: Floats, z_m: float) -> Floats:
+    """Segments (m, 4) of triangles (n, 3, 3); those that lie in the plane have none."""
+    # A corner in the plane counts as above: each triangle then has 0 or 2 crossed edges.
+    is_above = corners[..., 2] <= z_m
+    num_above = is_above.sum(axis=1)
+    corners, is_above = corners[crossed := (num_above % 3 != 0)], is_above[crossed]
+    if not len(corners):
+        return np.zeros((0, 4))
+    # The corner that is alone on its side comes first: the edges to both others are crossed.
+    is_alone = is_above == (is_above.sum(axis=1) == 1)[:, None]
+    order = (np.argmax(is_alone, axis=1)[:, None] + np.arange(3)) % 3
+    apex, *others = np.moveaxis(np.take_along_axis(corners, order[..., None], axis=1), 1, 0)
+    ends = []
+    for other in others:
+        part = (z_m - apex[:, 2]) / (other[:, 2] - apex[:, 2])
+        ends.append(apex[:, :2] + part[:, None] * (other[:, :2] - apex[:, :2]))
+    return np.concatenate(ends, axis=1)
+
+
+def _longest(segments: Floats, max_segments: int) -> Floats:
+    """Longest segments, longest first, each once."""
+    length_m = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    segments, length_m = segments[visible := length_m >= _MIN_LENGTH_M], length_m[visible]
+    order = np.argsort(-length_m, kind="stable")
+    segments = segments[order]
+    # To a tenth of a millimetre, and in either direction, a segment is drawn once.
+    keys = np.round(segments * 1e4)
+    is_reversed = (keys[:, 0] > keys[:, 2]) | (
+        (keys[:, 0] == keys[:, 2]) & (keys[:, 1] > keys[:, 3])
+    )
+    keys[is_reversed] = keys[is_reversed][:, [2, 3, 0, 1]]
+    _, first = np.unique(keys, axis=0, return_index=True)
+    return segments[np.sort(first)[:max_segments]]
+
+
+def _scene_bounds(scene: SceneMesh) -> tuple[Floats, Floats]:
+    """Bounds of a world without walls; a square of one metre without any triangle."""
+    if not len(scene):
+        return np.array([-0.5, -0.5]), np.array([0.5, 0.5])
+    return scene.box_min[:2], scene.box_max[:2]
+
+
+Json = dict[str, object]
+
+
+def describe_server(info: ServerInfo) -> Json:
+    """Description as a JSON object; lengths in metres, angles in radians."""
+    landmarks = landmarks_reply(0, info.landmarks).landmarks
+    return {
+        "server": info.server,
+        "world": info.world,
+        "clock": info.clock,
+        "classes": [_describe_class(robot) for robot in info.robots],
+        "start_poses": [dataclasses.asdict(start) for start in info.start_poses],
+        "landmarks": [dataclasses.asdict(landmark) for landmark in landmarks],
+        "polygons": POLYGON_COUNTS,
+        "renderers": [kind.value for kind in RendererKind],
+    }
+
+
+def _describe_class(robot: RobotDescription) -> Json:
+    drive = robot.drive
+    return {
+        "class_name": robot.class_name,
+        "size_m": drive.collision_size_m,
+        "max_speed_rad_s": drive.max_speed_rad_s,
+        "wheel_radius_m": drive.wheel_radius_m,
+        "wheel_separation_m": drive.wheel_separation_m,
+        "cameras": _describe_cameras(robot),
+        "sensors": [
+            description
+            for sensor in robot.sensors
+            if (description := _describe_sensor(robot, sensor)) is not None
+        ],
+    }
+
+
+def _describe_cameras(robot: RobotDescription) -> list[Json]:
+    cameras: list[Json] = []
+    for omni in robot.omni_cameras:
+        cameras.append(
+            {
+                "name": omni.name,
+                "kind": "omni",
+                "has_mesh": has_mesh_viewpoint(omni.camera),
+                "width_px": omni.camera.width_px,
+                "height_px": omni.camera.height_px,
+                "effects": [setting.effect.name for setting in omni.effects.settings],
+            }
+        )
+    for camera in robot.perspective_cameras:
+        cameras.append(
+            {
+                "name": camera.name,
+                "kind": "perspective",
+                "width_px": camera.width_px,
+                "height_px": camera.height_px,
+                "effects": [],
+            }
+        )
+    return cameras
+
+
+def _describe_sensor(robot: RobotDescription, sensor: SensorDescription) -> Json | None:
+    """Place and reach of a sensor that measures ranges, with all joints at 0; None for others."""
+    match sensor:
+        case RangeScannerDescription():
+            kind, fov_rad, max_range_m = "RangeScanner", sensor.fov_rad, sensor.max_range_m
+        case SonarDescription():
+            kind, fov_rad, max_range_m = "Sonar", sensor.beam_rad, sensor.max_range_m
+        case _:
+            return None
+    mount = sensor.mount
+    pose = robot.robot_from_part(mount.parent, {}) @ mount.parent_from_item()
+    return {
+        "type": kind,
+        "name": sensor.name,
+        "x_m": float(pose.translation[0]),
+        "y_m": float(pose.translation[1]),
+        "yaw_rad": pose.to_rpy()[2],
+        "fov_rad": fov_rad,
+        "max_range_m": max_range_m,
+    }
+
+
+_JSON = "application/json; charset=utf-8"
+# Path and, for a camera, its class and name.
+_Key = tuple[str, ...]
+
+
+class WebPages:
+    """Documents by address; those that take time are made at the first request, in a thread."""
+
+    def __init__(
+        self, files: Mapping[str, Document], server_info: ServerInfo, scene: SceneMesh
+    ) -> None:
+        """Begin without descriptions.
+
+        Args:
+            files: The files of the page, by path of the address.
+            server_info: The server, its robots and cameras.
+            scene: Triangles of the world.
+        """
+        self._files = files
+        self._makers: dict[_Key, Callable[[], object]] = {
+            ("/api/server.json",): lambda: describe_server(server_info),
+            ("/api/floor_plan.json",): lambda: floor_plan(scene),
+        }
+        for robot in server_info.robots:
+            for omni in robot.omni_cameras:
+                key = (_CAMERA_TABLE, robot.class_name, omni.name)
+                self._makers[key] = _table_maker(omni.camera)
+        self._documents: dict[_Key, asyncio.Task[Document]] = {}
+
+    def close(self) -> None:
+        """Wait for nothing more."""
+        for task in self._documents.values():
+            task.cancel()
+
+    async def find(self, path: str, query: Mapping[str, str]) -> Document | None:
+        """Document at an address; None if there is none."""
+        if path in self._files:
+            return self._files[path]
+        key: _Key = (path,)
+        if path == _CAMERA_TABLE:
+            key = path, query.get("class", ""), query.get("camera", "")
+        if key not in self._makers:
+            return None
+        task = self._documents.get(key)
+        if task is None or (task.done() and (task.cancelled() or task.exception())):
+            task = asyncio.create_task(_make_document(self._makers[key]))
+            self._documents[key] = task
+        # Shielded: other requests wait for the same document.
+        return await asyncio.shield(task)
+
+
+_CAMERA_TABLE = "/api/camera_table.json"
+
+
+def _table_maker(camera: OmniCamera) -> Callable[[], object]:
+    return lambda: camera_table(camera)
+
+
+async def _make_document(make: Callable[[], object]) -> Document:
+    return await asyncio.to_thread(
+        lambda: create_document(_JSON, json.dumps(make(), allow_nan=False).encode())
+    )

@@ -1,0 +1,91 @@
+"""Who may use the live page: checks of Host, Origin and token before anything else of a request.
+
+A page of another site that a user has open may send requests to the loopback, too, and may even
+read replies once its own name resolves to 127.0.0.1 (DNS rebinding). Host and Origin name the site
+that the browser shows, and no script can change them.
+"""
+
+from __future__ import annotations
+
+import hmac
+import re
+import secrets
+from ipaddress import ip_address
+
+from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.serve.limits import Listener
+
+MAX_VIEW_CONNECTIONS = 128
+"""Connections of all pages: two WebSockets each, and six at most while one loads its files."""
+# Name or IPv4 address, or IPv6 address in brackets; and a port, which `ssh -L` may change.
+_HOST = re.compile(r"([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?", re.ASCII)
+_LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
+
+
+@dataclass(frozen=True, slots=True)
+class WebAccess:
+    """Rules of access to one port."""
+
+    host_names: frozenset[str]
+    """Names in lower case that the Host header may have; not used with a token."""
+    link_host: str
+    """Host of the link."""
+    port: int
+    token: str | None = None
+    """Secret of the link, needed where other machines reach the port; None on the loopback."""
+
+    @property
+    def link(self) -> str:
+        """Address of the page, for a browser; with the token, if any."""
+        query = f"?token={self.token}" if self.token else ""
+        return f"http://{self.link_host}:{self.port}/{query}"
+
+    @property
+    def cookie_name(self) -> str:
+        """Name of the cookie with the token: browsers send all cookies of a host to each port."""
+        return f"catoptra_{self.port}"
+
+    def find_refusal(self, host: str, origin: str | None, *, needs_origin: bool) -> str:
+        """Reason against a request by its headers alone; empty if there is none.
+
+        Args:
+            host: Host header.
+            origin: Origin header; None if absent.
+            needs_origin: Whether the request must state its origin, as browsers do for WebSockets.
+        """
+        host = host.lower()
+        found = _HOST.fullmatch(host)
+        if found is None:
+            return "the Host header names no host"
+        if self.token is None and found[1] not in self.host_names:
+            known = ", ".join(sorted(self.host_names))
+            return f"the Host header names another host: open the page at one of {known}"
+        if origin is None:
+            return "a WebSocket needs an Origin header" if needs_origin else ""
+        if origin.lower() not in (f"http://{host}", f"https://{host}"):
+            return "the request comes from a page of another site"
+        return ""
+
+    def accepts_token(self, token: str | None) -> bool:
+        """Whether a token, of the link or of the cookie, is the right one, or none is needed."""
+        if self.token is None:
+            return True
+        # In constant time: the time of a reply must not tell how much of a guess is right.
+        return hmac.compare_digest((token or "").encode(), self.token.encode())
+
+
+def create_web_access(host: str, listener: Listener) -> WebAccess:
+    """Rules for a listening socket.
+
+    Args:
+        host: Name or address on which it was requested to listen.
+        listener: The socket.
+    """
+    address, port = listener.getsockname()[:2]
+    bound = ip_address(address.partition("%")[0])
+    name = f"[{host}]" if ":" in host else host.lower()
+    if bound.is_loopback:
+        return WebAccess(_LOOPBACK_NAMES | {name}, name, port)
+    # A wildcard is no address that browsers open: the link is that of this machine.
+    link_host = "localhost" if bound.is_unspecified else name
+    return WebAccess(frozenset(), link_host, port, secrets.token_urlsafe())

@@ -1,0 +1,263 @@
+"""Server of the live page: one port for its files and its WebSockets.
+
+No request has a body, names a path of this machine, or lives long. A connection that is no
+WebSocket makes room for newcomers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+from aiohttp import web
+
+from catoptra_protocol.stream.codec import MAX_REQUEST_BYTES
+from catoptra_server.runtime.faults import log_fault
+from catoptra_server.serve.limits import AcceptLoop, set_vanished_timeout
+from catoptra_server.serve.stream.replies import StreamContext
+from catoptra_server.serve.stream.session import INTERNAL_FAULT
+from catoptra_server.serve.tcp_server import ConnectionLimits
+from catoptra_server.serve.web.page_socket import (
+    SECURITY_HEADERS,
+    PageSocket,
+    WebConnection,
+    document_response,
+    text_response,
+)
+from catoptra_server.serve.web.pages import WebPages
+from catoptra_server.serve.web.web_access import WebAccess
+
+log = logging.getLogger(__name__)
+
+
+MAX_WEBSOCKETS = 64
+SOCKET_PATH = "/socket"
+# Of a connection that is no WebSocket: loading the page takes less than a second.
+_MAX_LIFETIME_S = 30.0
+_CHECK_INTERVAL_S = 0.25
+# A ping after this time without input, and its reply within half of it: a page that has vanished
+# without closing its connection is noticed within 7.5 s.
+_PING_INTERVAL_S = 5.0
+# Of a handshake that ends a WebSocket.
+_CLOSE_TIMEOUT_S = 1.0
+# The kernel doubles this: a read of the smallest messages takes 3 ms, one of the largest is two.
+_RECEIVE_BUFFER_BYTES = 16 * 1024
+
+
+class WebServer:
+    """A listening port and its connections."""
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        context: StreamContext,
+        pages: WebPages,
+        *,
+        access: WebAccess,
+        limits: ConnectionLimits,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin to accept connections.
+
+        Args:
+            listener: Listening socket, which the server owns from now on.
+            context: What the clients of the stream share.
+            pages: What requests read.
+            access: Who may use the port.
+            limits: Number of connections, and time of the loop for their input.
+            monotonic: Clock of the connections' lifetime, seconds.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._context = context
+        self._pages = pages
+        self._access = access
+        self._limits = limits
+        self._monotonic = monotonic
+        # aiohttp's part: a handler of requests for its protocol, one object a connection.
+        self._server = web.Server(self._handle, handler_cancellation=True)
+        # In the order of acceptance.
+        self._connections: dict[WebConnection, None] = {}
+        self._sockets: dict[WebConnection, PageSocket] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._accept_loop = AcceptLoop(listener, self._accept, name="view")
+        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
+
+    @property
+    def port(self) -> int:
+        """TCP port on which the server listens."""
+        return self._accept_loop.port
+
+    @property
+    def num_connections(self) -> int:
+        """Number of open connections."""
+        return len(self._connections)
+
+    @property
+    def sockets(self) -> tuple[PageSocket, ...]:
+        """Open WebSockets."""
+        return tuple(self._sockets.values())
+
+    async def close(self) -> None:
+        """Release the port and end every connection."""
+        self._accept_loop.close()
+        self._check.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for connection in list(self._connections):
+            connection.abort()
+        await self._server.shutdown(_CLOSE_TIMEOUT_S)
+        self._pages.close()
+
+    def _accept(self, accepted: socket.socket, address: str) -> None:
+        if len(self._connections) >= self._limits.max_connections and not self._make_room():
+            limit = f"the limit of {self._limits.max_connections} connections is reached"
+            raise ConnectionRefusedError(limit)
+        set_vanished_timeout(accepted)
+        accepted.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+        connection = WebConnection(
+            self._server,
+            address=address,
+            account=self._limits.loop_share.open_account(),
+            opened_at_s=self._monotonic(),
+            on_lost=lambda lost: self._connections.pop(lost, None),
+        )
+        self._connections[connection] = None
+        task = self._loop.create_task(self._connect(connection, accepted))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _connect(self, connection: WebConnection, accepted: socket.socket) -> None:
+        try:
+            await self._loop.connect_accepted_socket(lambda: connection, accepted)
+        except OSError as error:
+            log.info("web connection of %s closed: %s", connection.address, error)
+            self._connections.pop(connection, None)
+            accepted.close()
+
+    def _make_room(self) -> bool:
+        """Close the oldest connection that is no WebSocket; False if there is none."""
+        oldest = next((one for one in self._connections if not one.is_websocket), None)
+        if oldest is None:
+            return False
+        log.info("web connection of %s closed for a newcomer", oldest.address)
+        # At once, not when asyncio reports the end: the newcomer takes its place.
+        self._connections.pop(oldest)
+        oldest.abort()
+        return True
+
+    def _check_connections(self) -> None:
+        """End connections that live too long, and WebSockets that read nothing."""
+        self._check = self._loop.call_later(_CHECK_INTERVAL_S, self._check_connections)
+        opened_before_s = self._monotonic() - _MAX_LIFETIME_S
+        for connection in list(self._connections):
+            if not connection.is_websocket and connection.opened_at_s < opened_before_s:
+                connection.abort()
+        for page_socket in self.sockets:
+            page_socket.check()
+
+    async def _handle(self, request: web.BaseRequest) -> web.StreamResponse:
+        connection = request.protocol
+        assert isinstance(connection, WebConnection), "all connections are of this class"
+        await connection.begin_request()
+        response = await self._respond(request, connection)
+        connection.note_reply()
+        return response
+
+    async def _respond(
+        self, request: web.BaseRequest, connection: WebConnection
+    ) -> web.StreamResponse:
+        if refusal := self._find_refusal(request):
+            log.warning("a page request of %s was refused: %s", connection.address, refusal)
+            return text_response(403, refusal)
+        token = request.query.get("token")
+        if self._access.token is not None and token is not None and request.path == "/":
+            return self._welcome(token)
+        if request.method not in ("GET", "HEAD"):
+            return text_response(405, "only GET is served", headers={"Allow": "GET, HEAD"})
+        if request.body_exists:
+            # Not read: the connection ends after the response.
+            response = text_response(413, "a request has no body here")
+            response.force_close()
+            return response
+        if request.path == SOCKET_PATH:
+            return await self._serve_socket(request, connection)
+        try:
+            document = await self._pages.find(request.path, request.query)
+        except Exception:
+            log_fault(log, "a page request of %s failed", request.path[:80])
+            return text_response(500, INTERNAL_FAULT)
+        if document is None:
+            return text_response(404, "there is nothing at this address")
+        return document_response(document, known_tags=request.headers.get("If-None-Match", ""))
+
+    def _find_refusal(self, request: web.BaseRequest) -> str:
+        """Reason against a request, before its path is looked at; empty if there is none."""
+        access, headers = self._access, request.headers
+        hosts, origins = headers.getall("Host", []), headers.getall("Origin", [])
+        if len(hosts) != 1 or len(origins) > 1 or not request.raw_path.startswith("/"):
+            return "a request has one Host header, one Origin at most, and a path"
+        needs_origin = request.path == SOCKET_PATH
+        refusal = access.find_refusal(
+            hosts[0], origins[0] if origins else None, needs_origin=needs_origin
+        )
+        if refusal:
+            return refusal
+        token = request.cookies.get(access.cookie_name)
+        if request.path == "/":
+            token = request.query.get("token", token)
+        if not access.accepts_token(token):
+            return "open the link that the server printed: its token is missing or wrong"
+        return ""
+
+    def _welcome(self, token: str) -> web.StreamResponse:
+        """Exchange the token of the link for a cookie: no address that is shown has it then."""
+        cookie = f"{self._access.cookie_name}={token}; HttpOnly; SameSite=Strict; Path=/"
+        return text_response(303, "see /", headers={"Location": "/", "Set-Cookie": cookie})
+
+    async def _serve_socket(
+        self, request: web.BaseRequest, connection: WebConnection
+    ) -> web.StreamResponse:
+        if len(self._sockets) >= MAX_WEBSOCKETS:
+            limit = f"the limit of {MAX_WEBSOCKETS} WebSockets is reached: close another page"
+            log.warning("a page request of %s was refused: %s", connection.address, limit)
+            return text_response(503, limit)
+        websocket = web.WebSocketResponse(
+            timeout=_CLOSE_TIMEOUT_S,
+            autoping=False,  # counted like all other messages
+            heartbeat=_PING_INTERVAL_S,
+            compress=False,  # pictures are compressed, and each page would cost its own deflate
+            max_msg_size=MAX_REQUEST_BYTES + 1,  # aiohttp's limit is exclusive
+            writer_limit=1,  # a message is sent once the kernel has most of it
+        )
+        websocket.headers.update(SECURITY_HEADERS)
+        try:
+            await websocket.prepare(request)
+        except web.HTTPException as error:
+            return text_response(error.status, "this address is a WebSocket")
+        connection.is_websocket = True
+        page_socket = self._sockets[connection] = PageSocket(websocket, connection, self._context)
+        try:
+            await page_socket.serve()
+        finally:
+            del self._sockets[connection]
+        return websocket
+
+
+@asynccontextmanager
+async def serve_web(
+    listener: socket.socket,
+    context: StreamContext,
+    pages: WebPages,
+    *,
+    access: WebAccess,
+    limits: ConnectionLimits,
+) -> AsyncIterator[WebServer]:
+    """Serve the page until the block ends; for the arguments see WebServer."""
+    server = WebServer(listener, context, pages, access=access, limits=limits)
+    try:
+        yield server
+    finally:
+        await server.close()
