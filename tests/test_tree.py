@@ -50,10 +50,16 @@ def find_tests(folder: str) -> list[Path]:
 
 
 @cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    """All nodes of a module's syntax tree."""
+    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+@cache
 def imported_packages(path: Path) -> frozenset[str]:
     """Top-level names of all imports of a module, those inside functions too."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             names.update(alias.name.partition(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -63,8 +69,8 @@ def imported_packages(path: Path) -> frozenset[str]:
 
 def has_behaviour(path: Path) -> bool:
     """Whether a module computes anything: data and Protocols have no function with a body."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    functions = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef))
+    nodes = nodes_of(path)
+    functions = (n for n in nodes if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef))
     return any(not _is_text(statement) for function in functions for statement in function.body)
 
 
