@@ -6,6 +6,7 @@ import ast
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 from helpers.configs import REPOSITORY
@@ -40,17 +41,29 @@ def repeated(named_files: Iterable[tuple[str, Path]]) -> dict[str, list[str]]:
     return {name: paths for name, paths in files.items() if len(paths) > 1}
 
 
+Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def definitions(source: str) -> list[Definition]:
+    """All classes, functions and methods of a module, nested ones too."""
+    return [node for node in ast.walk(ast.parse(source)) if isinstance(node, Definition)]
+
+
+@cache
+def definitions_of(path: Path) -> list[Definition]:
+    return definitions(path.read_text(encoding="utf-8"))
+
+
 def defined_classes(path: Path) -> list[str]:
-    """Names of all classes that a module defines, nested ones too."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return [node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    """Names of all classes that a module defines."""
+    return [node.name for node in definitions_of(path) if isinstance(node, ast.ClassDef)]
 
 
-def participles(source: str) -> list[str]:
+def participles(defined: Iterable[Definition]) -> list[str]:
     """Functions and methods, other than properties, that a participle names."""
     return [
         node.name
-        for node in ast.walk(ast.parse(source))
+        for node in defined
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and PARTICIPLE.match(node.name)
         and node.name.strip("_") not in NO_PARTICIPLES | CALLBACKS
@@ -76,12 +89,12 @@ def test_functions_are_not_named_by_participles() -> None:
     found = {
         path.relative_to(REPOSITORY).as_posix(): names
         for path in source_files()
-        if (names := participles(path.read_text(encoding="utf-8")))
+        if (names := participles(definitions_of(path)))
     }
     assert found == {}
 
 
 def test_participle_when_it_names_a_function_is_found() -> None:
     source = "def _blurred(): ...\nclass A:\n  def camera_named(self): ...\n  def speed(self): ..."
-    assert participles(source) == ["_blurred", "camera_named"]
-    assert participles("class A:\n  @property\n  def is_needed(self): ...") == []
+    assert participles(definitions(source)) == ["_blurred", "camera_named"]
+    assert participles(definitions("class A:\n  @property\n  def is_needed(self): ...")) == []

@@ -50,10 +50,16 @@ def find_tests(folder: str) -> list[Path]:
 
 
 @cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    """All nodes of a module's syntax tree."""
+    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+@cache
 def imported_packages(path: Path) -> frozenset[str]:
     """Top-level names of all imports of a module, those inside functions too."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             names.update(alias.name.partition(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -63,8 +69,8 @@ def imported_packages(path: Path) -> frozenset[str]:
 
 def has_behaviour(path: Path) -> bool:
     """Whether a module computes anything: data and Protocols have no function with a body."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    functions = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef))
+    nodes = nodes_of(path)
+    functions = (n for n in nodes if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef))
     return any(not _is_text(statement) for function in functions for statement in function.body)
 
 
@@ -72,19 +78,20 @@ def _is_text(statement: ast.stmt) -> bool:
     return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
 
 
-FOLDERS = sorted({str(PurePosixPath(n).parent) for n, path in ALL_SOURCES if has_behaviour(path)})
+# Not when this file is collected, which each worker does: the syntax trees take 3 s.
+@pytest.fixture(scope="module")
+def folders() -> set[str]:
+    """Folders with a module that computes something."""
+    return {str(PurePosixPath(name).parent) for name, path in ALL_SOURCES if has_behaviour(path)}
 
 
 # Not each module: which file a function stands in is no idea, and each idea has a test file.
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_folder_when_it_has_behaviour_has_tests(folder: str) -> None:
-    assert find_tests(folder), (
-        f"{folder} has neither tests/{folder}/test_*.py nor a test of its name"
-    )
+def test_folders_with_behaviour_have_tests(folders: set[str]) -> None:
+    assert [folder for folder in sorted(folders) if not find_tests(folder)] == []
 
 
-def test_folders_and_their_tests_are_found() -> None:
-    assert {"server/frames", "protocol/optics/lenses", "client", "studies/experiment"} <= {*FOLDERS}
+def test_folders_and_their_tests_are_found(folders: set[str]) -> None:
+    assert {"server/frames", "protocol/optics/lenses", "client", "studies/experiment"} <= folders
     assert find_tests("server/frames")
     assert not find_tests("server/no_such_folder")
 

@@ -1,4 +1,4 @@
-"""Fixtures of the mutations of pictures, on the image port and on the stream."""
+"""Fixtures of the rows of pictures, on the image port and on the stream, and of their mutations."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from functools import cache
 
 import pytest
 
+from conformance.check import ServerUnderTest
 from conformance.mutation import Mutation
 from conformance.mutation_play import find_failures, make_unmutated, play_rows
 from conformance.server_setup import server_under_test
@@ -14,27 +15,40 @@ from conformance.suite import Outcome, RowResult
 from helpers.configs import OMNI_ROBOT
 from helpers.server_process import start_server
 
+PlayUnmutated = Callable[[str, str], RowResult]
 RequireNoticed = Callable[[Mutation], None]
 
 
 @pytest.fixture(scope="module")
-def require_noticed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RequireNoticed]:
-    """Assertion that the rows of a mutation fail with it, and pass through the proxy without it.
+def picture_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerUnderTest]:
+    """A server with the field, and a robot with the camera of the bundled file."""
+    folder = tmp_path_factory.mktemp("server")
+    with start_server(folder, "--image-type", "GOOD", robot=OMNI_ROBOT) as running:
+        yield server_under_test(running, spawn_pose="{Start Centre}")
 
-    The server has the field, and a robot with the camera of the bundled file.
-    """
-    with start_server(tmp_path_factory.mktemp("server"), robot=OMNI_ROBOT) as running:
-        server = server_under_test(running, spawn_pose="{Start Centre}")
 
-        @cache
-        def play_unmutated(port: str, row: str) -> RowResult:
-            return play_rows(make_unmutated(port), server, [row])[0]
+@pytest.fixture(scope="module")
+def play_unmutated(picture_server: ServerUnderTest) -> PlayUnmutated:
+    """Result of a row of a port without a mutation; played once for all tests."""
 
-        def require(mutation: Mutation) -> None:
-            for row in mutation.noticed_by:
-                unmutated = play_unmutated(mutation.port, row)
-                assert unmutated.outcome is Outcome.PASSED, unmutated.reason
-            failures = find_failures(play_rows(mutation, server, mutation.noticed_by))
-            assert set(failures) == set(mutation.noticed_by)
+    @cache
+    def play(port: str, row: str) -> RowResult:
+        return play_rows(make_unmutated(port), picture_server, [row])[0]
 
-        yield require
+    return play
+
+
+@pytest.fixture(scope="module")
+def require_noticed(
+    picture_server: ServerUnderTest, play_unmutated: PlayUnmutated
+) -> RequireNoticed:
+    """Assertion that the rows of a mutation fail with it, and pass through the proxy without it."""
+
+    def require(mutation: Mutation) -> None:
+        for row in mutation.noticed_by:
+            unmutated = play_unmutated(mutation.port, row)
+            assert unmutated.outcome is Outcome.PASSED, unmutated.reason
+        failures = find_failures(play_rows(mutation, picture_server, mutation.noticed_by))
+        assert set(failures) == set(mutation.noticed_by)
+
+    return require

@@ -69,6 +69,7 @@ def check_normalized(server: ServerUnderTest) -> None:
         )
 
 
+@retry_once
 def check_stop(server: ServerUnderTest) -> None:
     """A robot stands after DRIVE with 0 for both sides, by every sensor."""
     with spawn_robot(server) as session:

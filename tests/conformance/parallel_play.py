@@ -26,18 +26,25 @@ class ParallelPlayer:
         for place in places:
             self._free_places.put(place)
 
-    def start(self, mutation: Mutation, row: str) -> Future[RowResult]:
-        """Play a row through a mutation, in the next free place."""
-        return self._executor.submit(self._play, mutation, row)
+    def start(self, mutation: Mutation, row: str, robot_class: str = "") -> Future[RowResult]:
+        """Play a row through a mutation, in the next free place.
+
+        Args:
+            mutation: Mutation.
+            row: Name of a conversation or check.
+            robot_class: Class of INIT; empty for that of the place.
+        """
+        return self._executor.submit(self._play, mutation, row, robot_class)
 
     def play(self, mutation: Mutation, rows: Sequence[str]) -> list[RowResult]:
         """Play rows through a mutation, and wait for all."""
         return [future.result() for future in [self.start(mutation, row) for row in rows]]
 
-    def _play(self, mutation: Mutation, row: str) -> RowResult:
+    def _play(self, mutation: Mutation, row: str, robot_class: str) -> RowResult:
         place = self._free_places.get()
+        server = dataclasses.replace(place, robot_class=robot_class or place.robot_class)
         try:
-            return play_rows(mutation, place, [row])[0]
+            return play_rows(mutation, server, [row])[0]
         finally:
             self._free_places.put(place)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import socket
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from catoptra_protocol.errors import RemoteProtocolError
 from conformance import stream_player, tcp_player
 from conformance.check import Check, CheckFailed, CheckSkipped, ServerUnderTest
 from conformance.conversation_file import Address, read_conversation
-from conformance.mutation import ConnectionMutation, Mutation
+from conformance.mutation import ConnectionMutation
 from conformance.mutation_play import make_unmutated
 from conformance.mutation_proxy import run_mutation_proxy
 from conformance.parallel_play import ParallelPlayer, places_of, run_parallel_player
@@ -36,8 +38,9 @@ from helpers.configs import WORLDS
 from helpers.server_process import start_server
 
 ALL_CONVERSATIONS = read_conversations()
-UNMUTATED = make_unmutated("control")
 CHECKS_BY_NAME = {check.name: check for check in CHECKS}
+# Two rooms and a corridor, whose robots do not see each other.
+CORRIDOR_POSES = ("{Start WestEnd}", "{Location 3.1,-3.2,0}", "{Location -1.2,-2.3,0}")
 SERVER = ServerUnderTest({"control": ("127.0.0.1", 0)}, "Class", "{Start S}", "ut2004", False)
 
 
@@ -57,37 +60,20 @@ def play_port(server: ServerUnderTest, port: str) -> list[RowResult]:
     return list(play_checks(checks, server))
 
 
-def play_control_rows(
-    player: ParallelPlayer, server: ServerUnderTest, mutation: Mutation = UNMUTATED
-) -> list[RowResult]:
+def play_control_rows(player: ParallelPlayer, server: ServerUnderTest) -> list[RowResult]:
     """Results of the rows of the control port."""
     names = [check.name for check in applicable_checks(server) if check.port == "control"]
-    return player.play(mutation, names)
+    return player.play(make_unmutated("control"), names)
 
 
-def test_our_server_when_all_rows_are_played_passes(tmp_path: Path) -> None:
-    robot, world = write_sensor_robot(tmp_path), write_cell_world(tmp_path)
-    with start_server(tmp_path, "--image-type", "GOOD", robot=robot, world=world) as running:
-        server = server_under_test(running, spawn_pose=CELL_POSES[0])
-        for port in ("image", "stream"):
-            assert describe_failures(play_port(server, port)) == []
-        with run_parallel_player(places_of(server, CELL_POSES)) as player:
-            results = play_control_rows(player, server)
-            assert describe_failures(results) == []
-            # With all sensors no row may go unplayed.
-            assert {result.outcome for result in results} == {Outcome.PASSED}
-            # Correct variants: no client may depend on the segments or on the order of a cycle.
-            for connect in (make_split_line_ends, make_other_order):
-                variant = Mutation("variant", "control", connect)
-                assert describe_failures(play_control_rows(player, server, variant)) == []
-
-
-def test_our_server_when_it_speaks_udk_passes(tmp_path: Path) -> None:
+def test_our_server_when_it_speaks_udk_and_sends_legacy_images_passes(tmp_path: Path) -> None:
     # Sonars and encoders have a line each.
     robot, world = write_sensor_robot(tmp_path), write_cell_world(tmp_path)
-    options = ("--dialect", "udk", "--image-type", "RAW")
+    options = ("--dialect", "udk", "--image-type", "RAW", "--legacy-images")
     with start_server(tmp_path, *options, robot=robot, world=world) as running:
-        server = server_under_test(running, spawn_pose=CELL_POSES[0], dialect="udk")
+        server = server_under_test(
+            running, spawn_pose=CELL_POSES[0], dialect="udk", legacy_images=True
+        )
         assert describe_failures(play_port(server, "image")) == []
         with run_parallel_player(places_of(server, CELL_POSES)) as player:
             results = play_control_rows(player, server)
@@ -95,77 +81,49 @@ def test_our_server_when_it_speaks_udk_passes(tmp_path: Path) -> None:
     assert skipped_rows(results) == ["battery"]
 
 
-def test_our_server_when_it_sends_legacy_images_passes(tmp_path: Path) -> None:
-    with start_server(tmp_path, "--legacy-images") as running:
-        server = server_under_test(running, spawn_pose="{Start Centre}", legacy_images=True)
-        assert describe_failures(play_port(server, "image")) == []
+@pytest.fixture(scope="module")
+def corridor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerUnderTest]:
+    """A server of another world, with a class with all sensors and one without range sensors."""
+    folder = tmp_path_factory.mktemp("corridor")
+    robot = write_sensor_robot(folder, "omni_p2dx")
+    without_ranges = ("--robot", str(folder / "p2at_omni.ini"))
+    with start_server(
+        folder, *without_ranges, robot=robot, world=WORLDS / "corridor.ini"
+    ) as running:
+        yield server_under_test(running, robot_class="OmniP2DX", spawn_pose=CORRIDOR_POSES[0])
 
 
-@pytest.mark.parametrize(
-    ("robot", "robot_class", "skipped"),
-    [
-        ("omni_p2dx", "OmniP2DX", []),
-        ("p2at_omni", "OmniP2AT", ["scan_geometry", "scan_distance", "scan_turn", "sonar_ranges"]),
-        ("kenaf", "Kenaf", ["sonar_ranges"]),
-    ],
-    ids=["OmniP2DX", "OmniP2AT", "Kenaf"],
-)
-def test_our_server_with_another_class_passes(
-    tmp_path: Path, robot: str, robot_class: str, skipped: list[str]
-) -> None:
-    path, world = write_sensor_robot(tmp_path, robot), write_cell_world(tmp_path)
-    with start_server(tmp_path, robot=path, world=world) as running:
-        server = server_under_test(running, robot_class=robot_class)
-        with run_parallel_player(places_of(server, CELL_POSES)) as player:
-            results = play_control_rows(player, server)
+def test_our_server_with_another_class_in_another_world_passes(corridor: ServerUnderTest) -> None:
+    with run_parallel_player(places_of(corridor, CORRIDOR_POSES)) as player:
+        results = play_control_rows(player, corridor)
     assert describe_failures(results) == []
-    assert skipped_rows(results) == skipped
+    assert skipped_rows(results) == []
 
 
-def test_our_server_with_another_world_passes(tmp_path: Path) -> None:
-    # Two rooms and a corridor, whose robots do not see each other.
-    poses = ("{Start WestEnd}", "{Location 3.1,-3.2,0}", "{Location -1.2,-2.3,0}")
-    robot = write_sensor_robot(tmp_path)
-    with start_server(tmp_path, robot=robot, world=WORLDS / "corridor.ini") as running:
-        server = server_under_test(running)
-        with run_parallel_player(places_of(server, poses)) as player:
-            assert describe_failures(play_control_rows(player, server)) == []
+def test_rows_of_sensors_that_a_class_has_not_are_skipped(corridor: ServerUnderTest) -> None:
+    server = dataclasses.replace(corridor, robot_class="OmniP2AT")
+    of_sensors = re.compile("sensor|scan|sonar")
+    rows = [row for row in applicable_checks(server) if of_sensors.search(row.name)]
+    results = list(play_checks(rows, server))
+    assert describe_failures(results) == []
+    assert skipped_rows(results) == ["scan_geometry", "scan_distance", "scan_turn", "sonar_ranges"]
 
 
-def test_our_server_with_ports_in_another_order_passes(tmp_path: Path) -> None:
-    with start_server(tmp_path) as running, ExitStack() as stack:
-        direct = server_under_test(running, spawn_pose="{Start Centre}").addresses
+def test_our_server_with_ports_in_another_order_passes(corridor: ServerUnderTest) -> None:
+    with ExitStack() as stack:
 
         def enter_proxy(port: str) -> Address:
-            proxy = run_mutation_proxy(port, direct[port], ConnectionMutation)
+            proxy = run_mutation_proxy(port, corridor.addresses[port], ConnectionMutation)
             return stack.enter_context(proxy)
 
         control, image = enter_proxy("control"), enter_proxy("image")
         while image[1] > control[1]:
             image = enter_proxy("image")
-        server = dataclasses.replace(SERVER, addresses={"image": image, "control": control})
-        server = dataclasses.replace(server, robot_class="OmniP2AT", spawn_pose="{Start Centre}")
-        assert describe_failures(play_port(server, "image")) == []
-        assert play_check(CHECKS_BY_NAME["drive_pivot"], server).outcome is Outcome.PASSED
-
-
-def make_split_line_ends() -> ConnectionMutation:
-    """CR and LF of each line in segments of their own."""
-    return ConnectionMutation(split_replies_before=b"\n")
-
-
-def make_other_order() -> ConnectionMutation:
-    """Each line of Odometry behind the line that followed it."""
-    held = [b""]
-
-    def swap_with_next(line: bytes) -> bytes:
-        if b"{Type Odometry}" in line and line.startswith(b"SEN"):
-            held[0] += line
-            return b""
-        line, held[0] = line + held[0], b""
-        return line
-
-    return ConnectionMutation(mutate_reply=swap_with_next)
+        server = dataclasses.replace(corridor, addresses={"image": image, "control": control})
+        # A conversation, a check of both ports, and one of the control port.
+        rows = [CHECKS_BY_NAME["image_turn"], CHECKS_BY_NAME["drive_pivot"]]
+        rows += [row for row in applicable_checks(server) if row.name == "image_full_frame"]
+        assert {one.outcome for one in play_checks(rows, server)} == {Outcome.PASSED}
 
 
 @pytest.mark.parametrize(

@@ -110,7 +110,9 @@ def cast_image(camera: OmniCamera, state: CameraState, pixels: Floats | None = N
     pose = state.world_from_mirror
     corners, numbers = triangles_of(state)
     origins, directions = pose.transform_points(origins), pose.rotate_directions(directions)
-    distance, margin = _intersect(origins, directions, corners)
+    to_planes = distance_to_planes(origins, directions, corners)
+    margin = _smallest_weights(origins, directions, to_planes, corners)
+    distance = np.where((margin >= 0.0) & (to_planes > 0.0), to_planes, np.inf)
     triangle = np.argmin(distance, axis=1)
     rows = np.arange(len(directions))
     range_m = np.where(valid, distance[rows, triangle], np.inf)
@@ -123,7 +125,7 @@ def cast_image(camera: OmniCamera, state: CameraState, pixels: Floats | None = N
         point = origins + range_m[:, None] * directions
     near = np.abs(margin) < _EDGE
     # An edge behind the hit changes nothing.
-    is_before = distance_to_planes(origins, directions, corners) < range_m[:, None] * 1.001
+    is_before = to_planes < range_m[:, None] * 1.001
     certain = valid & ~(near & is_before).any(axis=1)
     return CastRays(
         range_m.reshape(shape),
@@ -143,17 +145,17 @@ def distance_to_planes(origins: Floats, directions: Floats, corners: Floats) -> 
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def _intersect(origins: Floats, directions: Floats, corners: Floats) -> tuple[Floats, Floats]:
-    """(n, m) distances, inf for a miss, and the smallest barycentric weight of each plane's hit."""
-    distance = distance_to_planes(origins, directions, corners)
+def _smallest_weights(
+    origins: Floats, directions: Floats, distance: Floats, corners: Floats
+) -> Floats:
+    """(n, m) smallest barycentric weight of each plane's hit; negative outside the triangle."""
     margin = np.full(distance.shape, np.inf)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    squared = np.einsum("mi,mi->m", normal, normal)
-    points = origins[:, None] + distance[..., None] * directions[:, None]
+    squared = np.einsum("mi,mi->m", normal, normal)[:, None]
     for corner in range(3):
         begin, end = corners[:, (corner + 1) % 3], corners[:, (corner + 2) % 3]
-        inward = np.cross(normal, end - begin)
-        weight = np.einsum("nmi,mi->nm", points - begin, inward) / squared
-        margin = np.minimum(margin, weight)
-    hit = (margin >= 0.0) & (distance > 0.0)
-    return np.where(hit, distance, np.inf), margin
+        inward = np.cross(normal, end - begin) / squared
+        # Products of matrices: points of all rays on all planes would be 200 MB.
+        at_origin = origins @ inward.T - np.einsum("mi,mi->m", begin, inward)
+        margin = np.minimum(margin, at_origin + distance * (directions @ inward.T))
+    return margin

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any
 
 import pytest
@@ -25,3 +25,10 @@ def quick_cases(cases: Iterable[Any], *quick: int) -> list[Any]:
         )
         for index, value in enumerate(values)
     ]
+
+
+def one_of_each(cases: Iterable[Any], kind: Callable[[Any], Hashable]) -> list[Any]:
+    """Values of `pytest.mark.parametrize`; of each kind the first one is a case of `make test`."""
+    values = list(cases)
+    kinds = [kind(value) for value in values]
+    return quick_cases(values, *(kinds.index(one) for one in set(kinds)))
