@@ -1,7 +1,8 @@
-"""Cameras from calibrations' numbers: rims by corners, limits and folds."""
+"""A camera from the numbers of a calibration, and the mark of its pictures."""
 
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
@@ -9,8 +10,10 @@ import pytest
 from catoptra_protocol.calibration.calibrated_camera import (
     Matrix,
     make_camera,
+    mark_picture,
     matrix_of,
     place_camera,
+    read_picture_mark,
 )
 from catoptra_protocol.calibration.files import Fields
 from catoptra_protocol.errors import ConfigError, DomainError
@@ -52,3 +55,28 @@ def test_matrix_is_of_the_flipped_picture() -> None:
 def test_impossible_model_is_an_error_of_the_file() -> None:
     with pytest.raises(ConfigError, match=r"f: model=.*xi >= 0"):
         make_camera(FIELDS, lambda: UnifiedLens(-1.0), Matrix(1.0, 1.0, 2.0, 2.0), (4, 4))
+
+
+TEXTS = ["%YAML:1.0\n---\nxi: 1.0\n", "cam0:\n  xi: 1.0\n", '{\n  "value0": {"a": 1}\n}\n']
+
+
+@pytest.mark.parametrize("picture", list(Picture))
+@pytest.mark.parametrize("text", TEXTS)
+def test_mark_of_a_text_is_read_again(text: str, picture: Picture) -> None:
+    marked = mark_picture(text, picture)
+    assert read_picture_mark(marked, "file") is picture
+    # The head stays first for OpenCV, the first object for Basalt.
+    assert marked.splitlines()[0] in (text.splitlines()[0], f"# catoptra_picture: {picture.value}")
+    if text.startswith("{"):
+        assert list(json.loads(marked)) == ["value0", "catoptra_picture"]
+
+
+def test_file_of_another_program_has_no_mark() -> None:
+    assert read_picture_mark("cam0:\n  picture: nice\n", "file") is None
+
+
+def test_mark_of_no_hand_is_an_error() -> None:
+    with pytest.raises(
+        ConfigError, match=r"a\.yaml.*catoptra_picture='upside'.*mirrored or flipped"
+    ):
+        read_picture_mark("# catoptra_picture: upside\n", "a.yaml")
