@@ -1,6 +1,7 @@
 """Blobs: connected regions of one colour in a labelled cylinder, joined across the seam.
 
-Effective viewpoint on the robot, and the conversion of poses and polar coordinates.
+The effective viewpoint on the robot, from which a cylinder is seen, is here too, with the
+conversion of its poses and polar coordinates to those of the robot.
 """
 
 from __future__ import annotations

@@ -1,15 +1,10 @@
-"""Candidates: sets of blobs that may show a landmark, and the view in which blobs are measured.
+"""Candidates: sets of blobs that may show a landmark, their ranges, and the detections they become.
 
-Detections: from a measurement at the viewpoint to one at the robot's origin.
-
-Level range of a point of known height from its direction, and the sigma of the range.
-
-A point `drop_m` below the viewpoint (negative: above), at incidence angle theta, lies at r = drop
-tan(theta). In t = tan(theta / 2) nothing cancels and the horizon is t = 1 exactly. At the horizon r
-is undefined, and the mean of r does not exist near the horizon, so ranges less than three sigma
-from the horizon are rejected.
-
-Functions return (value, valid); an invalid value is 0.
+A point `drop_m` below the viewpoint (negative: above), at incidence angle theta, lies at the level
+range r = drop tan(theta). In t = tan(theta / 2) nothing cancels and the horizon is t = 1 exactly.
+At the horizon r is undefined, and the mean of r does not exist near the horizon, so ranges less
+than three sigma from the horizon are rejected: functions return (value, valid), and an invalid
+value is 0. A detection is a measurement at the viewpoint, moved to the robot's origin.
 """
 
 from __future__ import annotations

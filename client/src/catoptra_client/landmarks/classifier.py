@@ -1,20 +1,17 @@
-"""Pixel classifiers: likelihood-ratio tests of a colour. Schmits & Visser 2009, Eq. 3.
+"""Pixel classifiers: likelihood-ratio tests of a colour, their histograms and files.
 
-A colour rgb is labelled cyan, magenta or yellow if P(rgb|colour) / P(rgb|neg) >= theta. With counts
-n and totals N that is n_pos N_neg >= theta n_neg N_pos, evaluated in Python's integers: exact,
-without a division by zero. All decisions are compiled into one table, so that labelling is a
-look-up.
+A colour rgb is labelled cyan, magenta or yellow if P(rgb|colour) / P(rgb|neg) >= theta. Histograms
+are integer counts over RGB bins. With counts n and totals N the test is n_pos N_neg >= theta n_neg
+N_pos, evaluated in Python's integers: exact, without a division by zero. All decisions are compiled
+into one table, so that labelling is a look-up.
 
 Eq. 3 leaves three cases open. A colour never observed on a landmark is rejected for any theta; a
 colour observed on a landmark and never elsewhere is accepted for any theta; where several
 classifiers accept, the largest ratio wins, and of equal ratios the first in `BAND_COLOURS`.
 
-Colour histograms: integer counts over RGB bins (Schmits & Visser 2009, section 3.2).
-
-Classifier files: .npz with a schema version, read without pickle.
-
-A file holds the histograms and theta. The table is compiled on load, so that table and histograms
-cannot disagree.
+A file (.npz with a schema version, read without pickle) holds the histograms and theta. The table
+is compiled on load, so that table and histograms cannot disagree. Source: Schmits & Visser 2009,
+section 3.2 and Eq. 3.
 """
 
 from __future__ import annotations

@@ -1,24 +1,22 @@
-"""Landmark detector: from an omnidirectional frame to detections.
+"""Landmark detector: from an omnidirectional frame to detections of goals and beacons.
 
 Frame -> cylinder -> colour codes -> blobs -> candidates -> detections: each step is a function on
 frozen data, and `Detector` holds the parts computed once. `detect_with_stages` also returns the
-intermediate results, for display. Source: Schmits & Visser 2009, section 3.2: colour histogram
-landmark detection on cylindrical projections.
+intermediate results, for display.
 
-Goals: one wide blob of one colour on the floor. A bearing, no range.
+Goals are one wide blob of one colour on the floor: a bearing, no range. Mouth, sides and back of a
+goal stand at ranges that differ by the depth, and the visible ones depend on the robot's position:
+any single range could be wrong by decimetres. The bearing is the centre of the blob's box. From the
+side that centre shifts from the centre of the mouth towards the box behind, by up to half the
+depth, which the sigma of the bearing covers.
 
-Mouth, sides and back of a goal stand at ranges that differ by the depth, and the visible ones
-depend on the robot's position: any single range could be wrong by decimetres. The bearing is the
-centre of the blob's box. From the side that centre shifts from the centre of the mouth towards the
-box behind, by up to half the depth, which the sigma of the bearing covers.
-
-Beacons: pairs of stacked blobs in a beacon's two colours, consistent with one range.
-
-Range: rows are linear in y = (H - z) / r, so the centroid of the lower band, at the height of the
-band's centre, gives r without bias. The upper band is not used, for two reasons: it lies nearer to
-the horizon, and the lid, which has the upper colour and is visible from above, raises the centroid.
-The blob shows the front of the cylinder, which is nearer than the axis by radius * sqrt(1 - s^2)
-over the relative width s; the mean, radius * pi / 4, is added.
+Beacons are pairs of stacked blobs in a beacon's two colours, consistent with one range. Rows are
+linear in y = (H - z) / r, so the centroid of the lower band, at the height of the band's centre,
+gives r without bias. The upper band is not used, for two reasons: it lies nearer to the horizon,
+and the lid, which has the upper colour and is visible from above, raises the centroid. The blob
+shows the front of the cylinder, which is nearer than the axis by radius * sqrt(1 - s^2) over the
+relative width s; the mean, radius * pi / 4, is added. Source: Schmits & Visser 2009, section 3.2:
+colour histogram landmark detection on cylindrical projections.
 """
 
 from __future__ import annotations

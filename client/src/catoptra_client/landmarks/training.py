@@ -1,16 +1,11 @@
-"""Training: from labelled frames to histograms, and from histograms to a classifier.
+"""Training: from frames to labels by exact geometry, to histograms, to a classifier.
 
-Ray casting of landmarks: the nearest surface along each ray, for labels.
-
-Exact geometry without shading or other objects. A beacon is a cylinder with a lid, a goal three
-upright boards open to the world's origin, as in `catoptra_protocol.landmarks`. World frame: z down,
-floor at z = 0, so a point at height h has z = -h.
-
-Training labels from exact geometry: the landmark colour at each pixel of a frame.
-
-One ray per pixel centre. Landmark colours are eroded by a margin, so that no mixed border pixel is
-learnt; pixels farther than a wider margin from every landmark are negatives; pixels in between are
-ignored. Only landmarks are modelled: frames in which a wall hides a landmark are unsuitable.
+One ray per pixel centre meets the nearest surface, without shading or other objects. A beacon is a
+cylinder with a lid, a goal three upright boards open to the world's origin, as in
+`catoptra_protocol.landmarks`. World frame: z down, floor at z = 0, so a point at height h has z =
+-h. Landmark colours are eroded by a margin, so that no mixed border pixel is learnt; pixels farther
+than a wider margin from every landmark are negatives; pixels in between are ignored. Only landmarks
+are modelled: frames in which a wall hides a landmark are unsuitable.
 """
 
 from __future__ import annotations

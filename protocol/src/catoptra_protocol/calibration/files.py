@@ -1,11 +1,9 @@
-"""JSON of calibration files: objects without duplicate names and without NaN.
+"""Text of calibration files: JSON and YAML as objects, and their fields by path.
 
-YAML of calibration files, with OpenCV's head and tags.
-
-OpenCV writes `%YAML:1.0`, which no YAML reader takes, and tags its matrices. Read by PyYAML's safe
-loader (the extra `calibration`), without aliases: a page of them can stand for gigabytes.
-
-Fields of a calibration file by path, with errors that name file, field and expectation.
+Errors name file, field and expectation. JSON has no duplicate names and no NaN. YAML is OpenCV's:
+its head `%YAML:1.0`, which no YAML reader takes, and its tags of matrices; read by PyYAML's safe
+loader (the extra `calibration`), without aliases, since a page of them can stand for gigabytes.
+PyYAML is imported with the first YAML file.
 """
 
 from __future__ import annotations

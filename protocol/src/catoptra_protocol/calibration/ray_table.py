@@ -1,12 +1,11 @@
-"""Ray table: the direction of every pixel, in a file of NumPy's arrays (.npz), for any camera.
+"""Ray table: the direction of every pixel, in a file of NumPy's arrays (.npz); cameras from it.
 
 The truth that all models approximate, and the one form for a mirror without a single viewpoint.
 Arrays: `direction` (h, w, 3) unit float64, `valid` (h, w) bool, `origin_m` (3,) zeros or (h, w, 3)
 float64, of the pixels' centres; texts: `frame`, `picture`, `law`; `first_pixel`, the coordinate of
 the first pixel's centre. Frame: x right, y down, z along the optical axis.
 
-A camera from a ray table: centre, stretch and a measured lens, by least squares.
-
+The camera of a central table has its centre, its stretch and a measured lens, by least squares.
 With the optical axis given by the table's frame, a pixel is centre + M r(theta) (cos, sin): odd
 polynomials of theta find the centre and the matrix M, hats between knots the rest of the radius.
 """

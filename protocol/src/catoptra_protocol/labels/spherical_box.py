@@ -4,9 +4,7 @@ Frame: level axes at the camera, x ahead as the robot's, y right, z down. Azimut
 elevation above the level. Each pixel counts with its whole square, as far as the camera's domain
 reaches: its centre, its corners and the middles of its edges, between which a pixel's outline bends
 by less than a thousandth of its width. Of a mirror without a viewpoint directions are those of its
-rays.
-
-Smallest cone around directions: an axis and a half angle of up to 180 degrees.
+rays. A cone is an axis and a half angle of up to 180 degrees, the smallest around the directions.
 """
 
 from __future__ import annotations

@@ -1,22 +1,19 @@
-"""Inverse of an increasing function of one variable, to the last digits, for whole arrays.
+"""Functions of one variable: inverses of increasing ones, splines through knots, first folds.
 
-Newton's method inside a bracket: a step that leaves the bracket is replaced by a bisection, so that
-the iteration converges for every increasing function and at the rate of Newton near the root. The
-start comes from a table of the function, which is computed once.
+Inverse: Newton's method inside a bracket. A step that leaves the bracket is replaced by a
+bisection, so that the iteration converges for every increasing function, to the last digits and at
+the rate of Newton near the root. The start comes from a table of the function, which is computed
+once.
 
-Cubic spline through knots, smooth to second order, with its derivatives.
+Spline: cubic, smooth to second order. Measured projections and mirror profiles are knots; a ray's
+direction is a derivative of a profile, so the profile must have a continuous curvature. Odd
+functions (an image radius by its angle) have no curvature at 0, even ones (a profile by its radius)
+no slope; the other end is not-a-knot, which keeps the third derivative continuous at the last knot
+but one. Source: de Boor, A Practical Guide to Splines, 1978.
 
-Measured projections and mirror profiles are knots; a ray's direction is a derivative of a profile,
-so the profile must have a continuous curvature. Odd functions (an image radius by its angle) have
-no curvature at 0, even ones (a profile by its radius) no slope; the other end is not-a-knot, which
-keeps the third derivative continuous at the last knot but one. Source: de Boor, A Practical Guide
-to Splines, 1978.
-
-First fold of a projection: the angle at which its image radius turns back.
-
-Two directions with one image radius cannot be told apart, so a camera model ends at its first fold,
-whatever its formula claims: a published calibration of a fish-eye lens turns back at 118.3 degrees
-where its formula reaches 146.6.
+First fold: the angle at which an image radius turns back. Two directions with one image radius
+cannot be told apart, so a camera model ends there, whatever its formula claims: a published
+calibration of a fish-eye lens turns back at 118.3 degrees where its formula reaches 146.6.
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
-"""Frozen dataclasses to maps of plain values and back, the same for msgpack and JSON.
+"""Frozen dataclasses as maps of plain values, and these maps as msgpack.
 
-A message is a map of field names to values, checked against the types of its dataclass: unknown
-fields are ignored, a missing or wrong one is an error with its name; a field with a default may be
-missing, since peers of an earlier release do not send it.
-
-Bytes of msgpack maps from dataclasses and back: the only module that imports msgpack.
-
-Sizes are limited before memory is allocated; no extension types, no object hooks. `field_maps`
-checks the maps against dataclasses. Source: spec.md of msgpack.
+The only module that imports msgpack. A message is a map of field names to values, checked against
+the types of its dataclass, the same for msgpack and JSON: unknown fields are ignored, a missing or
+wrong one is an error with its name; a field with a default may be missing, since peers of an
+earlier release do not send it. Sizes are limited before memory is allocated; no extension types, no
+object hooks. Which messages there are is in `requests` and `replies`. Source: spec.md of msgpack.
 """
 
 from __future__ import annotations

@@ -1,10 +1,7 @@
-"""Messages of the stream as bytes: one msgpack map each, `kind` first (SPEC.md 9.1).
+"""Messages of the stream as bytes: one msgpack map each, `kind` first (SPEC.md 9.1); and as JSON.
 
-`json_codec` encodes the same maps as JSON, by the functions from maps of this module.
-
-Messages of the stream as JSON text, for the page in a browser: the same maps as in msgpack.
-
-A frame's image follows outside the text, as on the stream.
+The page in a browser reads the same maps as JSON text, by the same readers. A frame's image follows
+outside the map in both.
 """
 
 from __future__ import annotations

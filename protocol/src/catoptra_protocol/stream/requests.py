@@ -1,15 +1,12 @@
 """The requests of a stream client: one frozen dataclass each, and their table REQUESTS.
 
-Every field is always present on the wire, nil where there is no value. The client chooses each
-`id`, above 0; the reply has the same id.
+The records that requests and replies share are here too: a rigid transform, and the channels and
+objects of labels. Every field is always present on the wire, nil where there is no value. The
+client chooses each `id`, above 0; the reply has the same id.
 
 To add a request: its dataclass, its entries in `Request` and REQUESTS, its row in SPEC.md 9.2, a
 vector in tests/conformance/data/stream, a sample in tests/helpers/stream_messages.py; then its case
 in transports/stream/stream_server.py (all clients) or stream_peer.py (one robot) of the server.
-
-A rigid transform on the wire.
-
-Labels in a frame's header: the channels behind the image, and the objects in view.
 """
 
 from __future__ import annotations

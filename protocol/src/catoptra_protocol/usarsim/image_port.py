@@ -1,12 +1,9 @@
 """The protocol of the image port: requests in, frames out, and the client's side of both.
 
-A frame is a type byte, a big-endian length, and a JPEG stream or a RAW image. Source:
-ImageServer.cpp, UPISImageServer.uc of USARSim; SPEC.md 7.
-
-Size that a JPEG stream announces, so that a client can reject an image before decoding.
-
-The parser walks the segments up to the start of frame (ITU-T T.81, B.1.1.3 and B.2.2) and decodes
-nothing.
+A frame is a type byte, a big-endian length, and a JPEG stream or a RAW image. The size that a JPEG
+stream announces is read before decoding, so that a client can reject a huge image: the parser walks
+the segments up to the start of frame and decodes nothing. Source: ImageServer.cpp,
+UPISImageServer.uc of USARSim; SPEC.md 7; ITU-T T.81, B.1.1.3 and B.2.2.
 """
 
 from __future__ import annotations

@@ -2,15 +2,9 @@
 
 Blocking, for one thread. Frames are pulled: each is the newest at the moment of its request, so a
 slow program misses frames and never gets old ones. After the server was down the connection is made
-anew by itself; the robot is then gone and has to be spawned again.
-
-Decoding of the labels of a stream frame, with checks before memory is allocated.
-
-Landmarks in replies of the stream: true positions, and projections into a camera.
-
-Decoding of a stream frame, header and image, with checks before memory is allocated.
-
-Requests to a stream server, one at a time, each with its reply or an error.
+anew by itself; the robot is then gone and has to be spawned again. Requests are exchanged one at a
+time; images and labels are checked against their header before memory is allocated. The socket, and
+how long a server may be silent, is in `zmq_socket`.
 """
 
 from __future__ import annotations
