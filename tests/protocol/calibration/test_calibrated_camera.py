@@ -11,7 +11,7 @@ from catoptra_protocol.calibration.calibrated_camera import (
     Matrix,
     make_camera,
     mark_picture,
-    matrix_of,
+    matrix_from_camera,
     place_camera,
     read_picture_mark,
 )
@@ -43,13 +43,13 @@ def test_camera_ends_at_its_first_fold_where_that_is_nearer() -> None:
 
 
 def test_matrix_is_of_the_flipped_picture() -> None:
-    matrix = matrix_of(PAPER, 100.0)
+    matrix = matrix_from_camera(PAPER, 100.0)
     assert (matrix.cx, matrix.cy, matrix.fx) == (179.5, 179.5, 100.0)
     assert PAPER.picture is Picture.MIRRORED
     plane = ImagePlane((1.0, 0.0, 0.1, 1.0))
     turned = place_camera(PAPER.projection, (9, 9), (4.0, 4.0), 1.0, plane)
     with pytest.raises(DomainError, match="below its diagonal"):
-        matrix_of(turned, 1.0)
+        matrix_from_camera(turned, 1.0)
 
 
 def test_impossible_model_is_an_error_of_the_file() -> None:

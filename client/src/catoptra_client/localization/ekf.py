@@ -271,7 +271,7 @@ def is_finite(measurement: Measurement) -> bool:
 
 # Radius of a beacon: a robot believed closer than that stands inside the landmark, where the
 # linearization of the bearing is meaningless.
-MIN_LANDMARK_RANGE_M = 0.05
+_MIN_LANDMARK_RANGE_M = 0.05
 # A squared pivot below 16 eps of its variance is the rounding residue of zero.
 _MIN_RELATIVE_PIVOT = 16.0 * float(np.finfo(np.float64).eps)
 
@@ -358,7 +358,7 @@ def update(
     if not is_finite(measurement):
         return _reject(belief, UpdateStatus.NOT_FINITE)
     expected, defined = predict_measurement(belief.mean, landmark)
-    if not defined or expected.range_m < MIN_LANDMARK_RANGE_M:
+    if not defined or expected.range_m < _MIN_LANDMARK_RANGE_M:
         return _reject(belief, UpdateStatus.AT_LANDMARK)
     innovation, H, R = compute_innovation(measurement, expected)
     R_root, valid = covariance_square_root(R)

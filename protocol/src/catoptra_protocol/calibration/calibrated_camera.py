@@ -132,7 +132,7 @@ def place_camera(
     )
 
 
-def matrix_of(camera: OmniCamera, scale_px: float) -> Matrix:
+def matrix_from_camera(camera: OmniCamera, scale_px: float) -> Matrix:
     """Camera matrix of a flipped camera whose projection has another unit.
 
     Args:

@@ -56,7 +56,7 @@ def parse_yaml(text: str, file: str) -> Any:
             expected="the package PyYAML: pip install 'catoptra-protocol[calibration]'",
         ) from error
 
-    class Loader(yaml.SafeLoader):
+    class MatrixLoader(yaml.SafeLoader):
         """Safe loader without aliases, with OpenCV's matrices."""
 
         def compose_node(self, parent: Any, index: Any) -> Any:
@@ -66,9 +66,9 @@ def parse_yaml(text: str, file: str) -> Any:
                 raise yaml.MarkedYAMLError(problem="aliases", problem_mark=event.start_mark)
             return super().compose_node(parent, index)
 
-    Loader.add_constructor(_MATRIX_TAG, _construct_matrix)
+    MatrixLoader.add_constructor(_MATRIX_TAG, _construct_matrix)
     try:
-        return yaml.load(_OPENCV_HEAD.sub("", text), Loader=Loader)
+        return yaml.load(_OPENCV_HEAD.sub("", text), Loader=MatrixLoader)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark is not None else 0

@@ -177,7 +177,7 @@ def _make_error(
     return ConfigError(SourceLocation(str(path)), key=key, value=value, expected=expected)
 
 
-MAX_RESIDUAL_PX = 0.05
+_MAX_RESIDUAL_PX = 0.05
 """Largest residual of a camera from a table."""
 _NUM_POWERS, _NUM_KNOTS = 9, 129
 _MIN_PIXELS, _MAX_PIXELS = 1000, 200_000
@@ -218,7 +218,7 @@ def fit_table(table: PixelRays) -> OmniCamera:
     camera = place_camera(lens, (table.valid.shape[1], table.valid.shape[0]), centre, 1.0, plane)
     found, _ = camera.pixel_from_direction(np.stack((x, y, z), axis=-1) @ _MIRROR_FROM_TABLE.T)
     off_px = np.hypot(found[:, 0] - u, found[:, 1] - v)[theta < camera.rim_rad]
-    if not off_px.max(initial=0.0) <= MAX_RESIDUAL_PX:
+    if not off_px.max(initial=0.0) <= _MAX_RESIDUAL_PX:
         raise DomainError(f"a radial lens is off its rays by up to {off_px.max():.3g} px")
     return camera
 

@@ -85,16 +85,16 @@ def _fraction(values: Floats, low: Floats, high: Floats) -> Floats:
     return np.where(span > 0.0, (values - low) / np.where(span > 0.0, span, 1.0), 0.0)
 
 
-MIN_KNOTS = 4
+_MIN_KNOTS = 4
 """Knots of a spline that is not-a-knot at its end."""
 # The spline is the solution of a dense system; a camera's pairs are a datagram.
-MAX_KNOTS = 512
+_MAX_KNOTS = 512
 
 
 def check_column(name: str, values: tuple[float, ...]) -> None:
     """Raise DomainError unless a column of a measured table starts at 0 and increases."""
-    if not isinstance(values, tuple) or not MIN_KNOTS <= len(values) <= MAX_KNOTS:
-        raise DomainError(f"a table of {name} has {MIN_KNOTS} to {MAX_KNOTS} entries")
+    if not isinstance(values, tuple) or not _MIN_KNOTS <= len(values) <= _MAX_KNOTS:
+        raise DomainError(f"a table of {name} has {_MIN_KNOTS} to {_MAX_KNOTS} entries")
     if not all(map(math.isfinite, values)) or values[0] != 0.0:
         raise DomainError(f"a table of {name} is finite and starts at 0: {values[0]!r}")
     falling = next(((low, high) for low, high in pairwise(values) if high <= low), None)

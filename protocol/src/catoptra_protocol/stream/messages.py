@@ -44,10 +44,10 @@ def request_from_bytes(data: bytes) -> Request:
         InvalidRequestError: The id is readable; the kind or another field is wrong.
         RemoteProtocolError: The bytes are no request with an id above 0.
     """
-    return request_from_fields(unpack(data, MAX_REQUEST_BYTES))
+    return _request_from_fields(unpack(data, MAX_REQUEST_BYTES))
 
 
-def request_from_fields(fields: FieldMap) -> Request:
+def _request_from_fields(fields: FieldMap) -> Request:
     """Request of a client from a decoded map.
 
     Raises:
@@ -89,10 +89,10 @@ def reply_from_bytes(data: bytes) -> Reply | None:
         RemoteProtocolError: The bytes are no reply, or one of another protocol version; names the
             missing or wrong field.
     """
-    return reply_from_fields(unpack(data, MAX_REPLY_BYTES))
+    return _reply_from_fields(unpack(data, MAX_REPLY_BYTES))
 
 
-def reply_from_fields(fields: FieldMap) -> Reply | None:
+def _reply_from_fields(fields: FieldMap) -> Reply | None:
     """Message of a server from a decoded map; None for an unknown kind.
 
     Raises:
@@ -126,7 +126,7 @@ def request_from_json(text: str) -> Request:
         InvalidRequestError: The id is readable; the kind or another field is wrong.
         RemoteProtocolError: The text is no request with an id above 0.
     """
-    return request_from_fields(json_object_from_text(text, MAX_REQUEST_BYTES))
+    return _request_from_fields(json_object_from_text(text, MAX_REQUEST_BYTES))
 
 
 def reply_from_json(text: str) -> Reply | None:
@@ -136,4 +136,4 @@ def reply_from_json(text: str) -> Reply | None:
         RemoteProtocolError: The text is no reply, or one of another protocol version; names the
             missing or wrong field.
     """
-    return reply_from_fields(json_object_from_text(text, MAX_REPLY_BYTES))
+    return _reply_from_fields(json_object_from_text(text, MAX_REPLY_BYTES))

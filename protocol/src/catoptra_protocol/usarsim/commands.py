@@ -205,7 +205,7 @@ class Trace:
         )
 
 
-def set_from_message(message: Message) -> Set | SetViewports:
+def _set_from_message(message: Message) -> Set | SetViewports:
     """Parse a SET: of the viewports, or of any other part."""
     # Viewports have no name and opcode, so their SET has a class of its own.
     is_viewports = (message.get("Type") or "").lower() == "viewports"
@@ -358,7 +358,7 @@ COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
     "MISPKG": MisPkg.from_message,
     # The word of UDK's later releases.
     "ACT": MisPkg.from_message,
-    "SET": set_from_message,
+    "SET": _set_from_message,
     "TRACE": Trace.from_message,
     "GETCONF": GetConf.from_message,
     "GETGEO": GetGeo.from_message,

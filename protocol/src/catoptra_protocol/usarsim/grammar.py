@@ -25,7 +25,7 @@ from catoptra_protocol.usarsim.value_format import format_fixed_point
 Pairs = tuple[tuple[str, str], ...]
 
 # The strings of UnrealScript are ISO-8859-1 on the wire, and every byte survives a round trip.
-ENCODING = "latin-1"
+_ENCODING = "latin-1"
 
 _LINE_END = re.compile(rb"[\r\n]")
 # No braces inside: no source nests blocks, and a block that is never closed matches nothing.
@@ -99,7 +99,7 @@ def format_line(
     blocks = (("" if pair[0] in without_space else " ") + _format_block(pair) for pair in pairs)
     text = "".join((word, *blocks)) + "\r\n"
     try:
-        return text.encode(ENCODING)
+        return text.encode(_ENCODING)
     except UnicodeEncodeError as error:
         raise LocalProtocolError(f"{word}: {text!r} is not Latin-1 text") from error
 
@@ -143,7 +143,7 @@ class LineReader:
 
     def _finish_line(self, piece: bytes) -> str:
         self._append(piece)
-        line = self._line.decode(ENCODING)
+        line = self._line.decode(_ENCODING)
         self._line.clear()
         self._is_overlong = False
         return line

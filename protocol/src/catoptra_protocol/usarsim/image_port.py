@@ -19,7 +19,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 _START_OF_IMAGE = b"\xff\xd8"
 _SEGMENT_LENGTH = struct.Struct(">H")
 # Length, bits per sample, height, width.
-_FRAME_HEADER = struct.Struct(">HBHH")
+_START_OF_FRAME = struct.Struct(">HBHH")
 # SOF0 to SOF15 without the three other markers in this range: DHT, JPG, DAC.
 _START_OF_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
@@ -52,7 +52,7 @@ def _find_frame_size(payload: bytes) -> tuple[int, int]:
     while True:
         marker, position = _read_marker(payload, position)
         if marker in _START_OF_FRAME_MARKERS:
-            _, _, height, width = _FRAME_HEADER.unpack_from(payload, position)
+            _, _, height, width = _START_OF_FRAME.unpack_from(payload, position)
             return width, height
         position += _SEGMENT_LENGTH.unpack_from(payload, position)[0]
 
@@ -67,7 +67,7 @@ def _read_marker(payload: bytes, position: int) -> tuple[int, int]:
     return struct.unpack_from("B", payload, position)[0], position + 1
 
 
-_FRAME_HEADER_IMAGE_PORT = struct.Struct(">BI")
+_FRAME_HEADER = struct.Struct(">BI")
 _RAW_HEADER = struct.Struct(">HH")
 _REGION = struct.Struct(">4I")
 _REQUEST_START = re.compile(rb"[OU]")
@@ -197,21 +197,21 @@ class ImageFrameReader:
         return frames
 
     def _next_frame(self) -> EncodedFrame | None:
-        if len(self._buffer) < _FRAME_HEADER_IMAGE_PORT.size:
+        if len(self._buffer) < _FRAME_HEADER.size:
             return None
         image_type, length = self._read_header()
-        end = _FRAME_HEADER_IMAGE_PORT.size + length
+        end = _FRAME_HEADER.size + length
         if len(self._buffer) < end:
             return None
         # The view is released before the buffer shrinks: a bytearray with an exported view cannot
         # resize.
         with memoryview(self._buffer) as view:
-            payload = bytes(view[_FRAME_HEADER_IMAGE_PORT.size : end])
+            payload = bytes(view[_FRAME_HEADER.size : end])
         del self._buffer[:end]  # moves the start of a bytearray, not its bytes
         return EncodedFrame(image_type, payload)
 
     def _read_header(self) -> tuple[ImageType, int]:
-        image_type, length = _FRAME_HEADER_IMAGE_PORT.unpack_from(self._buffer)
+        image_type, length = _FRAME_HEADER.unpack_from(self._buffer)
         if image_type > max(ImageType):
             raise RemoteProtocolError(
                 f"frame of type {image_type}: expected 0 (RAW) to 5; is this the image port?"
@@ -237,7 +237,7 @@ def encode_frame_header(image_type: ImageType, payload_length: int) -> bytes:
     """
     if not 0 <= payload_length <= 0xFFFFFFFF:
         raise LocalProtocolError(f"a payload of {payload_length} bytes does not fit its header")
-    return _FRAME_HEADER_IMAGE_PORT.pack(image_type, payload_length)
+    return _FRAME_HEADER.pack(image_type, payload_length)
 
 
 def encode_raw_header(width: int, height: int) -> bytes:

@@ -192,7 +192,7 @@ Report = (
     | ViewportsResult
 )
 
-ReportParser = Callable[[Message], Report | None]
+_ReportParser = Callable[[Message], Report | None]
 
 # A property of the dialect's lines and not of a report: several reports have such blocks.
 _BLOCKS_WITHOUT_SPACE = {Dialect.UT2004: frozenset[str](), Dialect.UDK: UDK_BLOCKS_WITHOUT_SPACE}
@@ -230,7 +230,7 @@ def _encode_line(message: Message, dialect: Dialect) -> bytes:
 
 
 # ASTA is the MISSTA of UDK. CONF has one parser: clients read free pairs.
-REPORT_PARSERS: dict[str, ReportParser] = {
+REPORT_PARSERS: dict[str, _ReportParser] = {
     "NFO": greeting_from_message,
     "STA": VehicleStatus.from_message,
     "SEN": reading_from_message,

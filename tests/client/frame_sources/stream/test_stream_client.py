@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import time
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 import cv2
 import numpy as np
 import pytest
 
-from catoptra_client.frame import Frame
+from catoptra_client.frame import Frame, LabelledPixels
 from catoptra_client.frame_sources.stream.stream_client import (
-    CameraModelCache,
     LandmarkProjection,
-    RequestExchange,
     StreamClient,
-    frame_from_parts,
-    labels_from_parts,
-    landmarks_from_reply,
-    projections_from_reply,
 )
-from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from catoptra_protocol.camera_conf import pairs_from_omni_camera, pairs_from_perspective_camera
 from catoptra_protocol.errors import (
     CatoptraError,
@@ -68,45 +62,60 @@ from catoptra_protocol.stream.requests import (
     Transform,
 )
 from catoptra_protocol.usarsim.image_port import ImageType
-from catoptra_protocol.usarsim.reports import OdometryReading, line_from_report
+from catoptra_protocol.usarsim.reports import OdometryReading, Report, line_from_report
 from helpers.scripted_stream import HEARTBEAT, Script, serve_stream_script
 from helpers.stream_messages import HEADER, HEADER_WITH_DIFFERENCE, LANDMARK, UPRIGHT_TRANSFORM
 
-REPORTS = SensorReports(7, ("SEN",))
+HOST = "127.0.0.1"
+_ResultT = TypeVar("_ResultT")
 
 
-def call_with_replies(*replies: Reply) -> SensorReports:
-    """Result of a request with id 7 that has these replies."""
+def call(reply: Callable[[int], Reply], request: Callable[[StreamClient], _ResultT]) -> _ResultT:
+    """Result of a call of a client whose requests have this reply, by id."""
+    with (
+        serve_stream_script(lambda request: [[bytes_from_message(reply(request.id))]]) as port,
+        StreamClient(HOST, port) as client,
+    ):
+        return request(client)
+
+
+def step_with_replies(*replies: Callable[[int], Reply]) -> list[Report]:
+    """Result of a step whose id, 2, has these replies."""
 
     def reply(request: Request) -> list[list[bytes]]:
-        return [[bytes_from_message(one)] for one in replies]
+        if isinstance(request, ResetRequest):
+            return [[bytes_from_message(Ok(request.id))]]
+        return [[bytes_from_message(one(request.id))] for one in replies]
 
-    with serve_stream_script(reply) as port:
-        socket = StreamSocket("127.0.0.1", port, clock=time.monotonic)
-        exchange = RequestExchange(socket, timeout_s=5.0, clock=time.monotonic)
-        try:
-            return exchange.call(ResetRequest(7), SensorReports)
-        finally:
-            exchange.close()
+    with serve_stream_script(reply) as port, StreamClient(HOST, port) as client:
+        client.reset()
+        return client.step(0.0)
 
 
 def test_reply_when_it_follows_a_late_one_is_found_by_its_id() -> None:
-    assert call_with_replies(Ok(6), REPORTS) == REPORTS
+    odometry = OdometryReading("Odometry", 1.0, 2.0, 0.5)
+    line = line_from_report(odometry).decode().strip()
+    replies = (lambda id_: Ok(id_ - 1)), (lambda id_: SensorReports(id_, (line,)))
+    assert step_with_replies(*replies) == [odometry]
 
 
 @pytest.mark.parametrize(
     ("reply", "error", "reason"),
     [
-        (Error(7, "no robot"), CatoptraError, "rejected the request: no robot"),
-        (Error(0, "no msgpack"), RemoteProtocolError, "cannot read the request: no msgpack"),
-        (Ok(7), RemoteProtocolError, "replied with ok"),
+        (lambda id_: Error(id_, "no robot"), CatoptraError, "rejected the request: no robot"),
+        (
+            lambda _: Error(0, "no msgpack"),
+            RemoteProtocolError,
+            "cannot read the request: no msgpack",
+        ),
+        (Ok, RemoteProtocolError, "replied with ok"),
     ],
 )
 def test_reply_when_it_is_no_result_raises_with_the_reason(
-    reply: Reply, error: type[CatoptraError], reason: str
+    reply: Callable[[int], Reply], error: type[CatoptraError], reason: str
 ) -> None:
     with pytest.raises(error, match=reason):
-        call_with_replies(reply)
+        step_with_replies(reply)
 
 
 CAMERA = OmniCamera(
@@ -124,8 +133,21 @@ HEADER_WITH_CAMERA = dataclasses.replace(
 IMAGE = np.arange(72, dtype=np.uint8).reshape(4, 6, 3)
 
 
+def decode_frames(header: FrameHeader, *parts: bytes, frames: int = 1) -> list[Frame]:
+    """Frames of a client, each of which arrives as this header and these parts."""
+
+    def reply(request: Request) -> list[list[bytes]]:
+        return [[bytes_from_message(dataclasses.replace(header, id=request.id)), *parts]]
+
+    with (
+        serve_stream_script(reply) as port,
+        StreamClient(HOST, port, clock=lambda: 3.0) as client,
+    ):
+        return [client.get_frame() for _ in range(frames)]
+
+
 def decode_frame(header: FrameHeader, *parts: bytes) -> Frame:
-    return frame_from_parts(header, list(parts), camera_cache=CameraModelCache(), received_s=3.0)
+    return decode_frames(header, *parts)[0]
 
 
 def test_frame_when_raw_has_the_fields_of_its_header() -> None:
@@ -151,11 +173,10 @@ def test_frame_when_png_is_the_same_image() -> None:
 
 
 def test_camera_when_its_pairs_stay_the_same_is_parsed_once() -> None:
-    cache = CameraModelCache()
-    assert cache.get_camera(HEADER_WITH_CAMERA.camera_model) is cache.get_camera(
-        dict(HEADER_WITH_CAMERA.camera_model or {})
-    )
-    assert cache.get_camera(None) is None
+    first, second = decode_frames(HEADER_WITH_CAMERA, IMAGE.tobytes(), frames=2)
+    assert first.camera is second.camera
+    without = dataclasses.replace(HEADER_WITH_CAMERA, camera_model=None)
+    assert decode_frame(without, IMAGE.tobytes()).camera is None
 
 
 BAD_MESSAGES: list[tuple[FrameHeader, tuple[bytes, ...], str]] = [
@@ -210,11 +231,24 @@ RECORD = ChannelRecord("ids", "<u2", 1, ChannelEncoding.RAW, 12)
 UPRIGHT = Transform((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
 
 
+def decode_labels(
+    record: LabelsRecord, part: bytes, size_px: tuple[int, int] = (2, 3)
+) -> LabelledPixels:
+    """Labels of a frame of this height and width, as a client receives them."""
+    height_px, width_px = size_px
+    header = replace(
+        HEADER, camera_model=None, height_px=height_px, width_px=width_px, labels=record
+    )
+    labels = decode_frame(header, bytes(18), part).labels
+    assert labels is not None
+    return labels
+
+
 def test_channels_and_objects_are_decoded() -> None:
     crate = ObjectRecord(3, "crate", "object", 2, UPRIGHT, (0.5, 0.25, 0.125))
     packed = replace(RECORD, encoding=ChannelEncoding.ZLIB)
     for record, part in ((RECORD, IDS.tobytes()), (packed, zlib.compress(IDS.tobytes()))):
-        found = labels_from_parts(LabelsRecord((record,), (crate,)), [part], (2, 3))
+        found = decode_labels(LabelsRecord((record,), (crate,)), part)
         np.testing.assert_array_equal(found.truth.channels["ids"], IDS)
         (one,) = found.truth.objects
         np.testing.assert_allclose(one.corners().mean(axis=0), (1.0, 2.0, 3.0))
@@ -235,33 +269,37 @@ def test_parts_that_do_not_match_are_errors(
     record: ChannelRecord, part: bytes, size: tuple[int, int], message: str
 ) -> None:
     with pytest.raises(RemoteProtocolError, match=message):
-        labels_from_parts(LabelsRecord((record,)), [part], size)
+        decode_labels(LabelsRecord((record,)), part, size)
 
 
 def test_swelling_part_is_not_inflated() -> None:
     bomb = zlib.compress(bytes(50_000_000), 9)
     packed = replace(RECORD, encoding=ChannelEncoding.ZLIB)
     with pytest.raises(RemoteProtocolError, match="13 bytes, expected 12"):
-        labels_from_parts(LabelsRecord((packed,)), [bomb], (2, 3))
+        decode_labels(LabelsRecord((packed,)), bomb)
 
 
 EXPECTED_LANDMARK = Landmark("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 
 
 def test_landmarks_when_received_are_as_in_the_file() -> None:
-    assert landmarks_from_reply(LandmarksReply(1, (LANDMARK,))) == (EXPECTED_LANDMARK,)
+    found = call(lambda id_: LandmarksReply(id_, (LANDMARK,)), StreamClient.get_landmarks)
+    assert found == (EXPECTED_LANDMARK,)
 
 
 def test_landmarks_when_projected_have_pixel_and_time() -> None:
     visible = dataclasses.replace(LANDMARK, pixel=(3.0, 4.0), visible=True)
     hidden = dataclasses.replace(LANDMARK, pixel=None, visible=False)
-    assert projections_from_reply(LandmarksReply(1, (visible, hidden), 1.5)) == (
+    found = call(
+        lambda id_: LandmarksReply(id_, (visible, hidden), 1.5),
+        StreamClient.get_landmark_projections,
+    )
+    assert found == (
         LandmarkProjection(EXPECTED_LANDMARK, (3.0, 4.0), True, 1.5),
         LandmarkProjection(EXPECTED_LANDMARK, None, False, 1.5),
     )
 
 
-HOST = "127.0.0.1"
 # A timeout that expires in the test.
 SHORT_S = 0.1
 STATUS = StatusReply(1, 0, "Catoptra", "field", ("USARBot.OmniP2AT",), "realtime", 1, False, 0)
