@@ -1,14 +1,43 @@
-"""Commands of the client: their options, and errors as one line."""
+"""The command catoptra-client."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+import catoptra_client
+from catoptra_client import __main__ as entry_point
 from catoptra_client.cli import main
 from catoptra_client.server_process import run_server
 from catoptra_client.training_frames import ROBOT_CLASS
+
+
+def test_command_when_interrupted_ends_with_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(_: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("catoptra_client.cli.main", interrupt)
+    assert entry_point.main(["train"]) == entry_point.EXIT_INTERRUPTED
+    assert capsys.readouterr().err == "catoptra-client: interrupted\n"
+
+
+def test_entry_point_when_imported_has_loaded_no_library() -> None:
+    code = (
+        "import sys; import catoptra_client.__main__\n"
+        "sys.exit(any(name in sys.modules for name in ('numpy', 'cv2', 'zmq')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_package_has_show_and_no_other_attribute() -> None:
+    assert callable(catoptra_client.show)
+    with pytest.raises(AttributeError, match="has no attribute 'shaw'"):
+        _ = catoptra_client.shaw  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("command", ["train", "bearings"])

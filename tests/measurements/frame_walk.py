@@ -1,6 +1,6 @@
 """Files that a frame passes through: how many, in how many calls, with how many changes of file.
 
-Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/frame_walk.py [--robot NAME] [--calls]
+Run: .venv/bin/python tests/measurements/frame_walk.py [--robot NAME] [--calls]
 
 One view of a bundled robot in the field is rendered through the server's own views, the first frame
 and a steady one; calls of the server's functions are counted by a profile function. A reader who
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 
@@ -58,7 +59,7 @@ def _file_of(frame: FrameType | None) -> str:
 def describe(title: str, calls: list[tuple[str, str, str]]) -> str:
     """Numbers of a walk, in words."""
     files = [file for file, _, _ in calls]
-    changes = sum(one != other for one, other in zip(files, files[1:], strict=False))
+    changes = sum(one != other for one, other in pairwise(files))
     entries = {
         function
         for file, function, caller in calls

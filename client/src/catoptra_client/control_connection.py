@@ -1,11 +1,8 @@
 """Blocking control connection over TCP: sends commands and waits for reports.
 
 Nothing is read between calls. Reports that arrive while another is awaited are kept as the latest
-of their type. The protocol itself is the sans-I/O `ControlClient`.
-
-Host and ports of a server, as one value to pass around.
-
-TCP helpers shared by the control and the image connection.
+of their type. The protocol itself is the sans-I/O `ControlClient`. How a TCP connection is opened,
+for control and image port, and the address of a server as one value are here too.
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
 The server's random numbers follow from its seed, the name of a robot and the ticks since its spawn.
 An episode is therefore a new robot, named by a generator: the same generator gives the same
-episodes without a restart of the server.
-
-A frame and the sensor readings of its time as named arrays, for programs that learn.
+episodes without a restart of the server. An observation is a frame and the readings of its time as
+named arrays. Gymnasium's interface to episodes is `gym_environment`.
 """
 
 from __future__ import annotations

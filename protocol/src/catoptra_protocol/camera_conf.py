@@ -25,11 +25,11 @@ from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
 from catoptra_protocol.slotted_dataclass import dataclass
 
 Pairs = tuple[tuple[str, str], ...]
-Parameters = tuple[tuple[str, str], ...]
+_Parameters = tuple[tuple[str, str], ...]
 
 # Parameters of each projection: the name on the wire and the attribute, a number or a tuple of
 # numbers.
-MIRROR_PARAMETERS: dict[str, Parameters] = {
+MIRROR_PARAMETERS: dict[str, _Parameters] = {
     "hyperbolic": (("MirrorK", "k"), ("MirrorC", "c_m")),
     "parabolic": (("MirrorHorizonRadius", "horizon_radius_m"),),
     "spherical": (
@@ -60,7 +60,7 @@ MIRROR_PARAMETERS: dict[str, Parameters] = {
         ("MirrorRim", "rim_rad"),
     ),
 }
-LENS_PARAMETERS: dict[str, Parameters] = {
+LENS_PARAMETERS: dict[str, _Parameters] = {
     "equidistant": (),
     "equisolid": (),
     "stereographic": (),
@@ -86,7 +86,7 @@ class _Kind:
     key: str
     """Name of the pair that names the projection."""
     types: Mapping[str, type[RadialProjection]]
-    parameters: Mapping[str, Parameters]
+    parameters: Mapping[str, _Parameters]
 
     def find_name(self, projection: RadialProjection) -> str | None:
         # By exact type: the projection classes know no names of the wire.

@@ -20,7 +20,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.text_files import read_text_file
 
 BAND_COLOURS = ("cyan", "magenta", "yellow")
-LANDMARK_KINDS = ("beacon", "goal")
+_LANDMARK_KINDS = ("beacon", "goal")
 # Farther than any field; a float32, as renderers have it, still has steps of 8 mm there.
 _MAX_COORDINATE_M = 1e5
 
@@ -129,7 +129,7 @@ def _parse_landmark(location: SourceLocation, line: str, names: list[str]) -> La
         )
     row = dict(zip(names, values, strict=True))
     for key, allowed in (
-        ("kind", LANDMARK_KINDS),
+        ("kind", _LANDMARK_KINDS),
         ("lower_colour", BAND_COLOURS),
         ("upper_colour", BAND_COLOURS),
     ):

@@ -19,7 +19,7 @@ MANIFEST_NAME = "dataset.json"
 """Manifest of a whole data set; a folder without one is not finished."""
 UNFINISHED_NAME = "unfinished.json"
 """What a folder is going to hold, until the manifest takes its place."""
-SHARD_FOLDER = "shards"
+_SHARD_FOLDER = "shards"
 FORMAT_VERSION = 1
 PICTURE = "rgb.png"
 METADATA = "json"
@@ -51,7 +51,7 @@ class StoredSample:
 
 def shard_name(number: int) -> str:
     """Path of a shard in a data set's folder."""
-    return f"{SHARD_FOLDER}/{number:06d}.tar"
+    return f"{_SHARD_FOLDER}/{number:06d}.tar"
 
 
 def iterate_samples(path: Path, suffixes: frozenset[str] | None = None) -> Iterator[StoredSample]:

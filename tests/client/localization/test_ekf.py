@@ -1,12 +1,15 @@
-"""One prediction, one correction: values, definiteness, and rejected measurements."""
+"""The filter and its parts: belief, measurement, gate, prediction and update."""
 
 from __future__ import annotations
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
+from mpmath import mp, mpf
 
+from catoptra_client.landmarks import Detection
 from catoptra_client.localization import (
     OPEN_GATE,
     PAPER_GATE,
@@ -20,10 +23,216 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.ekf import predict_measurement
+from catoptra_client.localization.ekf import (
+    ValidationGate,
+    compute_innovation,
+    covariance_square_root,
+    is_finite,
+    measurement_from_detection,
+    predict_measurement,
+)
+from catoptra_protocol.errors import DomainError
+
+ZERO = np.zeros((3, 3))
+
+
+def is_covariance(matrix: np.ndarray) -> bool:
+    return covariance_square_root(matrix)[1]
+
+
+def test_belief_copies_freezes_and_wraps() -> None:
+    mean = np.array([0.0, 0.0, 4.0])
+    belief = Belief(mean, ZERO)
+    mean[0] = 9.0
+    assert belief.mean[0] == 0.0
+    assert belief.mean[2] == pytest.approx(4.0 - 2 * math.pi)
+    with pytest.raises(ValueError, match="read-only"):
+        belief.covariance[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("mean", "covariance", "message"),
+    [
+        (np.zeros(2), ZERO, "not"),
+        (np.zeros(3), np.zeros((2, 2)), "not"),
+        (np.array([0.0, math.nan, 0.0]), ZERO, "finite"),
+        (np.zeros(3), ZERO + math.inf, "finite"),
+        (np.zeros(3), np.diag([1.0, -1e-6, 1.0]), "negative"),
+        (np.zeros(3), np.array([[1, 2, 0], [2, 1, 0], [0, 0, 1.0]]), "negative"),
+        (np.zeros(3), np.array([[0, 1, 0], [1, 1, 0], [0, 0, 1.0]]), "negative"),
+    ],
+)
+def test_belief_rejects_an_invalid_covariance(mean, covariance, message) -> None:
+    with pytest.raises(DomainError, match=message):
+        Belief(mean, covariance)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-300, 1e-20, 1.0, 1e20, 1e300])
+def test_definiteness_does_not_depend_on_scale(scale: float) -> None:
+    good = np.array([[2, 1, 0], [1, 2, 1], [0, 1, 2.0]]) * scale
+    assert is_covariance(good)
+    if scale:
+        assert not is_covariance(good - np.diag([0, 1.5, 0]) * scale)
+
+
+def test_metres_do_not_hide_radians() -> None:
+    covariance = np.diag([1e6, 1e6, 1e-12])
+    covariance[2, 0] = covariance[0, 2] = 1.1e-3  # a correlation of 1.1
+    assert not is_covariance(covariance)
+
+
+@pytest.mark.parametrize("rank", [0, 1, 2, 3])
+def test_square_root_squares_to_the_covariance_at_any_rank(rank: int) -> None:
+    factor = np.random.default_rng(rank).normal(size=(3, rank)) * np.array([[10], [1], [1e-4]])
+    covariance = factor @ factor.T
+    root, valid = covariance_square_root(covariance)
+    assert valid
+    np.testing.assert_allclose(root @ root.T, covariance, rtol=1e-12, atol=1e-18)
+
+
+def test_belief_keeps_a_read_only_square_root_of_its_covariance() -> None:
+    covariance = np.array([[0.09, 0.03, 0.0], [0.03, 0.05, -0.002], [0.0, -0.002, 0.001]])
+    belief = Belief(np.zeros(3), covariance)
+    root = belief.square_root
+    np.testing.assert_allclose(root @ root.T, covariance, rtol=1e-13, atol=1e-16)
+    with pytest.raises(ValueError, match="read-only"):
+        root[0, 0] = 1.0
+
+
+R = np.diag([0.01, 0.001])
+
+
+def make_landmark(x_m: float, y_m: float) -> LandmarkPosition:
+    return LandmarkPosition("l", x_m, y_m)
+
+
+def test_landmark_on_the_right_has_a_positive_bearing() -> None:
+    expected, defined = predict_measurement(np.array([1.0, 1.0, 0.0]), make_landmark(1.0, 3.0))
+    assert defined
+    assert expected.range_m == 2.0
+    assert expected.bearing_rad == pytest.approx(math.pi / 2)
+
+
+def test_bearing_is_counted_from_the_heading_and_wrapped() -> None:
+    expected, _ = predict_measurement(np.array([0.0, 0.0, -3.0]), make_landmark(-1.0, 0.1))
+    exact = math.atan2(0.1, -1.0) + 3.0 - 2 * math.pi
+    assert expected.bearing_rad == pytest.approx(exact, abs=1e-15)
+
+
+@pytest.mark.parametrize("place", [(2.0, 0.5), (0.3, -1.7 + 1e-6), (-1e5, 3.0), (0.3, 4.0)])
+def test_jacobian_equals_fifty_digit_differentiation(place: tuple[float, float]) -> None:
+    pose = np.array([0.3, -1.7, 2.9])
+    expected, _ = predict_measurement(pose, make_landmark(*place))
+    with mp.workdps(60):
+        for column in range(3):
+            for row, function in enumerate((_exact_range, _exact_bearing)):
+                exact = mpmath.diff(lambda v: function(pose, column, v, place), mpf(pose[column]))  # noqa: B023 # called at once
+                assert expected.jacobian[row, column] == pytest.approx(float(exact), rel=4e-10)
+
+
+def _position_difference(pose, column, value, place):
+    values = [mpf(p) for p in pose]
+    values[column] = value
+    return mpf(place[0]) - values[0], mpf(place[1]) - values[1], values[2]
+
+
+def _exact_range(pose, column, value, place):
+    dx, dy, _ = _position_difference(pose, column, value, place)
+    return mpmath.sqrt(dx * dx + dy * dy)
+
+
+def _exact_bearing(pose, column, value, place):
+    dx, dy, phi = _position_difference(pose, column, value, place)
+    return mpmath.atan2(dy, dx) - phi
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e-9, 1.0, 1e9, 1e150])
+def test_expectation_stays_finite_at_extreme_ranges(scale: float) -> None:
+    with np.errstate(all="raise"):
+        expected, defined = predict_measurement(np.zeros(3), make_landmark(3 * scale, 4 * scale))
+    assert defined
+    assert expected.range_m == pytest.approx(5 * scale, rel=1e-15)
+    assert np.isfinite(expected.jacobian).all()
+
+
+def test_landmark_at_the_robot_is_undefined_not_nan() -> None:
+    expected, defined = predict_measurement(np.array([1.0, 2.0, 0.0]), make_landmark(1.0, 2.0))
+    assert not defined
+    assert np.isfinite(expected.jacobian).all()
+
+
+def test_residual_wraps_across_the_back() -> None:
+    expected, _ = predict_measurement(np.zeros(3), make_landmark(-1.0, -0.01))
+    innovation, _, _ = compute_innovation(RangeBearing(1.0, math.pi - 0.01, R), expected)
+    assert innovation[1] == pytest.approx(-0.02, abs=1e-6)
+
+
+def test_bearing_alone_keeps_one_row() -> None:
+    expected, _ = predict_measurement(np.zeros(3), make_landmark(1.0, 1.0))
+    innovation, jacobian, noise = compute_innovation(BearingOnly(1.0, 0.04), expected)
+    assert (innovation.shape, jacobian.shape, noise.tolist()) == ((1,), (1, 3), [[0.04]])
+    np.testing.assert_array_equal(jacobian[0], expected.jacobian[1])
+
+
+@pytest.mark.parametrize(
+    "measurement",
+    [
+        RangeBearing(math.nan, 0.0, R),
+        RangeBearing(1.0, math.inf, R),
+        RangeBearing(1.0, 0.0, R * math.nan),
+        BearingOnly(math.nan, 0.1),
+        BearingOnly(0.1, math.inf),
+    ],
+)
+def test_measurement_with_a_number_not_finite_is_known(measurement) -> None:
+    assert not is_finite(measurement)
+
+
+@pytest.mark.parametrize(("has_range", "kind"), [(True, RangeBearing), (False, BearingOnly)])
+def test_detection_becomes_range_and_bearing_or_bearing_alone(has_range: bool, kind: type) -> None:
+    seen = Detection("l", "beacon", 2.0, 0.5, np.diag([0.04, 0.01]), 20, has_range)
+    measurement = measurement_from_detection(seen)
+    assert isinstance(measurement, kind)
+    assert measurement.bearing_rad == 0.5
+
+
+def test_covariance_of_another_shape_is_rejected() -> None:
+    with pytest.raises(DomainError, match=r"\(2, 2\)"):
+        RangeBearing(1.0, 0.0, np.eye(3))
+
+
+def test_paper_gate_for_two_numbers_is_9_21034() -> None:
+    assert PAPER_GATE.threshold(2) == pytest.approx(9.21034, abs=5e-6)
+
+
+def test_paper_gate_for_one_number_is_6_63490() -> None:
+    assert PAPER_GATE.threshold(1) == pytest.approx(6.63490, abs=5e-6)
+
+
+@pytest.mark.parametrize("rate", [1e-300, 1e-15, 0.01, 0.5])
+def test_probability_above_the_threshold_for_one_dof_is_the_rejection_rate(rate: float) -> None:
+    above = mpmath.erfc(mpmath.sqrt(mpmath.mpf(ValidationGate(rate).threshold(1)) / 2))
+    assert float(above) == pytest.approx(rate, rel=1e-9)
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_open_gate_has_no_threshold(size: int) -> None:
+    assert OPEN_GATE.threshold(size) == math.inf
+
+
+@pytest.mark.parametrize("rate", [-0.1, 1.0, math.nan])
+def test_rate_outside_its_interval_is_rejected(rate: float) -> None:
+    with pytest.raises(DomainError, match="rejection rate"):
+        ValidationGate(rate)
+
+
+def test_other_sizes_are_rejected() -> None:
+    with pytest.raises(DomainError, match="1 or 2"):
+        PAPER_GATE.threshold(3)
+
 
 LANDMARK = LandmarkPosition("l", 2.0, 1.0)
-R = np.diag([0.04, 0.002])
+MEASUREMENT_COVARIANCE = np.diag([0.04, 0.002])
 NOISE = MotionNoise(0.01, 0.001, 0.0005, 0.0064)
 
 
@@ -35,7 +244,7 @@ def make_belief(scale: float = 1.0) -> Belief:
 def make_measurement(belief: Belief, *, range_error_m: float = 0.0, bearing_error_rad: float = 0.0):
     expected, _ = predict_measurement(belief.mean, LANDMARK)
     bearing = expected.bearing_rad + bearing_error_rad
-    return RangeBearing(expected.range_m + range_error_m, bearing, R)
+    return RangeBearing(expected.range_m + range_error_m, bearing, MEASUREMENT_COVARIANCE)
 
 
 def test_prediction_equals_the_textbook_sum() -> None:
@@ -65,7 +274,7 @@ def test_correction_equals_the_information_form() -> None:
     before = make_belief()
     after = update(before, make_measurement(before), landmark=LANDMARK, gate=PAPER_GATE)
     H = predict_measurement(before.mean, LANDMARK)[0].jacobian
-    information = np.linalg.inv(before.covariance) + H.T @ np.linalg.inv(R) @ H
+    information = np.linalg.inv(before.covariance) + H.T @ np.linalg.inv(MEASUREMENT_COVARIANCE) @ H
     assert after.is_accepted
     np.testing.assert_allclose(after.belief.covariance, np.linalg.inv(information), rtol=1e-11)
     np.testing.assert_allclose(after.belief.mean, before.mean, rtol=0, atol=1e-15)
@@ -92,7 +301,7 @@ def test_bearing_alone_narrows_the_heading() -> None:
 def test_innovation_across_the_back_is_small() -> None:
     belief = Belief(np.zeros(3), 0.01 * np.eye(3))
     behind = LandmarkPosition("behind", -2.0, -1e-3)
-    measured = RangeBearing(2.0, math.pi - 1e-3, R)
+    measured = RangeBearing(2.0, math.pi - 1e-3, MEASUREMENT_COVARIANCE)
     result = update(belief, measured, landmark=behind, gate=PAPER_GATE)
     assert result.is_accepted
     assert abs(result.innovation[1]) < 2e-3
@@ -116,14 +325,26 @@ def test_open_gate_accepts_an_innovation_that_the_gate_rejects() -> None:
 
 
 UNUSABLE_MEASUREMENTS = [
-    (RangeBearing(math.nan, 0.0, R), LANDMARK, UpdateStatus.NOT_FINITE),
-    (RangeBearing(1.0, -math.inf, R), LANDMARK, UpdateStatus.NOT_FINITE),
+    (RangeBearing(math.nan, 0.0, MEASUREMENT_COVARIANCE), LANDMARK, UpdateStatus.NOT_FINITE),
+    (RangeBearing(1.0, -math.inf, MEASUREMENT_COVARIANCE), LANDMARK, UpdateStatus.NOT_FINITE),
     (BearingOnly(0.0, math.nan), LANDMARK, UpdateStatus.NOT_FINITE),
-    (RangeBearing(1.0, 0.0, -R), LANDMARK, UpdateStatus.INVALID_NOISE_COVARIANCE),
+    (
+        RangeBearing(1.0, 0.0, -MEASUREMENT_COVARIANCE),
+        LANDMARK,
+        UpdateStatus.INVALID_NOISE_COVARIANCE,
+    ),
     (BearingOnly(0.0, -0.1), LANDMARK, UpdateStatus.INVALID_NOISE_COVARIANCE),
-    (RangeBearing(1.0, 0.0, R), LandmarkPosition("here", 0.2, -0.1), UpdateStatus.AT_LANDMARK),
-    (RangeBearing(1.0, 0.0, R), LandmarkPosition("near", 0.2, -0.06), UpdateStatus.AT_LANDMARK),
-    (RangeBearing(1.0, 0.0, R * 1e308 * 40), LANDMARK, UpdateStatus.OVERFLOW),
+    (
+        RangeBearing(1.0, 0.0, MEASUREMENT_COVARIANCE),
+        LandmarkPosition("here", 0.2, -0.1),
+        UpdateStatus.AT_LANDMARK,
+    ),
+    (
+        RangeBearing(1.0, 0.0, MEASUREMENT_COVARIANCE),
+        LandmarkPosition("near", 0.2, -0.06),
+        UpdateStatus.AT_LANDMARK,
+    ),
+    (RangeBearing(1.0, 0.0, MEASUREMENT_COVARIANCE * 1e308 * 40), LANDMARK, UpdateStatus.OVERFLOW),
 ]
 
 
@@ -156,7 +377,7 @@ def test_rank_one_belief_and_exact_sensor_are_rejected_as_singular() -> None:
 @pytest.mark.parametrize("noise", [1e-300, 1e-30, 1e-10, 1.0, 1e10, 1e150])
 def test_extreme_scales_give_a_covariance_or_a_reason(scale: float, noise: float) -> None:
     belief = make_belief(scale)
-    measured = RangeBearing(2.2, 0.1, R * noise)
+    measured = RangeBearing(2.2, 0.1, MEASUREMENT_COVARIANCE * noise)
     result = update(belief, measured, landmark=LANDMARK, gate=OPEN_GATE)
     assert np.isfinite(result.belief.mean).all()
     assert np.isfinite(result.belief.covariance).all()

@@ -1,10 +1,12 @@
-"""Cameras in the models of other programs: exact where they are one of them, else fitted."""
+"""Parameters of the unified model, residuals, and fits of other models."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from catoptra_protocol.calibration.model_fits import (
@@ -17,17 +19,92 @@ from catoptra_protocol.calibration.model_fits import (
     fit_ocam,
     fit_ucm,
     fit_woodscape,
+    unified_parameters,
 )
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import (
     DoubleSphereLens,
     EnhancedUnifiedLens,
     EquidistantLens,
+    StereographicLens,
     UnifiedLens,
 )
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.optics.radial_camera import Picture, RadialProjection
 from helpers.calibrated_cameras import PAPER, THETA_BACK, TUM_VI, TUM_VI_KB
+
+ALL: list[RadialProjection] = [
+    PAPER_MIRROR,
+    ParabolicMirror(0.03),
+    StereographicLens(),
+    UnifiedLens(0.7, 0.1, 0.01),
+    EnhancedUnifiedLens(0.4),
+    DoubleSphereLens(0.0, 0.6),
+    DoubleSphereLens(0.5, 0.0),
+]
+
+
+@pytest.mark.parametrize("projection", ALL)
+def test_radius_is_mei_s(projection: RadialProjection) -> None:
+    camera = camera_with_inscribed_rim(
+        projection, width_px=360, height_px=360, rim_rad=math.radians(95.0)
+    )
+    unified = unified_parameters(camera)
+    theta = np.radians(np.linspace(0.0, 95.0, 20))
+    m = np.sin(theta) / (unified.xi + np.cos(theta))
+    expected = unified.gamma_px * m * (1.0 + unified.k1 * m**2 + unified.k2 * m**4)
+    assert camera.radius_px_from_t(np.tan(0.5 * theta)) == pytest.approx(expected, rel=1e-12)
+    assert unified.focal_length_px * (1.0 + unified.xi) == pytest.approx(unified.gamma_px)
+
+
+def test_numbers_of_the_paper_s_camera_are_those_of_the_reference() -> None:
+    camera = camera_with_inscribed_rim(
+        PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120.0)
+    )
+    unified = unified_parameters(camera)
+    assert unified.xi == pytest.approx(0.9954941783, abs=1e-10)
+    assert unified.gamma_px == pytest.approx(102.98653, abs=1e-5)
+    assert unified.alpha == pytest.approx(0.498871001, abs=1e-9)
+    assert unified.focal_length_px == pytest.approx(51.609537, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "projection", [EquidistantLens(), EnhancedUnifiedLens(0.4, 1.1), DoubleSphereLens(0.3, 0.2)]
+)
+def test_projection_that_is_no_sphere_is_refused(projection: RadialProjection) -> None:
+    camera = camera_with_inscribed_rim(projection, width_px=9, height_px=9, rim_rad=1.0)
+    with pytest.raises(DomainError, match="no unified sphere"):
+        unified_parameters(camera)
+
+
+def test_camera_has_no_residual_to_itself_turned_or_flipped() -> None:
+    turned = replace(PAPER, image_up_azimuth_rad=0.7)
+    for other in (PAPER, PAPER.with_picture(Picture.FLIPPED), turned):
+        residual = compute_residual(PAPER, other)
+        assert residual.max_px < 1e-10
+        assert residual.fraction_missing < 1e-3
+
+
+def test_displaced_centre_is_the_residual() -> None:
+    u, v = PAPER.centre_px
+    residual = compute_residual(PAPER, replace(PAPER, centre_px=(u + 0.3, v)))
+    assert residual.max_px == pytest.approx(0.3)
+    assert residual.rms_px == pytest.approx(0.3)
+    assert 0.0 < residual.rms_deg < residual.max_deg
+
+
+def test_two_published_models_of_one_lens_differ_by_what_is_known() -> None:
+    centred = replace(TUM_VI_KB, centre_px=TUM_VI.centre_px)
+    assert 0.5 < compute_residual(TUM_VI, centred).max_px < 2.0
+
+
+def test_model_that_ends_earlier_misses_a_part() -> None:
+    narrow = replace(PAPER, rim_rad=math.radians(90.0))
+    residual = compute_residual(PAPER, narrow)
+    # (h / rim)^2 of the disc is left.
+    left = (PAPER.horizon_radius_px / PAPER.rim_radius_px) ** 2
+    assert residual.fraction_missing == pytest.approx(1.0 - left, abs=0.01)
 
 
 def fisheye(field_deg: float) -> OmniCamera:

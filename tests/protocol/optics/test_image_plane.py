@@ -1,4 +1,4 @@
-"""Image planes: stretch, tangential distortion, and their inverses."""
+"""The calibrated image plane and its grid of pixels."""
 
 from __future__ import annotations
 
@@ -12,12 +12,41 @@ from catoptra_protocol.optics.image_plane import (
     NO_CHANGE,
     ImagePlane,
     decentred_fold_rad,
+    opencv_from_pixel,
+    pixel_sample_positions,
     undo_distortion,
 )
 from catoptra_protocol.optics.lenses import EquidistantLens, UnifiedLens
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import Picture
+
+IMAGE = PerspectiveCamera(4, 3, 1.0)
+
+
+def test_pixel_centres_when_one_sample_are_at_half_pixels() -> None:
+    grid = pixel_sample_positions(IMAGE)
+    assert grid.shape == (3, 4, 1, 2)
+    assert grid[0, 0, 0].tolist() == [0.5, 0.5]
+    assert grid[2, 3, 0].tolist() == [3.5, 2.5]
+
+
+def test_pixel_centres_when_sampled_are_a_regular_grid_around_the_centre() -> None:
+    grid = pixel_sample_positions(IMAGE, samples_per_side=2)
+    assert grid.shape == (3, 4, 4, 2)
+    assert sorted(map(tuple, grid[1, 2])) == [
+        (2.25, 1.25),
+        (2.25, 1.75),
+        (2.75, 1.25),
+        (2.75, 1.75),
+    ]
+    np.testing.assert_allclose(grid.mean(axis=2), pixel_sample_positions(IMAGE)[:, :, 0])
+
+
+def test_opencv_pixel_of_the_first_pixel_s_centre_is_0() -> None:
+    np.testing.assert_array_equal(opencv_from_pixel(np.array([0.5, 0.5])), (0.0, 0.0))
+
 
 STRETCHED = ImagePlane((1.0, 0.002, 1e-4, 1.01))
 DECENTRED = ImagePlane(p1=1e-3, p2=-5e-4)

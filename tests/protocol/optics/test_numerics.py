@@ -1,10 +1,12 @@
-"""Angles: ends of the interval, congruence, full precision after many turns."""
+"""Angles, half-angle tangents, units, and checks of domains."""
 
 from __future__ import annotations
 
 import math
 from functools import partial
 
+import mpmath
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,9 +15,12 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import (
     TWO_PI,
     angle_difference,
+    half_angle_tangent,
     interpolate_angle,
+    require_domain,
     wrap_angle,
 )
+from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
 
 
 @pytest.mark.parametrize(
@@ -72,3 +77,66 @@ def test_difference_of_opposite_angles_is_half_a_turn_to_the_right() -> None:
 def test_interpolation_takes_the_shorter_turn(share: float, angle: float) -> None:
     end = 2.0 * math.pi - 3.0 if share < 1.0 else math.pi
     assert interpolate_angle(3.0, end, fraction=share) == pytest.approx(angle, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        (1e-300, 0.0, 1.0),
+        (1e-9, 1e-9, 1.0),
+        (1.0, 0.0, 0.0),
+        (1.0, 0.0, -0.0),
+        (1.0, 0.0, 1e-17),
+        (1.0, 0.0, -1e-17),
+        (0.3, -0.4, -0.2),
+        (1e-8, 0.0, -1.0),
+        (1e-300, 0.0, -1.0),
+    ],
+)
+def test_half_angle_in_a_hard_case_is_that_of_50_digits(
+    place: tuple[float, float, float],
+) -> None:
+    with mpmath.workdps(50):
+        x, y, z = map(mpmath.mpf, place)
+        norm, rho = mpmath.sqrt(x * x + y * y + z * z), mpmath.hypot(x, y)
+        # At the antipode 50 digits cancel too: the other form there.
+        exact = float(rho / (norm + z) if z >= 0 else (norm - z) / rho)
+    t, valid = half_angle_tangent(np.array(place))
+    assert valid
+    assert t == pytest.approx(exact, rel=1e-15)
+
+
+def test_length_of_250_uu_is_a_metre() -> None:
+    assert metres_from_uu(250.0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("angle_uu", "angle_rad"),
+    [(16384.0, 0.5 * math.pi), (32768.0, math.pi), (-49152.0, -1.5 * math.pi), (0.0, 0.0)],
+)
+def test_angle_of_quarter_turns_is_exact(angle_uu: float, angle_rad: float) -> None:
+    assert radians_from_uu(angle_uu) == pytest.approx(angle_rad, rel=1e-15)
+
+
+def test_require_when_all_is_inside_raises_nothing() -> None:
+    require_domain(np.ones((2, 3), dtype=bool), np.zeros((2, 3)), "anything")
+    require_domain(True, 1.0, "anything")
+
+
+def test_require_when_an_element_is_outside_names_it_and_carries_the_mask() -> None:
+    values = np.array([[1.0, 2.0], [-3.0, -4.0]])
+    with pytest.raises(
+        DomainError, match=r"-3\.0 \(element 1, 0\) is outside .*: above 0"
+    ) as raised:
+        require_domain(values > 0.0, values, "above 0")
+    assert raised.value.valid_mask.tolist() == [[True, True], [False, False]]
+
+
+def test_require_when_a_vector_is_outside_names_the_vector() -> None:
+    with pytest.raises(DomainError, match=r"\[1\.0, 2\.0\] \(element 1\)"):
+        require_domain(np.array([True, False]), np.array([[0.0, 0.0], [1.0, 2.0]]), "zero")
+
+
+def test_require_when_a_single_number_is_outside_names_no_element() -> None:
+    with pytest.raises(DomainError, match=r"^nan is outside"):
+        require_domain(False, np.nan, "a number")

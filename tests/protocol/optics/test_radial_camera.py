@@ -1,4 +1,4 @@
-"""What both kinds of camera say of their image, against directions of pixels and differences."""
+"""Cameras and projections that depend on the angle from the axis alone."""
 
 from __future__ import annotations
 
@@ -8,11 +8,21 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.image_scale import compute_image_scale, visible_radii_px
+from catoptra_protocol.optics.lenses import KannalaBrandtLens, OrthographicLens
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_protocol.optics.radial_camera import RadialCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera, describe_limit
 from helpers.effect_measurement import CAMERA
 from helpers.worlds import make_omni_camera
+
+
+def test_limit_of_a_formula_is_an_angle() -> None:
+    assert describe_limit(OrthographicLens()) == "90.000 deg"
+
+
+def test_limit_by_a_fold_says_so() -> None:
+    lens = KannalaBrandtLens(-0.030687, -0.003343, -0.002882, -0.000592)
+    assert describe_limit(lens) == "93.279 deg, where its image radius turns back (its first fold)"
 
 
 def test_focal_length_gives_the_angle_of_the_ray_to_the_mirrors_point() -> None:

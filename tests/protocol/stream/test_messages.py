@@ -1,8 +1,10 @@
-"""All messages of the ZeroMQ stream: round trips, and the rejection of every missing field."""
+"""Messages of the stream as msgpack and as JSON, and their texts for logs."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
+import math
 from typing import get_args
 
 import msgpack
@@ -17,12 +19,35 @@ from catoptra_protocol.stream.codec import MAX_REPLY_BYTES, MAX_REQUEST_BYTES, F
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
     bytes_from_message,
+    json_from_message,
     reply_from_bytes,
+    reply_from_json,
     request_from_bytes,
+    request_from_json,
 )
-from catoptra_protocol.stream.replies import REPLIES, Reply
-from catoptra_protocol.stream.requests import REQUESTS, Request
-from helpers.stream_messages import SAMPLE_REPLIES, SAMPLE_REQUESTS
+from catoptra_protocol.stream.replies import (
+    REPLIES,
+    DifferenceRecord,
+    EffectRecord,
+    LandmarkRecord,
+    NoteRecord,
+    PlanAlternative,
+    Reply,
+    RobotState,
+    StartPoseRecord,
+    StateReply,
+)
+from catoptra_protocol.stream.requests import (
+    REQUESTS,
+    FrameVariant,
+    GetFrameRequest,
+    ImageEncoding,
+    PublishRequest,
+    Request,
+    Transform,
+)
+from helpers.configs import REPOSITORY
+from helpers.stream_messages import HEADER, ROBOT_STATE, SAMPLE_REPLIES, SAMPLE_REQUESTS
 
 MESSAGES = [*SAMPLE_REQUESTS, *SAMPLE_REPLIES]
 FIELDS = [(message, field) for message in MESSAGES for field in dataclasses.fields(message)]
@@ -113,3 +138,119 @@ def test_header_when_not_finite_is_not_sent() -> None:
     header = dataclasses.replace(SAMPLE_REPLIES[0], age_s=float("nan"))  # type: ignore[type-var, call-arg] # the first is the header
     with pytest.raises(LocalProtocolError, match="age_s"):
         bytes_from_message(header)
+
+
+@pytest.mark.parametrize("request_", SAMPLE_REQUESTS, ids=lambda m: m.KIND)
+def test_request_when_encoded_and_decoded_is_equal(request_: Request) -> None:
+    assert request_from_json(json_from_message(request_)) == request_
+
+
+@pytest.mark.parametrize("reply", SAMPLE_REPLIES, ids=lambda m: m.KIND)
+def test_reply_when_encoded_and_decoded_is_equal(reply: Reply) -> None:
+    assert reply_from_json(json_from_message(reply)) == reply
+
+
+def test_request_when_optional_fields_are_missing_has_their_defaults() -> None:
+    text = '{"kind": "get_frame", "id": 1, "robot": "", "camera": "", "encoding": "jpeg"}'
+    assert request_from_json(text) == GetFrameRequest(1, "", "", ImageEncoding.JPEG)
+
+
+def test_message_when_encoded_begins_with_the_kind() -> None:
+    assert next(iter(json.loads(json_from_message(HEADER)).items())) == ("kind", "frame")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"kind": "fly", "id": 7}',
+        '{"kind": "step", "id": 7}',
+        '{"kind": "step", "id": 7, "time_s": "1"}',
+        '{"id": 7}',
+    ],
+)
+def test_request_when_a_field_is_wrong_is_rejected_with_its_id(text: str) -> None:
+    with pytest.raises(InvalidRequestError) as caught:
+        request_from_json(text)
+    assert caught.value.request_id == 7
+
+
+@pytest.mark.parametrize("id_", ["0", "-1", "1.0", "true", str(2**63), "null", '"1"', "NaN"])
+def test_json_request_when_its_id_is_no_int_above_0_is_rejected_without_an_id(id_: str) -> None:
+    with pytest.raises(RemoteProtocolError) as caught:
+        request_from_json('{"kind": "get_status", "id": ' + id_ + "}")
+    assert not isinstance(caught.value, InvalidRequestError)
+
+
+@pytest.mark.parametrize("number", ["9" * 400, "1e400", "-1e999", "NaN", "Infinity", "9" * 5000])
+def test_request_when_a_number_is_beyond_float64_is_rejected(number: str) -> None:
+    text = '{"kind": "drive", "id": 7, "left": %s, "right": 0, "normalized": false}'
+    with pytest.raises(RemoteProtocolError, match="no JSON"):
+        request_from_json(text % number)
+
+
+def test_request_when_it_holds_the_largest_note_fits() -> None:
+    request = PublishRequest(1, "n" * 64, '{"text":"' + 8181 * "x" + '"}')
+    assert len(request.text) == 8192
+    assert request_from_json(json_from_message(request)) == request
+
+
+def test_message_when_too_long_is_rejected_in_json() -> None:
+    with pytest.raises(RemoteProtocolError, match="at most"):
+        request_from_json(" " * (MAX_REQUEST_BYTES + 1))
+    with pytest.raises(RemoteProtocolError, match="at most"):
+        reply_from_json(" " * (MAX_REPLY_BYTES + 1))
+
+
+def test_reply_when_its_kind_is_unknown_is_none_in_json() -> None:
+    assert reply_from_json('{"kind": "forecast"}') is None
+
+
+def test_reply_when_of_another_version_names_the_remedy_in_json() -> None:
+    with pytest.raises(RemoteProtocolError, match=r"version 2 .*same release"):
+        reply_from_json('{"kind": "frame", "version": 2}')
+
+
+NOT_FINITE: list[Reply] = [
+    dataclasses.replace(HEADER, age_s=math.nan),
+    dataclasses.replace(HEADER, stage_ms={"trace": math.inf}),
+    StateReply(
+        *(1, 0.0, (dataclasses.replace(ROBOT_STATE, wheel_speeds_rad_s=(0.0, math.nan)),)),
+        *("", (), ()),
+    ),
+]
+
+
+@pytest.mark.parametrize("message", NOT_FINITE, ids=["field", "nested number", "nested tuple"])
+def test_number_when_not_finite_is_not_sent(message: Reply) -> None:
+    with pytest.raises(LocalProtocolError):
+        json_from_message(message)
+
+
+def test_requests_are_listed_under_their_kinds_and_have_an_id() -> None:
+    for kind, request in REQUESTS.items():
+        assert kind == request.KIND == kind.lower()
+        assert dataclasses.fields(request)[0].name == "id"
+
+
+# Dataclasses inside messages; they have no kind of their own.
+RECORDS = (
+    *(Transform, LandmarkRecord, StartPoseRecord, EffectRecord, PlanAlternative),
+    *(FrameVariant, DifferenceRecord, RobotState, NoteRecord),
+)
+SPECIFICATION = REPOSITORY / "protocol/SPEC.md"
+
+
+def test_replies_are_listed_under_their_kinds() -> None:
+    assert all(kind == reply.KIND for kind, reply in REPLIES.items())
+
+
+def test_specification_names_every_kind_and_field() -> None:
+    chapter = SPECIFICATION.read_text(encoding="utf-8").partition("## 9. The ZeroMQ stream")[2]
+    for message_type in (*REQUESTS.values(), *REPLIES.values(), *RECORDS):
+        names = [field.name for field in dataclasses.fields(message_type)]
+        for name in [*names, getattr(message_type, "KIND", "id")]:
+            assert f"`{name}`" in chapter, f"{message_type.__name__}: {name}"
+
+
+def test_header_when_logged_names_camera_size_and_age() -> None:
+    assert str(HEADER) == "frame 42 of 'Omni', 6 x 4 px raw, 30.0 ms old"

@@ -1,7 +1,8 @@
-"""Commands of real clients, and those of ours."""
+"""Commands of the control protocol, but for motion."""
 
 from __future__ import annotations
 
+import base64
 import math
 from typing import get_args
 
@@ -10,7 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.limits import MAX_COMMAND_NUMBER, MAX_NAME_CHARS
+from catoptra_protocol.limits import (
+    MAX_COMMAND_NUMBER,
+    MAX_LINE_BYTES,
+    MAX_NAME_CHARS,
+    MAX_NOTE_BYTES,
+)
 from catoptra_protocol.usarsim.commands import (
     COMMAND_PARSERS,
     Command,
@@ -19,7 +25,12 @@ from catoptra_protocol.usarsim.commands import (
     GetGeo,
     GetStartPoses,
     Init,
+    Note,
+    Set,
+    SetViewports,
+    ShareControl,
     Step,
+    Trace,
     command_from_message,
     line_from_command,
 )
@@ -151,3 +162,143 @@ def test_command_from_message_of_any_text_never_raises(word: str, text: str) -> 
     command = command_from_message(parse_message(f"{word} {{{text}"))
     # A NOTE without valid data is none.
     assert isinstance(command, get_args(Command)) or (word == "NOTE" and command is None)
+
+
+SetCommand = Set | SetViewports | Trace
+
+
+def read(line: str) -> object:
+    return command_from_message(parse_message(line))
+
+
+WRITTEN_SETTINGS: list[tuple[SetCommand, str]] = [
+    (Set("Odometry", "Odometry", "RESET"), "SET {Type Odometry} {Name Odometry} {Opcode RESET}"),
+    (Set("Camera", "Camera", fov_rad=0.7853), "SET {Type Camera} {Name Camera} {FOV 0.7853}"),
+    (
+        Set("INS", "INS", "POSE", "1,2,3,0,0,1.57"),
+        "SET {Type INS} {Name INS} {Opcode POSE} {Params 1,2,3,0,0,1.57}",
+    ),
+    (
+        SetViewports("SingleView", ("Camera", "Disable", None, None)),
+        "SET {Type Viewports} {Config SingleView} {Viewport1 Camera} {Viewport2 Disable}",
+    ),
+    (Trace(True, 0.5, "Red"), "TRACE {On true} {Interval 0.5} {Color Red}"),
+    (Trace(), "TRACE {On false}"),
+]
+
+
+@pytest.mark.parametrize(
+    ("command", "line"), WRITTEN_SETTINGS, ids=[line for _, line in WRITTEN_SETTINGS]
+)
+def test_setting_when_written_and_read_is_the_same(command: SetCommand, line: str) -> None:
+    assert line_from_command(command) == line.encode() + b"\r\n"
+    assert read(line) == command
+
+
+PARAMETERS = [
+    ("1.0,2.0,0.5,0,0,1.57", (1.0, 2.0, 0.5, 0.0, 0.0, 1.57)),
+    ("1 2", (1.0, 2.0)),
+    ("fast", (0.0,)),
+    (None, ()),
+]
+
+
+@pytest.mark.parametrize(("params", "numbers"), PARAMETERS)
+def test_parameters_as_numbers_are_separated_like_vectors(
+    params: str | None, numbers: tuple[float, ...]
+) -> None:
+    assert Set("INS", params=params).numeric_params == numbers
+
+
+FIELDS_OF_VIEW = [
+    (Set("Camera", fov_rad=0.5), 0.5),
+    (Set("Camera", opcode="zoom", params="0.25"), 0.25),
+    (Set("Camera", opcode="FOV", params="0"), 0.0),
+    (Set("Camera", opcode="FOV"), 0.0),
+    (Set("Camera", opcode="RESET"), None),
+    (Set("Camera"), None),
+]
+
+
+@pytest.mark.parametrize(("command", "fov_rad"), FIELDS_OF_VIEW, ids=str)
+def test_field_of_view_in_either_form_is_parsed(command: Set, fov_rad: float | None) -> None:
+    assert command.parse_fov_rad() == fov_rad
+
+
+WORDS = st.none() | st.text("abcXYZ_,.09", min_size=1, max_size=9)
+NUMBERS = st.none() | st.floats(allow_nan=False, allow_infinity=False)
+SET_COMMANDS = (
+    st.builds(Set, st.sampled_from(["INS", "Camera", "K"]), WORDS, WORDS, WORDS, NUMBERS)
+    | st.builds(SetViewports, WORDS, st.tuples(WORDS, WORDS, WORDS, WORDS))
+    | st.builds(Trace, st.booleans(), NUMBERS, WORDS)
+)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(SET_COMMANDS)
+def test_setting_when_any_is_written_and_read_is_the_same(command: SetCommand) -> None:
+    assert read(line_from_command(command).decode("latin-1").rstrip()) == command
+
+
+# Braces, line ends and letters beyond Latin-1, none of which a block could hold.
+TEXT = '{"text": "{\u03c3}", "pose": [1.0,\r\n2.0]}'
+
+
+def decode(line: bytes) -> Command | None:
+    (text,) = LineReader().receive(line)
+    return command_from_message(parse_message(text))
+
+
+def line_with_data(data: bytes, name: str = "a") -> bytes:
+    return b"NOTE {Name %s} {Data %s}\r\n" % (name.encode("latin-1"), base64.b64encode(data))
+
+
+@pytest.mark.parametrize(
+    "command", [Note("my filter", TEXT), ShareControl(True), ShareControl(False)], ids=repr
+)
+def test_command_when_written_and_read_is_equal(command: Command) -> None:
+    assert decode(line_from_command(command)) == command
+
+
+def test_note_when_as_long_as_allowed_fits_into_a_line() -> None:
+    note = Note("n" * 64, '{"x":"' + (MAX_NOTE_BYTES - 8) * "y" + '"}')
+    line = line_from_command(note)
+    assert len(line) < MAX_LINE_BYTES
+    assert decode(line) == note
+
+
+MALFORMED = {
+    "no name": b"NOTE {Data e30=}\r\n",
+    "no data": b"NOTE {Name a}\r\n",
+    "a character outside of Base64": b"NOTE {Name a} {Data e3!0=}\r\n",
+    "no padding": b"NOTE {Name a} {Data e30}\r\n",
+    "no UTF-8": line_with_data(b'{"x":"\xff"}'),
+    "an encoded surrogate": line_with_data(b'{"x":"\xed\xa0\x80"}'),
+    "an escaped surrogate": line_with_data(rb'{"x":"\ud800"}'),
+    "no object": line_with_data(b"[1]"),
+    "NaN": line_with_data(b'{"x":NaN}'),
+    "giant": line_with_data(b'{"x":"' + MAX_NOTE_BYTES * b"y" + b'"}'),
+    "deep": line_with_data(b'{"x":' + 4000 * b"[" + 4000 * b"]" + b"}"),
+    "a control character in the name": line_with_data(b"{}", "a\x9b"),
+    "a long name": line_with_data(b"{}", "a" * 65),
+}
+
+
+@pytest.mark.parametrize("line", MALFORMED.values(), ids=MALFORMED.keys())
+def test_line_when_no_note_is_ignored(line: bytes) -> None:
+    assert decode(line) is None
+
+
+@pytest.mark.parametrize(
+    "note", [Note("", "{}"), Note("a\r\nDRIVE", "{}"), Note("a}", "{}"), Note("a", "[]")], ids=repr
+)
+def test_note_when_none_is_not_sent(note: Note) -> None:
+    with pytest.raises(LocalProtocolError, match="NOTE"):
+        line_from_command(note)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.binary(max_size=40))
+def test_any_data_is_a_note_or_ignored(data: bytes) -> None:
+    command = decode(line_with_data(data))
+    assert command is None or isinstance(command, Note)

@@ -1,4 +1,4 @@
-"""SEN, against the samples of real servers."""
+"""Readings of sensors."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.limits import MAX_SERVER_LINE_BYTES
 from catoptra_protocol.usarsim.grammar import Dialect, LineReader, parse_message
 from catoptra_protocol.usarsim.readings import (
+    GpsReading,
     GroundTruthReading,
     InsReading,
     OdometryReading,
+    RangeScanReading,
     Reading,
+    SonarReadings,
     reading_from_message,
 )
 from catoptra_protocol.usarsim.reports import line_from_report
@@ -119,3 +123,111 @@ def test_ins_in_udk_is_rounded_and_in_ut2004_truncated() -> None:
     udk = line_from_report(reading, Dialect.UDK)
     assert b"{Location 0.21,-0.00,-0.34} {Orientation 0.00,0.00,-0.13}" in udk
     assert b"{Location 0.20,-0.00,-0.33}" in line_from_report(reading)
+
+
+RANGES = st.lists(st.floats(0.0, 80.0), min_size=1, max_size=181).map(tuple)
+
+
+def make_scan(ranges_m: tuple[float, ...]) -> RangeScanReading:
+    return RangeScanReading(395.3833, "Scanner1", 0.01745, math.pi, ranges_m)
+
+
+@pytest.mark.parametrize("dialect", Dialect)
+def test_scan_of_181_beams_fits_into_a_client_s_buffer(dialect: Dialect) -> None:
+    line = line_from_report(make_scan((79.98765,) * 181), dialect)
+    assert len(line) < MAX_SERVER_LINE_BYTES // 2
+
+
+def test_scan_with_too_many_beams_is_rejected() -> None:
+    with pytest.raises(LocalProtocolError, match="fewer items"):
+        line_from_report(make_scan((1.0,) * 1000))
+
+
+def test_sonars_when_sixteen_share_one_line() -> None:
+    names = [f"{side}{i}" for side in "FR" for i in range(1, 9)]
+    line = line_from_report(SonarReadings(1.0, tuple((name, 5.0) for name in names)))
+    assert line.count(b"\r\n") == 1
+    assert line.count(b"} {") == 17
+
+
+@settings(derandomize=True, max_examples=50, deadline=None)
+@given(RANGES, st.sampled_from(Dialect))
+def test_scan_when_written_and_read_loses_less_than_its_last_decimal(
+    ranges_m: tuple[float, ...], dialect: Dialect
+) -> None:
+    line = line_from_report(make_scan(ranges_m), dialect).decode()
+    reading = reading_from_message(parse_message(line.rstrip()))
+    assert isinstance(reading, RangeScanReading)
+    last_place_m = 1e-4 if dialect is Dialect.UT2004 else 1e-2
+    assert reading.ranges_m == pytest.approx(ranges_m, rel=0, abs=1.0001 * last_place_m)
+
+
+BAD_RANGES = [
+    ("SEN {Type RangeScanner} {Name S}", "without {Time}"),
+    ("SEN {Time 1} {Type RangeScanner} {Name S} {Resolution 1} {FOV 2}", "without {Range}"),
+    ("SEN {Time 1} {Type RangeScanner} {Name S} {Resolution 1} {FOV 2} {Range 1,x}", "Range x"),
+    ("SEN {Time 1} {Type Sonar} {Name F1}", "without {Range}"),
+    ("SEN {Time 1} {Type Sonar} {Name F1 Range}", "without {Range}"),
+    ("SEN {Time 1} {Type Sonar} {Name F1 Range far}", "Range far"),
+    ("SEN {Type Sonar} {Name F1 Range 1}", "without {Time}"),
+]
+
+
+@pytest.mark.parametrize(("line", "field_name"), BAD_RANGES)
+def test_range_when_malformed_names_the_field(line: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
+        reading_from_message(parse_message(line))
+
+
+PLACES = [
+    (0.0, 0.0, "{Latitude 0,0.0000,N} {Longitude 0,0.0000,E}"),
+    (-0.5, -180.0, "{Latitude 0,30.0000,S} {Longitude 180,0.0000,W}"),
+    (52.0 - 1e-9, 4.99999999999, "{Latitude 51,59.9999,N} {Longitude 4,59.9999,E}"),
+    (52.35567, 4.95413, "{Latitude 52,21.3402,N} {Longitude 4,57.2478,E}"),
+]
+
+
+@pytest.mark.parametrize(("latitude", "longitude", "place"), PLACES)
+def test_position_when_written_has_truncated_minutes(
+    latitude: float, longitude: float, place: str
+) -> None:
+    line = line_from_report(GpsReading("G", latitude, longitude, True, 8)).decode()
+    assert line == f"SEN {{Type GPS}} {{Name G}} {place} {{Fix 1}} {{Satellites 8}}\r\n"
+
+
+GPS_ANGLES = st.integers(-180 * 600_000, 180 * 600_000).map(lambda units: units / 600_000)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(GPS_ANGLES, GPS_ANGLES)
+def test_position_when_read_and_written_prints_unchanged(latitude: float, longitude: float) -> None:
+    line = line_from_report(GpsReading("G", latitude, longitude, True, 8))
+    reading = reading_from_message(parse_message(line.decode().rstrip()))
+    assert isinstance(reading, GpsReading)
+    # The printed place is 1e-4 minutes; what is read back is that to a double's noise.
+    assert (reading.latitude_deg, reading.longitude_deg) == pytest.approx(
+        (latitude, longitude), rel=0, abs=1e-9
+    )
+    assert line_from_report(reading) == line
+
+
+@pytest.mark.parametrize("angle_deg", [180.1, -1e300, float("inf"), float("nan")])
+def test_position_beyond_180_degrees_is_rejected(angle_deg: float) -> None:
+    with pytest.raises(LocalProtocolError, match="GPS"):
+        line_from_report(GpsReading("G", 0.0, angle_deg, True, 8))
+
+
+BAD_GPS = [
+    ("{Latitude 39,8.0,N} {Fix 1} {Satellites 3}", "without {Longitude}"),
+    ("{Latitude 39,8.0} {Longitude 1,2,E} {Fix 1} {Satellites 3}", "degrees,minutes,side"),
+    ("{Latitude 39,8.0,X} {Longitude 1,2,E} {Fix 1} {Satellites 3}", "one of N, S"),
+    ("{Latitude 999,8.0,N} {Longitude 1,2,E} {Fix 1} {Satellites 3}", "at most 180"),
+    ("{Latitude a,8.0,N} {Longitude 1,2,E} {Fix 1} {Satellites 3}", "Latitude a"),
+    ("{Fix 0}", "without {Satellites}"),
+]
+
+
+@pytest.mark.parametrize(("fields", "field_name"), BAD_GPS)
+def test_position_when_malformed_names_the_field(fields: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
+        reading_from_message(parse_message(f"SEN {{Type GPS}} {{Name G}} {fields}"))

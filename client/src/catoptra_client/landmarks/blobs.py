@@ -1,6 +1,7 @@
 """Blobs: connected regions of one colour in a labelled cylinder, joined across the seam.
 
-Effective viewpoint on the robot, and the conversion of poses and polar coordinates.
+The effective viewpoint on the robot, from which a cylinder is seen, is here too, with the
+conversion of its poses and polar coordinates to those of the robot.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
 # tests/measurements/detection_time.py.
 _CCL_ALGORITHM = cv2.CCL_GRANA
 
-Ints = npt.NDArray[np.int32]
+_Ints = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,7 @@ def _find_blobs(colour: str, mask: UInt8Array) -> list[Blob]:
     return list({id(blob): blob for blob in blobs.values()}.values())
 
 
-def _find_seam_pairs(regions: Ints) -> Iterator[tuple[int, int]]:
+def _find_seam_pairs(regions: _Ints) -> Iterator[tuple[int, int]]:
     """Yield pairs of regions that touch across the seam, diagonals included."""
     first, last = regions[:, 0], regions[:, -1]
     if not (first.any() and last.any()):

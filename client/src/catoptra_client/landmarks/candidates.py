@@ -1,15 +1,10 @@
-"""Candidates: sets of blobs that may show a landmark, and the view in which blobs are measured.
+"""Candidates: sets of blobs that may show a landmark, their ranges, and the detections they become.
 
-Detections: from a measurement at the viewpoint to one at the robot's origin.
-
-Level range of a point of known height from its direction, and the sigma of the range.
-
-A point `drop_m` below the viewpoint (negative: above), at incidence angle theta, lies at r = drop
-tan(theta). In t = tan(theta / 2) nothing cancels and the horizon is t = 1 exactly. At the horizon r
-is undefined, and the mean of r does not exist near the horizon, so ranges less than three sigma
-from the horizon are rejected.
-
-Functions return (value, valid); an invalid value is 0.
+A point `drop_m` below the viewpoint (negative: above), at incidence angle theta, lies at the level
+range r = drop tan(theta). In t = tan(theta / 2) nothing cancels and the horizon is t = 1 exactly.
+At the horizon r is undefined, and the mean of r does not exist near the horizon, so ranges less
+than three sigma from the horizon are rejected: functions return (value, valid), and an invalid
+value is 0. A detection is a measurement at the viewpoint, moved to the robot's origin.
 """
 
 from __future__ import annotations
@@ -97,7 +92,7 @@ def _freeze(array: Floats) -> Floats:
 
 
 # The mean of drop tan(theta + noise) does not exist; beyond three sigma its bias is bounded.
-HORIZON_SIGMAS = 3.0
+_HORIZON_SIGMAS = 3.0
 # Of central differences: errors of 1e-10 of the image's scale.
 _STEP_RAD = 1e-5
 
@@ -212,7 +207,7 @@ def azimuth_sigma(
     return (sigma_rad, True) if sigma_rad < math.inf else (0.0, False)
 
 
-def turned_sigmas(
+def _turned_sigmas(
     camera: OmniCamera, direction: Floats, *, robot_from_mirror: Floats, sigma_px: float
 ) -> tuple[float, float, bool]:
     """Sigmas, in radians, of a direction's angle from the robot's vertical and of its azimuth, in
@@ -243,7 +238,7 @@ def turned_sigmas(
 
 def is_clear_of_horizon(*, drop_m: float, range_m: float, sigma_rad: float) -> bool:
     """Whether a point's incidence angle is more than three sigma away from the horizon."""
-    return math.atan2(abs(drop_m), range_m) > HORIZON_SIGMAS * sigma_rad
+    return math.atan2(abs(drop_m), range_m) > _HORIZON_SIGMAS * sigma_rad
 
 
 def _visible_half_angle(camera: OmniCamera, range_m: float, drop_m: float) -> tuple[float, bool]:
@@ -291,7 +286,7 @@ class CylinderView:
         if rotation is not None:
             point = (range_m * math.cos(azimuth_rad), range_m * math.sin(azimuth_rad), drop_m)
             direction = np.array(point) / math.hypot(*point)
-            return turned_sigmas(
+            return _turned_sigmas(
                 self.camera, direction, robot_from_mirror=rotation, sigma_px=sigma_px
             )
         point_of = {"drop_m": drop_m, "range_m": range_m, "sigma_px": sigma_px}

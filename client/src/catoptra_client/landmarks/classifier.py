@@ -1,20 +1,17 @@
-"""Pixel classifiers: likelihood-ratio tests of a colour. Schmits & Visser 2009, Eq. 3.
+"""Pixel classifiers: likelihood-ratio tests of a colour, their histograms and files.
 
-A colour rgb is labelled cyan, magenta or yellow if P(rgb|colour) / P(rgb|neg) >= theta. With counts
-n and totals N that is n_pos N_neg >= theta n_neg N_pos, evaluated in Python's integers: exact,
-without a division by zero. All decisions are compiled into one table, so that labelling is a
-look-up.
+A colour rgb is labelled cyan, magenta or yellow if P(rgb|colour) / P(rgb|neg) >= theta. Histograms
+are integer counts over RGB bins. With counts n and totals N the test is n_pos N_neg >= theta n_neg
+N_pos, evaluated in Python's integers: exact, without a division by zero. All decisions are compiled
+into one table, so that labelling is a look-up.
 
 Eq. 3 leaves three cases open. A colour never observed on a landmark is rejected for any theta; a
 colour observed on a landmark and never elsewhere is accepted for any theta; where several
 classifiers accept, the largest ratio wins, and of equal ratios the first in `BAND_COLOURS`.
 
-Colour histograms: integer counts over RGB bins (Schmits & Visser 2009, section 3.2).
-
-Classifier files: .npz with a schema version, read without pickle.
-
-A file holds the histograms and theta. The table is compiled on load, so that table and histograms
-cannot disagree.
+A file (.npz with a schema version, read without pickle) holds the histograms and theta. The table
+is compiled on load, so that table and histograms cannot disagree. Source: Schmits & Visser 2009,
+section 3.2 and Eq. 3.
 """
 
 from __future__ import annotations
@@ -34,16 +31,16 @@ from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
 from catoptra_protocol.landmarks import BAND_COLOURS
 
 UInt8Array = npt.NDArray[np.uint8]
-Counts = npt.NDArray[np.int64]
+_Counts = npt.NDArray[np.int64]
 
 # 8 grey levels per bin: five times a camera's noise (1.4 levels at mid-grey), and a lookup table
 # that fits the first-level cache. The paper does not state its number of bins. More than 32 have no
 # place in `colour_index`.
 DEFAULT_BINS = 32
-MAX_BINS = 32
-_ALLOWED_BINS = (2, 4, 8, 16, MAX_BINS)
+_MAX_BINS = 32
+_ALLOWED_BINS = (2, 4, 8, 16, _MAX_BINS)
 # The sum of any two totals fits int64, so that the check of a merged total sees no wrap-around.
-MAX_TOTAL = 2**62
+_MAX_TOTAL = 2**62
 # Weight of a smoothed pixel: 1 + 2 + 1 along each of three axes.
 _KERNEL_SUM = 64
 
@@ -52,7 +49,7 @@ _KERNEL_SUM = 64
 class Histogram:
     """Pixel counts by red, green and blue."""
 
-    counts: Counts
+    counts: _Counts
     """Counts (bins, bins, bins), read-only int64; `bins` is a power of two."""
 
     def __post_init__(self) -> None:
@@ -88,8 +85,8 @@ def empty_histogram(bins: int = DEFAULT_BINS) -> Histogram:
 def histogram_from_pixels(pixels: UInt8Array, bins: int = DEFAULT_BINS) -> Histogram:
     """Histogram of (..., 3) RGB uint8 pixels."""
     _check_bins(bins)
-    fine = np.bincount(colour_index(pixels).ravel(), minlength=MAX_BINS**3)
-    width = MAX_BINS // bins  # fine bins that share one of the requested ones
+    fine = np.bincount(colour_index(pixels).ravel(), minlength=_MAX_BINS**3)
+    width = _MAX_BINS // bins  # fine bins that share one of the requested ones
     return Histogram(fine.reshape(bins, width, bins, width, bins, width).sum(axis=(1, 3, 5)))
 
 
@@ -133,7 +130,7 @@ def colour_index(pixels: UInt8Array) -> npt.NDArray[np.uint16]:
 
 
 def _check_total(total: float) -> None:
-    if total > MAX_TOTAL:
+    if total > _MAX_TOTAL:
         raise DomainError(f"a histogram holds at most 2^62 pixels, not {total:.3g}")
 
 
@@ -196,7 +193,7 @@ def classifier_from_histograms(
     )
     # uint8 keeps the table of 32^3 bins at 32 KB, the size of a first-level cache. A wider bin
     # fills several of its entries.
-    width = np.ones((MAX_BINS // negative.bins,) * 3, dtype=np.uint8)
+    width = np.ones((_MAX_BINS // negative.bins,) * 3, dtype=np.uint8)
     compiled = np.kron(table.astype(np.uint8), width).ravel()
     compiled.setflags(write=False)
     return ColourClassifier(dict(positives), negative, theta, compiled)
@@ -234,7 +231,7 @@ def label_image(classifier: ColourClassifier, image: UInt8Array) -> UInt8Array:
 
 def _max_likelihood_index(
     positives: Mapping[str, Histogram], is_candidate: npt.NDArray[np.bool_]
-) -> Counts:
+) -> _Counts:
     """Index in `BAND_COLOURS` of the largest likelihood among the accepting classifiers."""
     # All ratios share the denominator P(rgb|neg), so n / N decides: compared on the common
     # denominator of the three totals, in integers. argmax takes the first of equal ones.
@@ -245,11 +242,11 @@ def _max_likelihood_index(
             for c in BAND_COLOURS
         ]
     )
-    best: Counts = np.where(is_candidate, likelihood, -1).argmax(axis=0)
+    best: _Counts = np.where(is_candidate, likelihood, -1).argmax(axis=0)
     return best
 
 
-def _to_python_ints(counts: Counts) -> npt.NDArray[np.object_]:
+def _to_python_ints(counts: _Counts) -> npt.NDArray[np.object_]:
     """Convert counts to Python integers, whose products cannot overflow."""
     return counts.astype(np.object_)
 
@@ -264,8 +261,8 @@ def _check_histograms(classes: Mapping[str, Histogram], theta: float) -> None:
         raise DomainError("the histograms have different numbers of bins")
 
 
-SCHEMA = "catoptra-colour-classifier"
-SCHEMA_VERSION = 1
+_SCHEMA = "catoptra-colour-classifier"
+_SCHEMA_VERSION = 1
 
 
 def save_classifier(classifier: ColourClassifier, path: Path) -> None:
@@ -275,8 +272,8 @@ def save_classifier(classifier: ColourClassifier, path: Path) -> None:
     with path.open("wb") as file:
         np.savez_compressed(
             file,
-            schema=np.array(SCHEMA),
-            version=np.array(SCHEMA_VERSION),
+            schema=np.array(_SCHEMA),
+            version=np.array(_SCHEMA_VERSION),
             theta=np.array(classifier.theta),
             neg=classifier.negative.counts,
             **histograms,  # type: ignore[arg-type] # savez declares its flag allow_pickle among the arrays
@@ -300,10 +297,10 @@ def _parse_classifier(entries: dict[str, np.ndarray], path: Path) -> ColourClass
     missing = {"schema", "version", "theta", "neg", *BAND_COLOURS} - set(entries)
     if missing:
         raise _config_error(path, "entries", ", ".join(sorted(entries)), f"also {sorted(missing)}")
-    if str(entries["schema"]) != SCHEMA:
-        raise _config_error(path, "schema", str(entries["schema"]), SCHEMA)
-    if str(entries["version"]) != str(SCHEMA_VERSION):
-        expected = f"{SCHEMA_VERSION}; train it anew with this version of Catoptra"
+    if str(entries["schema"]) != _SCHEMA:
+        raise _config_error(path, "schema", str(entries["schema"]), _SCHEMA)
+    if str(entries["version"]) != str(_SCHEMA_VERSION):
+        expected = f"{_SCHEMA_VERSION}; train it anew with this version of Catoptra"
         raise _config_error(path, "version", str(entries["version"]), expected)
     try:
         positives = {colour: Histogram(entries[colour]) for colour in BAND_COLOURS}

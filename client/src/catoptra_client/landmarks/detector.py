@@ -1,24 +1,22 @@
-"""Landmark detector: from an omnidirectional frame to detections.
+"""Landmark detector: from an omnidirectional frame to detections of goals and beacons.
 
 Frame -> cylinder -> colour codes -> blobs -> candidates -> detections: each step is a function on
 frozen data, and `Detector` holds the parts computed once. `detect_with_stages` also returns the
-intermediate results, for display. Source: Schmits & Visser 2009, section 3.2: colour histogram
-landmark detection on cylindrical projections.
+intermediate results, for display.
 
-Goals: one wide blob of one colour on the floor. A bearing, no range.
+Goals are one wide blob of one colour on the floor: a bearing, no range. Mouth, sides and back of a
+goal stand at ranges that differ by the depth, and the visible ones depend on the robot's position:
+any single range could be wrong by decimetres. The bearing is the centre of the blob's box. From the
+side that centre shifts from the centre of the mouth towards the box behind, by up to half the
+depth, which the sigma of the bearing covers.
 
-Mouth, sides and back of a goal stand at ranges that differ by the depth, and the visible ones
-depend on the robot's position: any single range could be wrong by decimetres. The bearing is the
-centre of the blob's box. From the side that centre shifts from the centre of the mouth towards the
-box behind, by up to half the depth, which the sigma of the bearing covers.
-
-Beacons: pairs of stacked blobs in a beacon's two colours, consistent with one range.
-
-Range: rows are linear in y = (H - z) / r, so the centroid of the lower band, at the height of the
-band's centre, gives r without bias. The upper band is not used, for two reasons: it lies nearer to
-the horizon, and the lid, which has the upper colour and is visible from above, raises the centroid.
-The blob shows the front of the cylinder, which is nearer than the axis by radius * sqrt(1 - s^2)
-over the relative width s; the mean, radius * pi / 4, is added.
+Beacons are pairs of stacked blobs in a beacon's two colours, consistent with one range. Rows are
+linear in y = (H - z) / r, so the centroid of the lower band, at the height of the band's centre,
+gives r without bias. The upper band is not used, for two reasons: it lies nearer to the horizon,
+and the lid, which has the upper colour and is visible from above, raises the centroid. The blob
+shows the front of the cylinder, which is nearer than the axis by radius * sqrt(1 - s^2) over the
+relative width s; the mean, radius * pi / 4, is added. Source: Schmits & Visser 2009, section 3.2:
+colour histogram landmark detection on cylindrical projections.
 """
 
 from __future__ import annotations
@@ -49,9 +47,9 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 # Sigma across the line of sight, as a fraction of the goal's depth. Over the whole field the errors
 # of the bearing have an rms of 0.5 sigma, 1 to 2 m beside the goal of 1.0 sigma. Measured in
 # tests/client/landmarks/test_detector.py.
-LATERAL_SIGMA_FRACTION = 0.5
+_LATERAL_SIGMA_FRACTION = 0.5
 # The approximate range lies between mouth and back, and between the posts.
-RANGE_SIGMA_FRACTION = 0.5
+_RANGE_SIGMA_FRACTION = 0.5
 
 
 def find_goal_candidates(
@@ -97,26 +95,26 @@ def _is_goal(
 def _make_measurement(
     view: CylinderView, landmark: Landmark, blob: Blob, approximate_range_m: float
 ) -> PolarMeasurement:
-    lateral_rad = math.atan2(LATERAL_SIGMA_FRACTION * landmark.depth_m, approximate_range_m)
+    lateral_rad = math.atan2(_LATERAL_SIGMA_FRACTION * landmark.depth_m, approximate_range_m)
     sigma_rad = math.hypot(lateral_rad, view.cylinder.azimuth_per_column_rad)
     azimuth = view.azimuth_from_column(0.5 * (blob.left + blob.right))
     return PolarMeasurement(
-        approximate_range_m, azimuth, RANGE_SIGMA_FRACTION * approximate_range_m, sigma_rad
+        approximate_range_m, azimuth, _RANGE_SIGMA_FRACTION * approximate_range_m, sigma_rad
     )
 
 
 # Sigma of a band's centroid, in pixels of the frame. On exact frames the range errors have an rms
 # of 0.4 (to 2 m) to 0.6 (at 3 m) of this sigma; the margin is for lights that differ from those in
 # training. Measured in tests/client/landmarks/test_detector.py.
-CENTROID_SIGMA_PX = 0.2
+_CENTROID_SIGMA_PX = 0.2
 # Above this relative sigma no range is reported: the mean of 1 / y is biased by sigma^2, here 4 %,
 # and diverges soon after.
-MAX_RELATIVE_SIGMA = 0.2
+_MAX_RELATIVE_SIGMA = 0.2
 # The labels cover the cylinder's front up to an unknown part of about a tenth of the radius.
-FRONT_SIGMA_FRACTION = 0.1
+_FRONT_SIGMA_FRACTION = 0.1
 # Tolerances of a blob's size against the size predicted from the range: a ratio, plus one mixed
 # pixel at each of the two borders.
-MAX_SIZE_RATIO, EDGE_TOLERANCE_PX = 2.0, 2.0
+_MAX_SIZE_RATIO, _EDGE_TOLERANCE_PX = 2.0, 2.0
 
 
 def find_beacon_candidates(
@@ -173,8 +171,8 @@ def _is_band(blob: Blob, size: tuple[float, float]) -> bool:
 
 def _is_size_consistent(measured: float, expected: float) -> bool:
     low, high = (
-        expected / MAX_SIZE_RATIO - EDGE_TOLERANCE_PX,
-        expected * MAX_SIZE_RATIO + EDGE_TOLERANCE_PX,
+        expected / _MAX_SIZE_RATIO - _EDGE_TOLERANCE_PX,
+        expected * _MAX_SIZE_RATIO + _EDGE_TOLERANCE_PX,
     )
     return low <= measured <= high
 
@@ -191,8 +189,8 @@ def _is_above(
     row_offset = abs(upper.row - expected_row)
     widest = max(lower.width, upper.width)
     return (
-        column_offset <= 0.25 * widest + EDGE_TOLERANCE_PX
-        and row_offset <= 0.25 * lower.height + EDGE_TOLERANCE_PX
+        column_offset <= 0.25 * widest + _EDGE_TOLERANCE_PX
+        and row_offset <= 0.25 * lower.height + _EDGE_TOLERANCE_PX
     )
 
 
@@ -221,14 +219,14 @@ def _make_candidate(
         fraction=fraction,
     )
     angle_sigma_rad, azimuth_sigma_rad, has_bearing = view.angle_sigmas(
-        azimuth, drop_m=drop_m, range_m=front_m, sigma_px=CENTROID_SIGMA_PX
+        azimuth, drop_m=drop_m, range_m=front_m, sigma_px=_CENTROID_SIGMA_PX
     )
     range_sigma_m, clear_of_horizon = _axis_range_sigma(
         drop_m, front_m, radius_m, angle_sigma_rad if has_bearing else None
     )
     has_range = (
         clear_of_horizon
-        and range_sigma_m <= MAX_RELATIVE_SIGMA * axis_m
+        and range_sigma_m <= _MAX_RELATIVE_SIGMA * axis_m
         and not view.touches_edge(lower)
     )
     measurement = PolarMeasurement(axis_m, azimuth, range_sigma_m, azimuth_sigma_rad)
@@ -249,14 +247,14 @@ def _axis_range_sigma(
     if not defined:
         return front_m, False
     clear = is_clear_of_horizon(drop_m=drop_m, range_m=front_m, sigma_rad=sigma_rad)
-    return math.hypot(sigma_m, FRONT_SIGMA_FRACTION * radius_m), clear
+    return math.hypot(sigma_m, _FRONT_SIGMA_FRACTION * radius_m), clear
 
 
 # Columns of 0.5 degrees, rows of 0.41 at the horizon, where a pixel of a 360 px frame spans 0.55.
 # From 6 degrees above the horizon, for higher landmarks and a tilted robot, to 50 below: the lower
 # band of a beacon 0.33 m away.
 DEFAULT_CYLINDER = CylinderGeometry(columns=720, rows=180, top_slope=-0.1, bottom_slope=1.2)
-DEFAULT_VIEWPOINT = Viewpoint()
+_DEFAULT_VIEWPOINT = Viewpoint()
 # 2 x 2 px: noise produces smaller blobs, whose centroids are uncertain by a pixel.
 MIN_BLOB_PIXELS = 4
 
@@ -292,7 +290,7 @@ def make_detector(
     classifier: ColourClassifier,
     *,
     landmarks: Sequence[Landmark],
-    viewpoint: Viewpoint = DEFAULT_VIEWPOINT,
+    viewpoint: Viewpoint = _DEFAULT_VIEWPOINT,
     cylinder: CylinderGeometry = DEFAULT_CYLINDER,
 ) -> Detector:
     """Detector of a set of landmarks; computes the cylinder's unwarp map.

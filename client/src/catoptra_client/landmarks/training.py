@@ -1,16 +1,11 @@
-"""Training: from labelled frames to histograms, and from histograms to a classifier.
+"""Training: from frames to labels by exact geometry, to histograms, to a classifier.
 
-Ray casting of landmarks: the nearest surface along each ray, for labels.
-
-Exact geometry without shading or other objects. A beacon is a cylinder with a lid, a goal three
-upright boards open to the world's origin, as in `catoptra_protocol.landmarks`. World frame: z down,
-floor at z = 0, so a point at height h has z = -h.
-
-Training labels from exact geometry: the landmark colour at each pixel of a frame.
-
-One ray per pixel centre. Landmark colours are eroded by a margin, so that no mixed border pixel is
-learnt; pixels farther than a wider margin from every landmark are negatives; pixels in between are
-ignored. Only landmarks are modelled: frames in which a wall hides a landmark are unsuitable.
+One ray per pixel centre meets the nearest surface, without shading or other objects. A beacon is a
+cylinder with a lid, a goal three upright boards open to the world's origin, as in
+`catoptra_protocol.landmarks`. World frame: z down, floor at z = 0, so a point at height h has z =
+-h. Landmark colours are eroded by a margin, so that no mixed border pixel is learnt; pixels farther
+than a wider margin from every landmark are negatives; pixels in between are ignored. Only landmarks
+are modelled: frames in which a wall hides a landmark are unsuitable.
 """
 
 from __future__ import annotations
@@ -59,7 +54,7 @@ class Rays:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hits:
+class _Hits:
     """Intersections of rays with a surface."""
 
     distances: Floats
@@ -80,7 +75,7 @@ def nearest_surface_codes(rays: Rays, landmarks: Iterable[Landmark]) -> UInt8Arr
     return codes
 
 
-def _intersect_beacon(rays: Rays, landmark: Landmark) -> list[Hits]:
+def _intersect_beacon(rays: Rays, landmark: Landmark) -> list[_Hits]:
     to_axis = np.array([landmark.x_m, landmark.y_m]) - rays.origin[..., :2]
     level = rays.directions[:, :2]
     # Solve |s level - to_axis| = radius for the nearer s.
@@ -94,7 +89,7 @@ def _intersect_beacon(rays: Rays, landmark: Landmark) -> list[Hits]:
     height = -(rays.origin[..., 2] + distance * rays.directions[:, 2])
     hits &= (height >= 0.0) & (height <= landmark.band_top_m)
     code = _band_code(landmark, height)
-    side = Hits(np.where(hits, distance, math.inf), code)
+    side = _Hits(np.where(hits, distance, math.inf), code)
     return [side, _intersect_cap(rays, landmark)]
 
 
@@ -104,7 +99,7 @@ def _band_code(landmark: Landmark, height: Floats) -> UInt8Array:
     return np.where(height < landmark.band_bottom_m, WHITE_CODE, coloured).astype(np.uint8)
 
 
-def _intersect_cap(rays: Rays, landmark: Landmark) -> Hits:
+def _intersect_cap(rays: Rays, landmark: Landmark) -> _Hits:
     """Intersections with the lid, from above only."""
     drop = -landmark.band_top_m - rays.origin[..., 2]
     descends = rays.directions[:, 2] > 0.0
@@ -113,10 +108,10 @@ def _intersect_cap(rays: Rays, landmark: Landmark) -> Hits:
     off_axis = np.hypot(points[:, 0] - landmark.x_m, points[:, 1] - landmark.y_m)
     hits = descends & (distance > 0.0) & (off_axis <= 0.5 * landmark.width_m)
     code = np.full(len(descends), COLOUR_CODES[landmark.upper_colour], dtype=np.uint8)
-    return Hits(np.where(hits, distance, math.inf), code)
+    return _Hits(np.where(hits, distance, math.inf), code)
 
 
-def _intersect_goal(rays: Rays, landmark: Landmark) -> list[Hits]:
+def _intersect_goal(rays: Rays, landmark: Landmark) -> list[_Hits]:
     half = 0.5 * landmark.width_m
     # The goal is open to the world's origin: the back lies behind the mouth, away from the origin.
     back = landmark.x_m + math.copysign(landmark.depth_m, landmark.x_m)
@@ -128,7 +123,7 @@ def _intersect_goal(rays: Rays, landmark: Landmark) -> list[Hits]:
 
 def _intersect_board(
     rays: Rays, landmark: Landmark, axis: int, position_m: float, span: tuple[float, float]
-) -> Hits:
+) -> _Hits:
     """Intersections with an upright board at `position_m` on an axis, over a span of the other."""
     normal_component = rays.directions[:, axis]
     # NaN marks parallel rays: every comparison below is then false, so the ray misses.
@@ -139,14 +134,14 @@ def _intersect_board(
     lateral, height = points[:, 1 - axis], -points[:, 2]
     hits = (reach > 0.0) & _is_within(lateral, *span) & _is_within(height, 0.0, landmark.band_top_m)
     code = _band_code(landmark, height)
-    return Hits(np.where(hits, reach, math.inf), code)
+    return _Hits(np.where(hits, reach, math.inf), code)
 
 
 def _is_within(values: Floats, low: float, high: float) -> Bools:
     return (values >= low) & (values <= high)
 
 
-_INTERSECTIONS: dict[str, Callable[[Rays, Landmark], list[Hits]]] = {
+_INTERSECTIONS: dict[str, Callable[[Rays, Landmark], list[_Hits]]] = {
     "beacon": _intersect_beacon,
     "goal": _intersect_goal,
 }

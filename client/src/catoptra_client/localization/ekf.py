@@ -1,22 +1,16 @@
-"""Extended Kalman filter over the pose, as functions on immutable beliefs.
+"""Extended Kalman filter over the pose (x, y, phi), as functions on immutable beliefs.
 
-Source: Schmits & Visser 2009, Eqs. 4-6; Thrun, Burgard & Fox 2005, table 7.2. Departures:
-covariances are products B B^T of square roots (in the update the Joseph form), positive
+A belief is a Gaussian; a measurement is range and bearing of a landmark, or a bearing alone near
+the horizon, where there is no usable range. The bearing gamma is relative to the robot's heading
+and positive to the right (x towards y), as yaw. The gate is the largest normalized innovation that
+the filter accepts: the squared Mahalanobis distance of a true measurement is chi-square distributed
+with one degree of freedom per component. The motion model is in `motion_model`.
+
+Source: Schmits & Visser 2009, Eqs. 4-6; Thrun, Burgard & Fox 2005, table 7.2; for the gate
+Kristensen & Jensfelt 2003, to which the paper refers, and Bar-Shalom, Li & Kirubarajan 2001.
+Departures: covariances are products B B^T of square roots (in the update the Joseph form), positive
 semidefinite by construction even with exact sensors; the gain comes from a Cholesky solve, never an
 inverse; an unusable measurement is rejected with a status and leaves the belief unchanged.
-
-Validation gate: the largest normalized innovation that the filter accepts.
-
-The squared Mahalanobis distance of a true measurement is chi-square distributed with one degree of
-freedom per component. Source: Kristensen & Jensfelt 2003, the gate to which the paper refers;
-Bar-Shalom, Li & Kirubarajan 2001.
-
-Belief of the filter: a Gaussian over the pose (x, y, phi). Immutable.
-
-Measurement model: range and bearing of a landmark (Schmits & Visser 2009, Eq. 6).
-
-The bearing gamma is relative to the robot's heading and positive to the right (x towards y), as
-yaw. A landmark near the horizon has no usable range and gives a bearing alone.
 """
 
 from __future__ import annotations
@@ -277,7 +271,7 @@ def is_finite(measurement: Measurement) -> bool:
 
 # Radius of a beacon: a robot believed closer than that stands inside the landmark, where the
 # linearization of the bearing is meaningless.
-MIN_LANDMARK_RANGE_M = 0.05
+_MIN_LANDMARK_RANGE_M = 0.05
 # A squared pivot below 16 eps of its variance is the rounding residue of zero.
 _MIN_RELATIVE_PIVOT = 16.0 * float(np.finfo(np.float64).eps)
 
@@ -364,7 +358,7 @@ def update(
     if not is_finite(measurement):
         return _reject(belief, UpdateStatus.NOT_FINITE)
     expected, defined = predict_measurement(belief.mean, landmark)
-    if not defined or expected.range_m < MIN_LANDMARK_RANGE_M:
+    if not defined or expected.range_m < _MIN_LANDMARK_RANGE_M:
         return _reject(belief, UpdateStatus.AT_LANDMARK)
     innovation, H, R = compute_innovation(measurement, expected)
     R_root, valid = covariance_square_root(R)

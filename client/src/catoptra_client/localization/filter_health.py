@@ -1,13 +1,12 @@
-"""Health of the filter: rejection streak, windowed NIS, and a recovery for the caller to apply.
+"""Health of the filter: rejection streak, windowed NIS and a recovery; NEES.
 
 With a zero a-priori covariance the gate rejects every landmark until the covariance has grown (the
 first 22 steps in the paper). The filter itself does not bound that time, so streak and NIS are
-reported here; nothing recovers automatically.
+reported here; nothing recovers automatically, the caller applies the recovery.
 
-Consistency of the filter: NEES against the true pose, and intervals of chi-square means.
-
-Source: Bar-Shalom, Li & Kirubarajan 2001, section 5.4. Over M independent runs, M times the mean is
-chi-square distributed with M times the degrees of freedom of one run.
+With the true pose known, NEES tests consistency: over M independent runs, M times the mean is
+chi-square distributed with M times the degrees of freedom of one run. Source: Bar-Shalom, Li &
+Kirubarajan 2001, section 5.4.
 """
 
 from __future__ import annotations

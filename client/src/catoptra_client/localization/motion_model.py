@@ -1,11 +1,10 @@
-"""Motion model: propagation of a pose and its uncertainty by one control.
+"""Motion model: propagation of a pose and its uncertainty by one control, and controls of odometry.
 
 State (x, y, phi) in the world frame, control u = (v, delta phi) per step (Schmits & Visser 2009,
 Eqs. 4 and 5). With a = delta phi / 2 and S = sin(a) / a the robot follows a circular arc of length
 v: the velocity motion model of Thrun, Burgard & Fox 2005 (table 5.3), in a form that is regular
-without a turn, where v / omega is not.
-
-Odometry: from two odometry poses, in a frame of their own, to the filter's control.
+without a turn, where v / omega is not. A control comes from two odometry poses, which are in a
+frame of their own.
 """
 
 from __future__ import annotations

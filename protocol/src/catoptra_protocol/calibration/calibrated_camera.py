@@ -1,9 +1,8 @@
-"""A camera from a calibration's numbers: projection, matrix, image size; and back.
-
-Which pictures a calibration file is of: Catoptra's own mark, a comment or a field.
+"""A camera from a calibration's numbers (projection, matrix, image size), and back; and the mark.
 
 All formats describe right-handed cameras, so a file says nothing of the hand of the pictures that
-it was made from, and a mirrored world fits as well. Files of other programs have no mark.
+it was made from, and a mirrored world fits as well. Catoptra's own mark, a comment or a field, says
+which pictures a file is of. Files of other programs have no mark.
 """
 
 from __future__ import annotations
@@ -133,7 +132,7 @@ def place_camera(
     )
 
 
-def matrix_of(camera: OmniCamera, scale_px: float) -> Matrix:
+def matrix_from_camera(camera: OmniCamera, scale_px: float) -> Matrix:
     """Camera matrix of a flipped camera whose projection has another unit.
 
     Args:

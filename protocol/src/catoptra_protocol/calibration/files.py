@@ -1,11 +1,9 @@
-"""JSON of calibration files: objects without duplicate names and without NaN.
+"""Text of calibration files: JSON and YAML as objects, and their fields by path.
 
-YAML of calibration files, with OpenCV's head and tags.
-
-OpenCV writes `%YAML:1.0`, which no YAML reader takes, and tags its matrices. Read by PyYAML's safe
-loader (the extra `calibration`), without aliases: a page of them can stand for gigabytes.
-
-Fields of a calibration file by path, with errors that name file, field and expectation.
+Errors name file, field and expectation. JSON has no duplicate names and no NaN. YAML is OpenCV's:
+its head `%YAML:1.0`, which no YAML reader takes, and its tags of matrices; read by PyYAML's safe
+loader (the extra `calibration`), without aliases, since a page of them can stand for gigabytes.
+PyYAML is imported with the first YAML file.
 """
 
 from __future__ import annotations
@@ -58,7 +56,7 @@ def parse_yaml(text: str, file: str) -> Any:
             expected="the package PyYAML: pip install 'catoptra-protocol[calibration]'",
         ) from error
 
-    class Loader(yaml.SafeLoader):
+    class MatrixLoader(yaml.SafeLoader):
         """Safe loader without aliases, with OpenCV's matrices."""
 
         def compose_node(self, parent: Any, index: Any) -> Any:
@@ -68,9 +66,9 @@ def parse_yaml(text: str, file: str) -> Any:
                 raise yaml.MarkedYAMLError(problem="aliases", problem_mark=event.start_mark)
             return super().compose_node(parent, index)
 
-    Loader.add_constructor(_MATRIX_TAG, _construct_matrix)
+    MatrixLoader.add_constructor(_MATRIX_TAG, _construct_matrix)
     try:
-        return yaml.load(_OPENCV_HEAD.sub("", text), Loader=Loader)
+        return yaml.load(_OPENCV_HEAD.sub("", text), Loader=MatrixLoader)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark is not None else 0

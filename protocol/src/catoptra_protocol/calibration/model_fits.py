@@ -1,16 +1,14 @@
-"""One camera in the models of the calibration formats, as their readers make it: exactly where it
-is one of them, else by a fit to its whole image; its picture flipped.
+"""One camera in the models of the calibration formats, as their readers make it: exactly or fitted.
 
+Exactly where the camera is one of the model, else by a fit to its whole image; its picture flipped.
 A fit minimises the differences of image radii in pixels on rings from the centre to the rim; the
-image plane keeps its centre and stretch. How good it is says `residual.compute_residual`.
+image plane keeps its centre and stretch. `compute_residual` says how good the fit is over the whole
+image.
 
-Cameras as unified spheres: the projections that are Mei's model, exactly.
-
-With t = tan(theta / 2) Mei's radius is 2 t / ((1 + xi) + (xi - 1) t^2): a hyperbolic mirror has xi
-= s / (k - 1) and gamma = h xi, a parabolic one and a stereographic lens have xi = 1. UCM and EUCM
-with beta = 1 have xi = alpha / (1 - alpha), double spheres are unified with alpha = 0 or xi = 0.
-
-Residual between two models of one camera, over its whole image.
+Unified spheres are Mei's model, exactly. With t = tan(theta / 2) Mei's radius is 2 t / ((1 + xi) +
+(xi - 1) t^2): a hyperbolic mirror has xi = s / (k - 1) and gamma = h xi, a parabolic one and a
+stereographic lens have xi = 1. UCM and EUCM with beta = 1 have xi = alpha / (1 - alpha), double
+spheres are unified with alpha = 0 or xi = 0.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""Ray table: the direction of every pixel, in a file of NumPy's arrays (.npz), for any camera.
+"""Ray table: the direction of every pixel, in a file of NumPy's arrays (.npz); cameras from it.
 
 The truth that all models approximate, and the one form for a mirror without a single viewpoint.
 Arrays: `direction` (h, w, 3) unit float64, `valid` (h, w) bool, `origin_m` (3,) zeros or (h, w, 3)
 float64, of the pixels' centres; texts: `frame`, `picture`, `law`; `first_pixel`, the coordinate of
 the first pixel's centre. Frame: x right, y down, z along the optical axis.
 
-A camera from a ray table: centre, stretch and a measured lens, by least squares.
-
+The camera of a central table has its centre, its stretch and a measured lens, by least squares.
 With the optical axis given by the table's frame, a pixel is centre + M r(theta) (cos, sin): odd
 polynomials of theta find the centre and the matrix M, hats between knots the rest of the radius.
 """
@@ -178,7 +177,7 @@ def _make_error(
     return ConfigError(SourceLocation(str(path)), key=key, value=value, expected=expected)
 
 
-MAX_RESIDUAL_PX = 0.05
+_MAX_RESIDUAL_PX = 0.05
 """Largest residual of a camera from a table."""
 _NUM_POWERS, _NUM_KNOTS = 9, 129
 _MIN_PIXELS, _MAX_PIXELS = 1000, 200_000
@@ -219,7 +218,7 @@ def fit_table(table: PixelRays) -> OmniCamera:
     camera = place_camera(lens, (table.valid.shape[1], table.valid.shape[0]), centre, 1.0, plane)
     found, _ = camera.pixel_from_direction(np.stack((x, y, z), axis=-1) @ _MIRROR_FROM_TABLE.T)
     off_px = np.hypot(found[:, 0] - u, found[:, 1] - v)[theta < camera.rim_rad]
-    if not off_px.max(initial=0.0) <= MAX_RESIDUAL_PX:
+    if not off_px.max(initial=0.0) <= _MAX_RESIDUAL_PX:
         raise DomainError(f"a radial lens is off its rays by up to {off_px.max():.3g} px")
     return camera
 

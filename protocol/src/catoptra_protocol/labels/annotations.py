@@ -1,6 +1,7 @@
-"""Annotations of the objects in an image: one record an object, as arrays and as JSON.
+"""Annotations of the objects in an image: one record per object, as arrays and as JSON.
 
-Corners of objects' boxes in the image: by the camera model, with validity of each.
+A record has the corners of the object's box in the image, by the camera model, each with its
+validity. Masks and boxes on the sphere come from `masks` and `spherical_box`.
 """
 
 from __future__ import annotations

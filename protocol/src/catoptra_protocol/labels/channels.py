@@ -1,8 +1,8 @@
-"""The channels of ground truth beside a picture: names, types and meaning, in one table.
+"""The channels of an image's ground truth: names, types and meaning in one table.
+
+`GroundTruth` holds the channels and objects of one image.
 
 To add a channel: its row here, its computation in the server's `ground_truth/`, its row in SPEC.md.
-
-The ground truth of one image: its channels and its objects.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
-"""Masks of all objects of an image: run lengths as COCO has them, boxes of pixels, outlines.
+"""Masks of all objects of an image: run lengths, boxes of pixels, outlines; COCO files.
 
 COCO's run lengths count column by column, first pixels outside, then inside, in turn; its string of
-them has six bits a character (github.com/cocodataset/cocoapi, common/maskApi.c).
-
-Annotations as a COCO file of instances (cocodataset.org/#format-data).
-
-Segmentations are run lengths, since polygons of COCO have no holes. Keys of our own begin with
-`catoptra_`; readers of COCO keep what they do not know.
+them has six bits a character (github.com/cocodataset/cocoapi, common/maskApi.c). A COCO file of
+instances (cocodataset.org/#format-data) has run lengths as segmentations, since polygons of COCO
+have no holes. Keys of our own begin with `catoptra_`; readers of COCO keep unknown keys.
 """
 
 from __future__ import annotations

@@ -4,9 +4,7 @@ Frame: level axes at the camera, x ahead as the robot's, y right, z down. Azimut
 elevation above the level. Each pixel counts with its whole square, as far as the camera's domain
 reaches: its centre, its corners and the middles of its edges, between which a pixel's outline bends
 by less than a thousandth of its width. Of a mirror without a viewpoint directions are those of its
-rays.
-
-Smallest cone around directions: an axis and a half angle of up to 180 degrees.
+rays. A cone is an axis and a half angle of up to 180 degrees, the smallest around the directions.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 
 # Steps of the exact search, of which a dozen are usual; beyond, directions leave no half space.
 _MAX_STEPS = 200
-_ROUNDING = 1e-12
+_CONE_ROUNDING = 1e-12
 # Axes tried where no half space holds all directions, then steps of a refinement.
 _NUM_AXES = 2000
 _NUM_REFINEMENTS = 300
@@ -70,7 +68,7 @@ def _enclose_half_space(directions: Floats) -> BoundingCone | None:
             return None
         cosines = directions @ axis
         farthest = int(np.argmin(cosines))
-        if cosines[farthest] >= cosine - _ROUNDING:
+        if cosines[farthest] >= cosine - _CONE_ROUNDING:
             return BoundingCone(axis, float(_angles(directions, axis).max()))
         basis, axis = _grow_basis([*basis, directions[farthest]])
     return None
@@ -85,7 +83,7 @@ def _grow_basis(points: list[Floats]) -> tuple[list[Floats], Floats | None]:
             if axis is None:
                 continue
             cosine = min(float(axis @ one) for one in chosen)
-            holds_all = all(axis @ one >= cosine - _ROUNDING for one in points)
+            holds_all = all(axis @ one >= cosine - _CONE_ROUNDING for one in points)
             if holds_all and cosine > best[0]:
                 best = (cosine, list(chosen), axis)
     return best[1], best[2]
@@ -131,13 +129,13 @@ def _angles(directions: Floats, axis: Floats) -> Floats:
 
 def _normalize(vector: Floats) -> Floats | None:
     length = float(np.linalg.norm(vector))
-    return None if length < _ROUNDING else np.asarray(vector / length)
+    return None if length < _CONE_ROUNDING else np.asarray(vector / length)
 
 
 # Positions of a pixel's points among those of a grid of half pixels.
 _WINDOW = np.array([(row, column) for row in range(3) for column in range(3)])
 # A vertical direction on a border belongs to both pixels: relative to the largest product.
-_ROUNDING_SPHERICAL_BOX = 1e-9
+_BOX_ROUNDING = 1e-9
 # Of half a pixel, to 1e-6 of it.
 _BISECTIONS = 20
 
@@ -274,7 +272,7 @@ def _find_pixels(directions: Floats, valid: Bools, pole: Floats) -> list[tuple[i
     is_ahead = directions[1::2, 1::2] @ pole > 0.0
     shown = valid[::2, ::2]
     whole = shown[:-1, :-1] & shown[1:, 1:] & shown[:-1, 1:] & shown[1:, :-1]
-    slack = _ROUNDING_SPHERICAL_BOX * np.abs(across).max(initial=0.0)
+    slack = _BOX_ROUNDING * np.abs(across).max(initial=0.0)
     holds = ((sides >= -slack).all(axis=0) | (sides <= slack).all(axis=0)) & is_ahead & whole
     return [(int(row), int(column)) for row, column in np.argwhere(holds)]
 

@@ -1,22 +1,19 @@
-"""Inverse of an increasing function of one variable, to the last digits, for whole arrays.
+"""Functions of one variable: inverses of increasing ones, splines through knots, first folds.
 
-Newton's method inside a bracket: a step that leaves the bracket is replaced by a bisection, so that
-the iteration converges for every increasing function and at the rate of Newton near the root. The
-start comes from a table of the function, which is computed once.
+Inverse: Newton's method inside a bracket. A step that leaves the bracket is replaced by a
+bisection, so that the iteration converges for every increasing function, to the last digits and at
+the rate of Newton near the root. The start comes from a table of the function, which is computed
+once.
 
-Cubic spline through knots, smooth to second order, with its derivatives.
+Spline: cubic, smooth to second order. Measured projections and mirror profiles are knots; a ray's
+direction is a derivative of a profile, so the profile must have a continuous curvature. Odd
+functions (an image radius by its angle) have no curvature at 0, even ones (a profile by its radius)
+no slope; the other end is not-a-knot, which keeps the third derivative continuous at the last knot
+but one. Source: de Boor, A Practical Guide to Splines, 1978.
 
-Measured projections and mirror profiles are knots; a ray's direction is a derivative of a profile,
-so the profile must have a continuous curvature. Odd functions (an image radius by its angle) have
-no curvature at 0, even ones (a profile by its radius) no slope; the other end is not-a-knot, which
-keeps the third derivative continuous at the last knot but one. Source: de Boor, A Practical Guide
-to Splines, 1978.
-
-First fold of a projection: the angle at which its image radius turns back.
-
-Two directions with one image radius cannot be told apart, so a camera model ends at its first fold,
-whatever its formula claims: a published calibration of a fish-eye lens turns back at 118.3 degrees
-where its formula reaches 146.6.
+First fold: the angle at which an image radius turns back. Two directions with one image radius
+cannot be told apart, so a camera model ends there, whatever its formula claims: a published
+calibration of a fish-eye lens turns back at 118.3 degrees where its formula reaches 146.6.
 """
 
 from __future__ import annotations
@@ -88,16 +85,16 @@ def _fraction(values: Floats, low: Floats, high: Floats) -> Floats:
     return np.where(span > 0.0, (values - low) / np.where(span > 0.0, span, 1.0), 0.0)
 
 
-MIN_KNOTS = 4
+_MIN_KNOTS = 4
 """Knots of a spline that is not-a-knot at its end."""
 # The spline is the solution of a dense system; a camera's pairs are a datagram.
-MAX_KNOTS = 512
+_MAX_KNOTS = 512
 
 
 def check_column(name: str, values: tuple[float, ...]) -> None:
     """Raise DomainError unless a column of a measured table starts at 0 and increases."""
-    if not isinstance(values, tuple) or not MIN_KNOTS <= len(values) <= MAX_KNOTS:
-        raise DomainError(f"a table of {name} has {MIN_KNOTS} to {MAX_KNOTS} entries")
+    if not isinstance(values, tuple) or not _MIN_KNOTS <= len(values) <= _MAX_KNOTS:
+        raise DomainError(f"a table of {name} has {_MIN_KNOTS} to {_MAX_KNOTS} entries")
     if not all(map(math.isfinite, values)) or values[0] != 0.0:
         raise DomainError(f"a table of {name} is finite and starts at 0: {values[0]!r}")
     falling = next(((low, high) for low, high in pairwise(values) if high <= low), None)

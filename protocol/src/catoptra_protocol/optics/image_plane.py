@@ -4,9 +4,8 @@ The plane's axes are those of calibration files: x right, y down in the right-ha
 along the optical axis. A point of the projection lies at its image radius; a decentred lens
 displaces it (p1, p2 of Brown's model), and a stretch maps it to pixels: unequal focal lengths and
 skew of K in OpenCV, Kalibr and Mei, the affine matrix of OCamCalib, the aspect ratio of WoodScape.
-Source: Brown 1966; Mei & Rives 2007; documentation of cv2.omnidir.
-
-Sample positions in the pixels of an image, and other conventions of pixel coordinates.
+The conventions of pixel coordinates, and the sample positions in a pixel, are here too. Source:
+Brown 1966; Mei & Rives 2007; documentation of cv2.omnidir.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
-"""Image scale of a camera, in pixels per radian, and the radii that the image shows.
+"""Scale and shading of an image by its radius: pixels per radian, and natural vignetting.
 
 A small angle is mapped by dr/dtheta along the image radius and by r / sin(theta) across the radius.
 A central mirror's scales grow from the centre to the rim and stay close to each other: the
 projection is nearly conformal. A flat image's are f / cos^2(theta) and f / cos(theta).
 
-Natural vignetting: irradiance of the image of a scene of one radiance, relative to the axis.
-
+Natural vignetting is the irradiance of the image of a scene of one radiance, relative to the axis.
 A pinhole or thin lens loses cos^4 of the angle of its chief ray: a cosine for its aperture, seen
 obliquely, three for the solid angle of a pixel. A wide-angle lens turns its entrance pupil towards
 the ray, so that its aperture keeps its area, and only the solid angle of a pixel remains,

@@ -1,11 +1,9 @@
-"""Array types and angle arithmetic of the camera models and the filter.
+"""Array types, angles, half-angle tangents and domain checks of the camera models and the filter.
 
-Directions as half-angle tangents t = tan(theta / 2), theta the angle from the axis +z.
-
-Domain checks: a DomainError that names the first invalid element and carries the mask.
-
-For formulas without a value outside their domain. Functions that take users' pixels and directions
-return a value and a mask instead.
+Directions are half-angle tangents t = tan(theta / 2), theta the angle from the axis +z: regular
+from the axis to the antipode. Domain checks raise a DomainError that names the first invalid
+element and carries the mask; they are for formulas without a value outside their domain. Functions
+that take users' pixels and directions return a value and a mask instead.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ from catoptra_protocol.optics.numerics import (
 from catoptra_protocol.optics.radial_camera import Picture, RadialProjection, describe_limit
 from catoptra_protocol.slotted_dataclass import dataclass
 
-Element = TypeVar("Element", bound=np.generic)
+_Element = TypeVar("_Element", bound=np.generic)
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,7 +337,7 @@ def direction_from_pixel_grid(camera: OmniCamera, u: Floats, v: Floats) -> tuple
     ratio = np.hypot(distances_u, distances_v[:, None])
     sine, cosine, on_mirror = _sine_cosine(camera, camera.projection.t_from_radius_ratio(ratio))
 
-    def spread(quarter: npt.NDArray[Element]) -> npt.NDArray[Element]:
+    def spread(quarter: npt.NDArray[_Element]) -> npt.NDArray[_Element]:
         # Columns first: rows are then copied as a whole.
         return quarter[:, columns][rows]
 

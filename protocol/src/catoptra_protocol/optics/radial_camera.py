@@ -1,24 +1,18 @@
-"""Interface of the cameras whose image is symmetric about an optical axis, with or without mirror.
+"""Interfaces of cameras and projections that are symmetric about an optical axis, and their hand.
 
 The image radius r of a direction depends on its angle theta from the axis alone, but for the slight
-stretch of a calibrated image plane. So a function of r or of theta = 2 atan(t) describes scale,
-rings and the lens's shading. The axis is +z of an omnidirectional camera's mirror frame, +x of an
-ordinary camera's frame. To add a camera model, implement this protocol: effects and their bounds
-need nothing else.
+stretch of a calibrated image plane: 0 on the axis, 90 degrees at a mirror's horizon. Projections
+are functions of t = tan(theta / 2), in which nothing cancels from the axis to the antipode; t = 1
+is 90 degrees exactly. Image radii are in units of the projection: of the 90-degree circle h for
+mirrors, of the focal length for lenses; `OmniCamera.scale_px` is that unit in pixels. The axis is
++z of an omnidirectional camera's mirror frame, +x of an ordinary camera's frame.
 
-The two hands of an omnidirectional picture.
+Two hands: seen along the optical axis, from the camera towards the scene, a lens's picture is
+right-handed, image right x image down = the axis. A mirror turns one of them round: its capture
+camera looks the other way. Calibration files of all formats describe the right-handed picture,
+which is `flipped` for a mirror.
 
-Seen along the optical axis, from the camera towards the scene, a lens's picture is right-handed:
-image right x image down = the axis. A mirror turns one of them round: its capture camera looks the
-other way. Calibration files of all formats describe the right-handed picture, which is `flipped`
-for a mirror.
-
-Interface of the projections whose image radius depends on the angle from the axis alone.
-
-theta is the angle between a scene ray and the optical axis: 0 on the axis, 90 degrees at a mirror's
-horizon. Projections are functions of t = tan(theta / 2), in which none cancels from the axis to the
-antipode; t = 1 is 90 degrees exactly. Image radii are in units of the projection: of the 90-degree
-circle h for mirrors, of the focal length for lenses; `OmniCamera.scale_px` is that unit in pixels.
+To add a camera model, implement `RadialCamera`: effects and their bounds need nothing else.
 """
 
 from __future__ import annotations

@@ -9,18 +9,18 @@ import math
 
 from catoptra_protocol.errors import DomainError
 
-UU_PER_METRE = 250.0
-UU_PER_RADIAN = 65536.0 / (2.0 * math.pi)
+_UU_PER_METRE = 250.0
+_UU_PER_RADIAN = 65536.0 / (2.0 * math.pi)
 
 
 def metres_from_uu(length_uu: float) -> float:
     """Length in metres of a length in Unreal units."""
-    return _require_finite(length_uu) / UU_PER_METRE
+    return _require_finite(length_uu) / _UU_PER_METRE
 
 
 def radians_from_uu(angle_uu: float) -> float:
     """Angle in radians of an angle in Unreal rotation units."""
-    return _require_finite(angle_uu) / UU_PER_RADIAN
+    return _require_finite(angle_uu) / _UU_PER_RADIAN
 
 
 def _require_finite(value_uu: float) -> float:

@@ -1,7 +1,7 @@
 """The protocol of the ZeroMQ stream and of the page (SPEC.md, chapter 9), without sockets.
 
 `requests` and `replies` hold the messages, one frozen dataclass each, and the tables REQUESTS and
-REPLIES; `messages` converts messages to msgpack and back, `json_codec` to JSON; `field_maps` checks
-decoded maps against dataclasses. Sockets: `transports/stream` of the server, `frame_sources/stream`
-of the client.
+REPLIES; `messages` converts messages to msgpack and to JSON, and back; `codec` checks decoded maps
+against dataclasses. Sockets: `transports/stream` of the server, `frame_sources/stream` of the
+client.
 """

@@ -1,13 +1,10 @@
-"""Frozen dataclasses to maps of plain values and back, the same for msgpack and JSON.
+"""Frozen dataclasses as maps of plain values, and these maps as msgpack.
 
-A message is a map of field names to values, checked against the types of its dataclass: unknown
-fields are ignored, a missing or wrong one is an error with its name; a field with a default may be
-missing, since peers of an earlier release do not send it.
-
-Bytes of msgpack maps from dataclasses and back: the only module that imports msgpack.
-
-Sizes are limited before memory is allocated; no extension types, no object hooks. `field_maps`
-checks the maps against dataclasses. Source: spec.md of msgpack.
+The only module that imports msgpack. A message is a map of field names to values, checked against
+the types of its dataclass, the same for msgpack and JSON: unknown fields are ignored, a missing or
+wrong one is an error with its name; a field with a default may be missing, since peers of an
+earlier release do not send it. Sizes are limited before memory is allocated; no extension types, no
+object hooks. Which messages there are is in `requests` and `replies`. Source: spec.md of msgpack.
 """
 
 from __future__ import annotations
@@ -26,10 +23,10 @@ from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 
 # Integers of 63 bits: languages without unsigned integers can hold any id.
 _MAX_INT = 2**63 - 1
-_MAX_QUOTED_CHARS = 80  # of a wrong value in an error text
+_MAX_QUOTED_CHARS = 80  # of a wrong value or a reason in an error text
 
 FieldMap = Mapping[str, Any]  # Any: every value of msgpack or JSON, before its check
-FieldReader = Callable[[Any, str], Any]
+_FieldReader = Callable[[Any, str], Any]
 _T = TypeVar("_T")
 
 
@@ -93,7 +90,7 @@ def read_int_field(fields: FieldMap, name: str) -> int:
     return _read_int(_require_field(fields, name), name)
 
 
-def field_error(path: str, value: Any, expected: str) -> RemoteProtocolError:
+def _field_error(path: str, value: Any, expected: str) -> RemoteProtocolError:
     """Error of a value at a position of a message, the value shortened."""
     return RemoteProtocolError(f"{path}: {repr(value)[:_MAX_QUOTED_CHARS]}: expected {expected}")
 
@@ -107,7 +104,7 @@ def _require_field(fields: FieldMap, name: str) -> Any:
 # Resolved once per class: get_type_hints evaluates every annotation, which would cost more than
 # decoding the message.
 @cache
-def _field_readers(dataclass_type: Any) -> dict[str, FieldReader]:
+def _field_readers(dataclass_type: Any) -> dict[str, _FieldReader]:
     """Reader of each field of a dataclass, by name."""
     hints = get_type_hints(dataclass_type)
     return {
@@ -123,7 +120,7 @@ def _optional_fields(dataclass_type: Any) -> frozenset[str]:
     return frozenset(f.name for f in fields if f.default is not dataclasses.MISSING)
 
 
-def _reader_for_type(hint: Any) -> FieldReader:
+def _reader_for_type(hint: Any) -> _FieldReader:
     """Reader of a value of a type: scalars, X | None, tuples, dicts, enums, dataclasses."""
     origin, parts = get_origin(hint), get_args(hint)
     if hint in _SCALAR_READERS:
@@ -142,20 +139,20 @@ def _reader_for_type(hint: Any) -> FieldReader:
     return lambda value, path: dataclass_from_fields(nested, _read_map(value, path), path)
 
 
-def _optional_reader(reader: FieldReader) -> FieldReader:
+def _optional_reader(reader: _FieldReader) -> _FieldReader:
     return lambda value, path: None if value is None else reader(value, path)
 
 
-def _list_reader(reader: FieldReader, length: int | None) -> FieldReader:
+def _list_reader(reader: _FieldReader, length: int | None) -> _FieldReader:
     def items(value: Any, path: str) -> tuple[Any, ...]:
         if not isinstance(value, list) or length not in (None, len(value)):
-            raise field_error(path, value, "a list" if length is None else f"a list of {length}")
+            raise _field_error(path, value, "a list" if length is None else f"a list of {length}")
         return tuple(reader(item, f"{path}[{index}]") for index, item in enumerate(value))
 
     return items
 
 
-def _map_reader(reader: FieldReader) -> FieldReader:
+def _map_reader(reader: _FieldReader) -> _FieldReader:
     def entries(value: Any, path: str) -> dict[str, Any]:
         fields = _read_map(value, path)
         return {key: reader(entry, f"{path}.{key}") for key, entry in fields.items()}
@@ -163,20 +160,20 @@ def _map_reader(reader: FieldReader) -> FieldReader:
     return entries
 
 
-def _enum_reader(enum: type[Enum]) -> FieldReader:
+def _enum_reader(enum: type[Enum]) -> _FieldReader:
     def member(value: Any, path: str) -> Enum:
         # Not enum(value): a decoded value may be unhashable.
         for candidate in enum:
             if candidate.value == value:
                 return candidate
-        raise field_error(path, value, "one of " + ", ".join(str(one.value) for one in enum))
+        raise _field_error(path, value, "one of " + ", ".join(str(one.value) for one in enum))
 
     return member
 
 
 def _read_map(value: Any, path: str) -> FieldMap:
     if not (isinstance(value, dict) and all(isinstance(key, str) for key in value)):
-        raise field_error(path, value, "a map of field names")
+        raise _field_error(path, value, "a map of field names")
     return value
 
 
@@ -184,29 +181,29 @@ def _read_float(value: Any, path: str) -> float:
     # bool is a subclass of int in Python and must not pass for a number. An integer does:
     # dynamic languages send 1.0 as 1.
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise field_error(path, value, "a finite number")
+        raise _field_error(path, value, "a finite number")
     return float(value)
 
 
 def _read_int(value: Any, path: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _MAX_INT:
-        raise field_error(path, value, "an int of 63 bits")
+        raise _field_error(path, value, "an int of 63 bits")
     return value
 
 
 def _read_str(value: Any, path: str) -> str:
     if not isinstance(value, str):
-        raise field_error(path, value, "a str")
+        raise _field_error(path, value, "a str")
     return value
 
 
 def _read_bool(value: Any, path: str) -> bool:
     if not isinstance(value, bool):
-        raise field_error(path, value, "a bool")
+        raise _field_error(path, value, "a bool")
     return value
 
 
-_SCALAR_READERS: dict[Any, FieldReader] = {
+_SCALAR_READERS: dict[Any, _FieldReader] = {
     float: _read_float,
     int: _read_int,
     str: _read_str,
@@ -238,7 +235,6 @@ MAX_REPLY_BYTES = 512 * 1024
 # Entries of a list, fields of a map: as many as the landmarks above, and the widest header twice.
 _MAX_ITEMS = 2048
 _MAX_FIELDS = 128
-_MAX_QUOTED_CHARS_MSGPACK_CODEC = 80  # of a reason in an error text
 
 
 def pack(kind: str, message: Any) -> bytes:
@@ -273,8 +269,8 @@ def unpack(data: bytes, max_bytes: int) -> FieldMap:
         # Some of msgpack's exceptions have no text, the nesting limit among them.
         reason = str(error) or type(error).__name__
         raise RemoteProtocolError(
-            f"no msgpack that is accepted here: {reason[:_MAX_QUOTED_CHARS_MSGPACK_CODEC]}"
+            f"no msgpack that is accepted here: {reason[:_MAX_QUOTED_CHARS]}"
         ) from error
     if not isinstance(fields, dict):
-        raise field_error("the message", fields, "a map of field names")
+        raise _field_error("the message", fields, "a map of field names")
     return fields

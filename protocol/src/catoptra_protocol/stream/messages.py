@@ -1,10 +1,7 @@
-"""Messages of the stream as bytes: one msgpack map each, `kind` first (SPEC.md 9.1).
+"""Messages of the stream as bytes: one msgpack map each, `kind` first (SPEC.md 9.1); and as JSON.
 
-`json_codec` encodes the same maps as JSON, by the functions from maps of this module.
-
-Messages of the stream as JSON text, for the page in a browser: the same maps as in msgpack.
-
-A frame's image follows outside the text, as on the stream.
+The page in a browser reads the same maps as JSON text, by the same readers. A frame's image follows
+outside the map in both.
 """
 
 from __future__ import annotations
@@ -47,10 +44,10 @@ def request_from_bytes(data: bytes) -> Request:
         InvalidRequestError: The id is readable; the kind or another field is wrong.
         RemoteProtocolError: The bytes are no request with an id above 0.
     """
-    return request_from_fields(unpack(data, MAX_REQUEST_BYTES))
+    return _request_from_fields(unpack(data, MAX_REQUEST_BYTES))
 
 
-def request_from_fields(fields: FieldMap) -> Request:
+def _request_from_fields(fields: FieldMap) -> Request:
     """Request of a client from a decoded map.
 
     Raises:
@@ -92,10 +89,10 @@ def reply_from_bytes(data: bytes) -> Reply | None:
         RemoteProtocolError: The bytes are no reply, or one of another protocol version; names the
             missing or wrong field.
     """
-    return reply_from_fields(unpack(data, MAX_REPLY_BYTES))
+    return _reply_from_fields(unpack(data, MAX_REPLY_BYTES))
 
 
-def reply_from_fields(fields: FieldMap) -> Reply | None:
+def _reply_from_fields(fields: FieldMap) -> Reply | None:
     """Message of a server from a decoded map; None for an unknown kind.
 
     Raises:
@@ -129,7 +126,7 @@ def request_from_json(text: str) -> Request:
         InvalidRequestError: The id is readable; the kind or another field is wrong.
         RemoteProtocolError: The text is no request with an id above 0.
     """
-    return request_from_fields(json_object_from_text(text, MAX_REQUEST_BYTES))
+    return _request_from_fields(json_object_from_text(text, MAX_REQUEST_BYTES))
 
 
 def reply_from_json(text: str) -> Reply | None:
@@ -139,4 +136,4 @@ def reply_from_json(text: str) -> Reply | None:
         RemoteProtocolError: The text is no reply, or one of another protocol version; names the
             missing or wrong field.
     """
-    return reply_from_fields(json_object_from_text(text, MAX_REPLY_BYTES))
+    return _reply_from_fields(json_object_from_text(text, MAX_REPLY_BYTES))

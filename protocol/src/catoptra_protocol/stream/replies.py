@@ -1,17 +1,12 @@
 """The replies of a stream server: one frozen dataclass each, and their table REPLIES.
 
-Every field is always present on the wire, nil where there is no value. The header of a frame is in
-frame_header.py, replies about the world are in world_replies.py.
+Three groups: the header of a frame, whose image and labels follow as further parts; replies about
+the world; replies about the server and a robot. Every field is always present on the wire, nil
+where there is no value.
 
 To add a reply: its dataclass, its entries in `Reply` and REPLIES, its row in SPEC.md 9.3, a vector
 in tests/conformance/data/stream, a sample in tests/helpers/stream_messages.py. A new field gets a
 default where peers of an earlier release do not send it.
-
-The header of a frame, which is followed by a second part, the image.
-
-A new field gets a default where peers of an earlier release do not send it.
-
-Replies about the world: landmarks, start poses, robots, and what a camera sees at a pixel.
 """
 
 from __future__ import annotations

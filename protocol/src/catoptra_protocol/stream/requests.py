@@ -1,15 +1,12 @@
 """The requests of a stream client: one frozen dataclass each, and their table REQUESTS.
 
-Every field is always present on the wire, nil where there is no value. The client chooses each
-`id`, above 0; the reply has the same id.
+The records that requests and replies share are here too: a rigid transform, and the channels and
+objects of labels. Every field is always present on the wire, nil where there is no value. The
+client chooses each `id`, above 0; the reply has the same id.
 
 To add a request: its dataclass, its entries in `Request` and REQUESTS, its row in SPEC.md 9.2, a
 vector in tests/conformance/data/stream, a sample in tests/helpers/stream_messages.py; then its case
-in serve/stream/peer.py (all clients) or stream_peer.py (one robot) of the server.
-
-A rigid transform on the wire.
-
-Labels in a frame's header: the channels behind the image, and the objects in view.
+in serve/stream/peer.py (all clients) or serve/stream/session.py (one robot) of the server.
 """
 
 from __future__ import annotations
@@ -21,7 +18,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.vectors import Vector3
 
 # Nine numbers rather than three rows: msgpack would spend a header on each row.
-RotationRows = tuple[float, float, float, float, float, float, float, float, float]
+_RotationRows = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +28,7 @@ class Transform:
     position_m: Vector3
     """Origin of the child frame in the parent frame."""
     # A matrix has no convention to agree on, unlike a quaternion or three angles.
-    rotation: RotationRows
+    rotation: _RotationRows
     """Rotation matrix (3, 3), row by row."""
 
 

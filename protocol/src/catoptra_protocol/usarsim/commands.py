@@ -1,20 +1,13 @@
 """The commands of a control client: one frozen dataclass each, and their table COMMAND_PARSERS.
 
-This module holds spawning, queries and STEP; `commands_drive` the motion commands, `commands_set`
-the settings, `commands_publish` notes and sharing. A missing or malformed field becomes None, 0 or
-an empty text, never an error; only a motion command beyond the limits of `commands_drive` and a
-malformed note are no command.
+Spawning, queries, STEP, the settings SET and TRACE, and NOTE and SHARE, which are ours: a USARSim
+server ignores unknown words. Motion commands are in `commands_drive`. A missing or malformed field
+becomes None, 0 or an empty text, never an error; only a motion command beyond the limits of
+`commands_drive` and a malformed note are no command (RemoteProtocolError).
 
 To add a command: its class beside similar ones (WORD, fields, `from_message`, `to_pairs`), its
 entries in the `Command` union and in COMMAND_PARSERS, a vector in tests/conformance/data/commands,
 its row in SPEC.md; then its case in the simulation.
-
-Commands about what others see of a robot and may do with it: NOTE and SHARE. See `commands`.
-
-Ours: a USARSim server ignores the unknown words. A parser raises RemoteProtocolError for a note
-that is none: such a command is ignored.
-
-Setting commands: SET, TRACE. For the table see `commands`.
 """
 
 from __future__ import annotations
@@ -212,7 +205,7 @@ class Trace:
         )
 
 
-def set_from_message(message: Message) -> Set | SetViewports:
+def _set_from_message(message: Message) -> Set | SetViewports:
     """Parse a SET: of the viewports, or of any other part."""
     # Viewports have no name and opcode, so their SET has a class of its own.
     is_viewports = (message.get("Type") or "").lower() == "viewports"
@@ -365,7 +358,7 @@ COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
     "MISPKG": MisPkg.from_message,
     # The word of UDK's later releases.
     "ACT": MisPkg.from_message,
-    "SET": set_from_message,
+    "SET": _set_from_message,
     "TRACE": Trace.from_message,
     "GETCONF": GetConf.from_message,
     "GETGEO": GetGeo.from_message,

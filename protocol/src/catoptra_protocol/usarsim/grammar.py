@@ -1,20 +1,14 @@
-"""The text of the control protocol: bytes to lines, lines to messages, and back.
+"""The text of the control protocol: bytes to lines, lines to messages, and back, in two dialects.
 
 `WORD {Name Value} {Name Value}` up to a CR or a LF. The reader accepts the union of both USARSim
 parsers (SPEC.md 3); the writer keeps to the subset that every known client reads. No input raises
-here. Text is Latin-1, so that one byte is one character and any byte survives. Source:
-MessageParser.uc, ParsedMessage.uc of USARSim (UDK); the GameBots2004 parser.
+here. Text is Latin-1, so that one byte is one character and any byte survives.
 
-The two dialects of USARSim: UT2004 (2004-2009, that of the paper) and UDK (2010 on).
-
-Each report writes its own form in either dialect, and readers accept both; this module holds only
-the differences that several reports share.
-
-Several parts of one type in a report: the lists of UT2004 and UDK.
-
-UT2004 writes one line with a block per part, which holds all its pairs: `{Name F1 Range 4.5604}`.
-UDK writes a block per pair: `{Name F1} {Range 4.5604}`, in readings with a line per part; both are
-read.
+The dialects are UT2004 (2004-2009, that of the paper) and UDK (2010 on). Each report writes its own
+form in either, and readers accept both; here are only the differences that reports share. Several
+parts of one type: UT2004 writes one line with a block per part, which holds all its pairs, `{Name
+F1 Range 4.5604}`; UDK a block per pair, `{Name F1} {Range 4.5604}`, in readings with a line per
+part. Source: MessageParser.uc, ParsedMessage.uc of USARSim (UDK); the GameBots2004 parser.
 """
 
 from __future__ import annotations
@@ -31,7 +25,7 @@ from catoptra_protocol.usarsim.value_format import format_fixed_point
 Pairs = tuple[tuple[str, str], ...]
 
 # The strings of UnrealScript are ISO-8859-1 on the wire, and every byte survives a round trip.
-ENCODING = "latin-1"
+_ENCODING = "latin-1"
 
 _LINE_END = re.compile(rb"[\r\n]")
 # No braces inside: no source nests blocks, and a block that is never closed matches nothing.
@@ -105,7 +99,7 @@ def format_line(
     blocks = (("" if pair[0] in without_space else " ") + _format_block(pair) for pair in pairs)
     text = "".join((word, *blocks)) + "\r\n"
     try:
-        return text.encode(ENCODING)
+        return text.encode(_ENCODING)
     except UnicodeEncodeError as error:
         raise LocalProtocolError(f"{word}: {text!r} is not Latin-1 text") from error
 
@@ -149,7 +143,7 @@ class LineReader:
 
     def _finish_line(self, piece: bytes) -> str:
         self._append(piece)
-        line = self._line.decode(ENCODING)
+        line = self._line.decode(_ENCODING)
         self._line.clear()
         self._is_overlong = False
         return line

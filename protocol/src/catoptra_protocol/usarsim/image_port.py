@@ -1,12 +1,9 @@
 """The protocol of the image port: requests in, frames out, and the client's side of both.
 
-A frame is a type byte, a big-endian length, and a JPEG stream or a RAW image. Source:
-ImageServer.cpp, UPISImageServer.uc of USARSim; SPEC.md 7.
-
-Size that a JPEG stream announces, so that a client can reject an image before decoding.
-
-The parser walks the segments up to the start of frame (ITU-T T.81, B.1.1.3 and B.2.2) and decodes
-nothing.
+A frame is a type byte, a big-endian length, and a JPEG stream or a RAW image. The size that a JPEG
+stream announces is read before decoding, so that a client can reject a huge image: the parser walks
+the segments up to the start of frame and decodes nothing. Source: ImageServer.cpp,
+UPISImageServer.uc of USARSim; SPEC.md 7; ITU-T T.81, B.1.1.3 and B.2.2.
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 _START_OF_IMAGE = b"\xff\xd8"
 _SEGMENT_LENGTH = struct.Struct(">H")
 # Length, bits per sample, height, width.
-_FRAME_HEADER = struct.Struct(">HBHH")
+_START_OF_FRAME = struct.Struct(">HBHH")
 # SOF0 to SOF15 without the three other markers in this range: DHT, JPG, DAC.
 _START_OF_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
@@ -55,7 +52,7 @@ def _find_frame_size(payload: bytes) -> tuple[int, int]:
     while True:
         marker, position = _read_marker(payload, position)
         if marker in _START_OF_FRAME_MARKERS:
-            _, _, height, width = _FRAME_HEADER.unpack_from(payload, position)
+            _, _, height, width = _START_OF_FRAME.unpack_from(payload, position)
             return width, height
         position += _SEGMENT_LENGTH.unpack_from(payload, position)[0]
 
@@ -70,7 +67,7 @@ def _read_marker(payload: bytes, position: int) -> tuple[int, int]:
     return struct.unpack_from("B", payload, position)[0], position + 1
 
 
-_FRAME_HEADER_IMAGE_PORT = struct.Struct(">BI")
+_FRAME_HEADER = struct.Struct(">BI")
 _RAW_HEADER = struct.Struct(">HH")
 _REGION = struct.Struct(">4I")
 _REQUEST_START = re.compile(rb"[OU]")
@@ -200,21 +197,21 @@ class ImageFrameReader:
         return frames
 
     def _next_frame(self) -> EncodedFrame | None:
-        if len(self._buffer) < _FRAME_HEADER_IMAGE_PORT.size:
+        if len(self._buffer) < _FRAME_HEADER.size:
             return None
         image_type, length = self._read_header()
-        end = _FRAME_HEADER_IMAGE_PORT.size + length
+        end = _FRAME_HEADER.size + length
         if len(self._buffer) < end:
             return None
         # The view is released before the buffer shrinks: a bytearray with an exported view cannot
         # resize.
         with memoryview(self._buffer) as view:
-            payload = bytes(view[_FRAME_HEADER_IMAGE_PORT.size : end])
+            payload = bytes(view[_FRAME_HEADER.size : end])
         del self._buffer[:end]  # moves the start of a bytearray, not its bytes
         return EncodedFrame(image_type, payload)
 
     def _read_header(self) -> tuple[ImageType, int]:
-        image_type, length = _FRAME_HEADER_IMAGE_PORT.unpack_from(self._buffer)
+        image_type, length = _FRAME_HEADER.unpack_from(self._buffer)
         if image_type > max(ImageType):
             raise RemoteProtocolError(
                 f"frame of type {image_type}: expected 0 (RAW) to 5; is this the image port?"
@@ -240,7 +237,7 @@ def encode_frame_header(image_type: ImageType, payload_length: int) -> bytes:
     """
     if not 0 <= payload_length <= 0xFFFFFFFF:
         raise LocalProtocolError(f"a payload of {payload_length} bytes does not fit its header")
-    return _FRAME_HEADER_IMAGE_PORT.pack(image_type, payload_length)
+    return _FRAME_HEADER.pack(image_type, payload_length)
 
 
 def encode_raw_header(width: int, height: int) -> bytes:

@@ -16,7 +16,7 @@ from catoptra_protocol.vectors import Vector3
 
 _TYPE_NAME = "MisPkg"
 # Parent of a link that is mounted on the robot itself.
-CHASSIS_LINK = -1
+_CHASSIS_LINK = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ class LinkGeometry:
 
     link: int
     parent_link: int
-    """Number of the parent; CHASSIS_LINK for the chassis."""
+    """Number of the parent; -1 for the chassis."""
     location_m: Vector3
     rotation_rad: Vector3
     """Roll, pitch, yaw."""

@@ -1,15 +1,11 @@
-"""SEN, the sensor readings: those with a pose here, and the table of all.
+"""SEN, the sensor readings: poses, ranges and GPS here, and the table of all.
 
-Time comes first where a sensor has one, then Type. Fields, decimals and the number of lines depend
-on the dialect.
+Encoders and tags are in `readings_encoders_and_tags`. Time comes first where a sensor has one, then
+Type. Fields, decimals and the number of lines depend on the dialect. GPS prints degrees and
+minutes, as NMEA sentences do.
 
-To add a reading: its class beside similar ones (`readings_range`, `readings_encoders_and_tags`,
-`readings_gps`), its entries in the `Reading` union and in READING_PARSERS, a vector in
-tests/conformance/data/reports, its row in SPEC.md 5.3.
-
-SEN of a GPS receiver: degrees and minutes, as in NMEA sentences.
-
-SEN of distance sensors: range scanners and sonars.
+To add a reading: its class beside similar ones, its entries in the `Reading` union and in
+READING_PARSERS, a vector in tests/conformance/data/reports, its row in SPEC.md 5.3.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""The reports of a control server: the table of all, and their lines.
+"""The reports of a control server: STA, the table of all, and their lines.
 
-Field order and the number of decimals are those of real captures: clients index blocks by position.
+STA is the periodic status of the robot itself, every 0.2 s. Field order and the number of decimals
+are those of real captures: clients index blocks by position.
 
 To add a report: its class beside similar ones (WORD, fields, `from_message`, `to_messages`: the
 lines in a dialect), its entries in the `Report` union and, if clients read the report, in
 REPORT_PARSERS, a vector in tests/conformance/data/reports, its row in SPEC.md; for a sensor see
 `readings`.
-
-STA, the periodic status of the robot itself, every 0.2 s.
 """
 
 from __future__ import annotations
@@ -193,7 +192,7 @@ Report = (
     | ViewportsResult
 )
 
-ReportParser = Callable[[Message], Report | None]
+_ReportParser = Callable[[Message], Report | None]
 
 # A property of the dialect's lines and not of a report: several reports have such blocks.
 _BLOCKS_WITHOUT_SPACE = {Dialect.UT2004: frozenset[str](), Dialect.UDK: UDK_BLOCKS_WITHOUT_SPACE}
@@ -231,7 +230,7 @@ def _encode_line(message: Message, dialect: Dialect) -> bytes:
 
 
 # ASTA is the MISSTA of UDK. CONF has one parser: clients read free pairs.
-REPORT_PARSERS: dict[str, ReportParser] = {
+REPORT_PARSERS: dict[str, _ReportParser] = {
     "NFO": greeting_from_message,
     "STA": VehicleStatus.from_message,
     "SEN": reading_from_message,

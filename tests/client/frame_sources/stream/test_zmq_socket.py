@@ -66,7 +66,7 @@ def test_server_when_it_sends_heartbeats_is_not_lost() -> None:
 def test_server_when_silent_is_lost_long_before_the_deadline(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(zmq_socket, "SERVER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(zmq_socket, "_SERVER_TIMEOUT_S", 0.2)
     with serve_stream_script(lambda request: []) as port:
         socket = StreamSocket("127.0.0.1", port)
         deadline_s = time.monotonic() + 60.0
@@ -85,7 +85,7 @@ def test_server_when_gone_is_lost_long_before_the_deadline_of_a_message(
         socket = StreamSocket("127.0.0.1", port)
         socket.send(STATUS_REQUEST, time.monotonic() + 5.0)
         assert socket.receive(time.monotonic() + 5.0) == [HEARTBEAT]
-    monkeypatch.setattr(zmq_socket, "SERVER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(zmq_socket, "_SERVER_TIMEOUT_S", 0.2)
     deadline_s = time.monotonic() + 60.0
     socket.begin_wait()
     with pytest.raises(ConnectionLostError, match="no stream server"):

@@ -1,8 +1,7 @@
 """Client side of the ZeroMQ stream.
 
 `zmq_socket` is the socket and the liveness of the server, `stream_client` requests and replies on
-top of it, `frame_decoding` and `landmark_projections` convert replies to the client's types, and
-`stream_frame_source` makes one selected camera a `FrameSource`.
+top of it, and `stream_frame_source` makes one selected camera a `FrameSource`.
 """
 
 from catoptra_client.frame_sources.stream.stream_client import LandmarkProjection, StreamClient

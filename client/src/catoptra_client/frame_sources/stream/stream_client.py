@@ -2,15 +2,9 @@
 
 Blocking, for one thread. Frames are pulled: each is the newest at the moment of its request, so a
 slow program misses frames and never gets old ones. After the server was down the connection is made
-anew by itself; the robot is then gone and has to be spawned again.
-
-Decoding of the labels of a stream frame, with checks before memory is allocated.
-
-Landmarks in replies of the stream: true positions, and projections into a camera.
-
-Decoding of a stream frame, header and image, with checks before memory is allocated.
-
-Requests to a stream server, one at a time, each with its reply or an error.
+anew by itself; the robot is then gone and has to be spawned again. Requests are exchanged one at a
+time; images and labels are checked against their header before memory is allocated. The socket, and
+how long a server may be silent, is in `zmq_socket`.
 """
 
 from __future__ import annotations
@@ -90,72 +84,11 @@ from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_protocol.usarsim.reports import Report, report_from_message
 from catoptra_protocol.vectors import Vector3
 
-
-def labels_from_parts(
-    record: LabelsRecord, parts: list[bytes], size_px: tuple[int, int]
-) -> LabelledPixels:
-    """Decode the labels of a frame.
-
-    Args:
-        record: Labels in the header.
-        parts: One part a channel.
-        size_px: Height and width of the picture.
-
-    Raises:
-        RemoteProtocolError: A part does not match its record, or a channel is unknown.
-    """
-    channels = {
-        channel.name: _decode_channel(channel, part, size_px)
-        for channel, part in zip(record.channels, parts, strict=True)
-    }
-    return LabelledPixels(
-        GroundTruth(channels, tuple(_object_from_record(one) for one in record.objects)),
-        has_row_times=record.times == "rows",
-        is_displaced=record.is_displaced,
-        flow_to_time_s=record.flow_to_time_s,
-    )
-
-
-def pose_from_transform(transform: Transform) -> Pose:
-    """Pose of a transform in a message."""
-    rotation = np.array(transform.rotation, dtype=np.float64).reshape(3, 3)
-    return Pose(rotation, np.array(transform.position_m, dtype=np.float64))
-
-
-def _decode_channel(
-    record: ChannelRecord, part: bytes, size_px: tuple[int, int]
-) -> npt.NDArray[Any]:
-    known = LABEL_CHANNELS.get(record.name)
-    if known is None or (record.dtype, record.depth) != (known.dtype, known.depth):
-        raise RemoteProtocolError(f"{record}: this client knows no such channel: update it")
-    height_px, width_px = size_px
-    if min(size_px) < 0 or height_px * width_px > MAX_IMAGE_PIXELS:
-        raise RemoteProtocolError(f"{record}: an image of {width_px} x {height_px} px")
-    num_bytes = height_px * width_px * known.depth * np.dtype(known.dtype).itemsize
-    data = part if record.encoding is ChannelEncoding.RAW else _inflate(record, part, num_bytes)
-    if len(data) != num_bytes:
-        raise RemoteProtocolError(f"{record}: {len(data)} bytes, expected {num_bytes}")
-    # A read-only view of the received bytes.
-    return np.frombuffer(data, known.dtype).reshape(known.shape(height_px, width_px))
-
-
-def _inflate(record: ChannelRecord, part: bytes, num_bytes: int) -> bytes:
-    """Decompress at most one byte more than a channel has."""
-    try:
-        return zlib.decompressobj().decompress(part, num_bytes + 1)
-    except zlib.error as error:
-        raise RemoteProtocolError(f"{record}: {error}") from error
-
-
-def _object_from_record(record: ObjectRecord) -> LabelledObject:
-    return LabelledObject(
-        record.number,
-        record.name,
-        record.class_name,
-        record.class_number,
-        pose_from_transform(record.world_from_box),
-        np.array(record.half_size_m, dtype=np.float64),
-    )
+_LOG = logging.getLogger(__name__)
+# A restarted server has lost the request. Repeating one with the same id is safe (SPEC.md 9.4).
+_RETRY_INTERVAL_S = 1.0
+_ReplyT = TypeVar("_ReplyT", bound=Reply)
+_Parts = list[bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,223 +102,6 @@ class LandmarkProjection:
     """Whether the band centre lies in the image without an occluder."""
     time_s: float
     """Simulation time."""
-
-
-def landmarks_from_reply(reply: LandmarksReply) -> tuple[Landmark, ...]:
-    """True landmarks of the world."""
-    return tuple(map(_landmark_from_record, reply.landmarks))
-
-
-def projections_from_reply(reply: LandmarksReply) -> tuple[LandmarkProjection, ...]:
-    """Projection of each landmark."""
-    # Only a reply without a camera has no time.
-    time_s = reply.time_s or 0.0
-    return tuple(
-        LandmarkProjection(_landmark_from_record(one), one.pixel, bool(one.visible), time_s)
-        for one in reply.landmarks
-    )
-
-
-def _landmark_from_record(record: LandmarkRecord) -> Landmark:
-    fields = dataclasses.fields(Landmark)
-    return Landmark(**{field.name: getattr(record, field.name) for field in fields})
-
-
-class CameraModelCache:
-    """The camera model of the last header.
-
-    The pairs stay the same from frame to frame, and comparing them is cheaper than parsing.
-    """
-
-    def __init__(self) -> None:
-        self._pairs: dict[str, str] | None = None
-        self._camera: OmniCamera | PerspectiveCamera | None = None
-
-    def get_camera(self, pairs: dict[str, str] | None) -> OmniCamera | PerspectiveCamera | None:
-        """Camera model of a header's pairs; None without pairs.
-
-        Raises:
-            RemoteProtocolError: A pair is missing or wrong; names the field.
-        """
-        if pairs != self._pairs:
-            self._camera = any_camera_from_pairs(tuple(pairs.items())) if pairs else None
-            self._pairs = pairs
-        return self._camera
-
-
-def frame_from_parts(
-    header: FrameHeader, parts: list[bytes], *, camera_cache: CameraModelCache, received_s: float
-) -> Frame:
-    """Decode a frame.
-
-    Args:
-        header: First part.
-        parts: Parts after the header.
-        camera_cache: Cache of this connection.
-        received_s: Arrival time by the client's clock.
-
-    Raises:
-        RemoteProtocolError: The image does not match the header.
-    """
-    image, labels = _split_parts(header, parts)
-    mirror, rgb = header.robot_from_mirror, _decode_rgb(header, image)
-    difference_rgb = None
-    if header.difference is not None:
-        if header.width_px % 2:
-            raise RemoteProtocolError(f"{header}: a picture and its difference have equal widths")
-        rgb, difference_rgb = np.split(rgb, 2, axis=1)
-    return Frame(
-        rgb=rgb,
-        sequence=header.sequence,
-        received_s=received_s,
-        # PNG is lossless, so its frames count as RAW.
-        image_type=ImageType.GOOD if header.encoding is ImageEncoding.JPEG else ImageType.RAW,
-        robot_name=header.robot,
-        camera_name=header.camera,
-        time_s=header.time_s,
-        world_from_robot=pose_from_transform(header.world_from_robot),
-        camera=camera_cache.get_camera(header.camera_model),
-        robot_from_mirror=None if mirror is None else pose_from_transform(mirror),
-        stage_ms=header.stage_ms,
-        age_s=header.age_s,
-        missed_frames=header.missed_frames,
-        dropped_frames=header.dropped_frames,
-        plan=header.plan,
-        error_bound_px=header.error_bound_px,
-        error_bounds=header.error_bounds,
-        effects=header.effects,
-        predicted_ms=header.predicted_ms,
-        more_accurate=header.more_accurate,
-        faster=header.faster,
-        difference=header.difference,
-        difference_rgb=difference_rgb,
-        labels=labels,
-    )
-
-
-def _split_parts(header: FrameHeader, parts: list[bytes]) -> tuple[bytes, LabelledPixels | None]:
-    """The image's part, and the labels in the parts behind it."""
-    channels = header.labels.channels if header.labels is not None else ()
-    if len(parts) != 1 + len(channels):
-        raise RemoteProtocolError(
-            f"{header}: {len(parts)} parts after the header, expected {1 + len(channels)}"
-        )
-    if header.labels is None:
-        return parts[0], None
-    return parts[0], labels_from_parts(
-        header.labels, parts[1:], (header.height_px, header.width_px)
-    )
-
-
-def _decode_rgb(header: FrameHeader, payload: bytes) -> Pixels:
-    shape = (header.height_px, header.width_px, 3)
-    if header.encoding is ImageEncoding.RAW:
-        # An int of a header may be negative, and two negative sides have a positive product.
-        if min(shape) < 0 or len(payload) != shape[0] * shape[1] * 3:
-            raise RemoteProtocolError(f"{header}: its image has {len(payload)} bytes")
-        # A read-only view of the received bytes: a raw frame is never copied.
-        rgb: Pixels = np.frombuffer(payload, np.uint8).reshape(shape)
-        return rgb
-    rgb = rgb_from_image_bytes(payload)
-    if rgb.shape != shape:
-        raise RemoteProtocolError(f"{header}: its image has the shape {rgb.shape}")
-    rgb.setflags(write=False)
-    return rgb
-
-
-_LOG = logging.getLogger(__name__)
-# A restarted server has lost the request. Repeating one with the same id is safe (SPEC.md 9.4).
-_RETRY_INTERVAL_S = 1.0
-
-_ReplyT = TypeVar("_ReplyT", bound=Reply)
-Parts = list[bytes]
-
-
-class RequestExchange:
-    """Exchange of requests and replies over a socket, which closing ends."""
-
-    def __init__(
-        self, socket: StreamSocket, *, timeout_s: float, clock: Callable[[], float]
-    ) -> None:
-        """Exchange by a socket.
-
-        Args:
-            socket: Connection to the server, closed with the exchange.
-            timeout_s: Timeout of each request.
-            clock: Clock of the timeouts, in seconds.
-        """
-        self._socket = socket
-        self._timeout_s = timeout_s
-        self._clock = clock
-
-    def close(self) -> None:
-        """End the connection."""
-        self._socket.close()
-
-    def call(self, request: Request, reply_type: type[_ReplyT]) -> _ReplyT:
-        """Reply of a type to a request.
-
-        Raises:
-            ConnectionLostError: The server sends nothing for 1.5 s.
-            DeadlineExceededError: The server sends heartbeats but no reply in time.
-            CatoptraError: The request is rejected; the text is the server's reason.
-            RemoteProtocolError: The reply is of another type, or the request is unreadable.
-        """
-        return self._exchange(request, reply_type, f"a reply to {request.KIND}")[0]
-
-    def request_frame(self, request: GetFrameRequest) -> tuple[FrameHeader, Parts]:
-        """Header and image of a frame; errors as of `call`."""
-        return self._exchange(request, FrameHeader, "a frame", retry_interval_s=_RETRY_INTERVAL_S)
-
-    def _exchange(
-        self,
-        request: Request,
-        reply_type: type[_ReplyT],
-        description: str,
-        retry_interval_s: float | None = None,
-    ) -> tuple[_ReplyT, Parts]:
-        """Send a request; its reply and the parts after the reply."""
-        data = bytes_from_message(request)
-        deadline_s = self._clock() + self._timeout_s
-        self._socket.begin_wait()
-        while True:
-            _LOG.debug("to %s: %s", self._socket.address, request)
-            # Repeated for frames only: a repeated drive or step would be executed twice.
-            self._socket.send(data, deadline_s)
-            until_s = deadline_s if retry_interval_s is None else self._clock() + retry_interval_s
-            received = self._wait_for_reply(request.id, min(until_s, deadline_s))
-            if received is not None:
-                return self._check_reply(received[0], reply_type), received[1]
-            if self._clock() >= deadline_s:
-                # Heartbeats distinguish a lost server from a slow one: the remedies differ.
-                self._socket.check_alive()
-                raise DeadlineExceededError(
-                    f"{self._socket.address} sends heartbeats but not {description} within "
-                    f"{self._timeout_s:g} s: it is busy rendering or stepping; wait, or use a "
-                    "larger timeout_s"
-                )
-
-    def _wait_for_reply(self, id_: int, deadline_s: float) -> tuple[Reply, Parts] | None:
-        """Reply with an id; heartbeats and late replies of earlier requests are skipped."""
-        while (parts := self._socket.receive(deadline_s)) is not None:
-            reply = reply_from_bytes(parts[0])
-            _LOG.debug("from %s: %s", self._socket.address, reply)
-            # Raised for any request: the id of an unreadable one is unknown to the server.
-            if isinstance(reply, Error) and reply.id == 0:
-                raise RemoteProtocolError(
-                    f"{self._socket.address} cannot read the request: {reply.reason}"
-                )
-            # A late reply of a call that timed out has a lower id, a heartbeat none.
-            if reply is not None and getattr(reply, "id", None) == id_:
-                return reply, parts[1:]
-        return None
-
-    def _check_reply(self, reply: Reply, reply_type: type[_ReplyT]) -> _ReplyT:
-        if isinstance(reply, Error):
-            raise CatoptraError(f"{self._socket.address} rejected the request: {reply.reason}")
-        if not isinstance(reply, reply_type):
-            raise RemoteProtocolError(f"{self._socket.address} replied with {reply.KIND}")
-        return reply
 
 
 class StreamClient:
@@ -413,14 +129,14 @@ class StreamClient:
             timeout_s: Timeout of each call.
             clock: Clock of the timeouts and of `Frame.received_s`, in seconds.
         """
-        self._exchange = RequestExchange(
+        self._exchange = _RequestExchange(
             StreamSocket(host, port, clock=clock), timeout_s=timeout_s, clock=clock
         )
         self._clock = clock
         # From 1: 0 is the id of errors about unreadable messages.
         self._ids = itertools.count(1)
         # One per connection: frames of one camera mostly follow each other.
-        self._camera_cache = CameraModelCache()
+        self._camera_cache = _CameraModelCache()
 
     @classmethod
     def connect(cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0) -> Self:
@@ -573,7 +289,7 @@ class StreamClient:
         """
         reply = self._request_camera(name)
         model = any_camera_from_pairs(_pairs_of(reply))
-        return reply.camera, model, pose_from_transform(reply.robot_from_mirror)
+        return reply.camera, model, _pose_from_transform(reply.robot_from_mirror)
 
     def _request_camera(self, name: str) -> CameraReply:
         return self._exchange.call(GetCameraRequest(next(self._ids), name), CameraReply)
@@ -601,7 +317,7 @@ class StreamClient:
 
     def get_landmarks(self) -> tuple[Landmark, ...]:
         """True landmarks of the world."""
-        return landmarks_from_reply(
+        return _landmarks_from_reply(
             self._exchange.call(GetLandmarksRequest(next(self._ids)), LandmarksReply)
         )
 
@@ -609,7 +325,7 @@ class StreamClient:
         self, robot: str = "", camera: str = ""
     ) -> tuple[LandmarkProjection, ...]:
         """Projections of the landmarks into a camera now; names as in `get_frame`."""
-        return projections_from_reply(
+        return _projections_from_reply(
             self._exchange.call(GetLandmarksRequest(next(self._ids), robot, camera), LandmarksReply)
         )
 
@@ -645,7 +361,7 @@ class StreamClient:
             next(self._ids), robot, camera, encoding, variant, tuple(channels), channel_encoding
         )
         header, parts = self._exchange.request_frame(request)
-        return frame_from_parts(
+        return _frame_from_parts(
             header, parts, camera_cache=self._camera_cache, received_s=self._clock()
         )
 
@@ -673,3 +389,279 @@ def _parse_reports(reply: SensorReports) -> list[Report]:
     reports = (report_from_message(parse_message(line)) for line in reply.reports)
     # None is a report of a newer server, which this client skips.
     return [report for report in reports if report is not None]
+
+
+class _RequestExchange:
+    """Exchange of requests and replies over a socket, which closing ends."""
+
+    def __init__(
+        self, socket: StreamSocket, *, timeout_s: float, clock: Callable[[], float]
+    ) -> None:
+        """Exchange by a socket.
+
+        Args:
+            socket: Connection to the server, closed with the exchange.
+            timeout_s: Timeout of each request.
+            clock: Clock of the timeouts, in seconds.
+        """
+        self._socket = socket
+        self._timeout_s = timeout_s
+        self._clock = clock
+
+    def close(self) -> None:
+        """End the connection."""
+        self._socket.close()
+
+    def call(self, request: Request, reply_type: type[_ReplyT]) -> _ReplyT:
+        """Reply of a type to a request.
+
+        Raises:
+            ConnectionLostError: The server sends nothing for 1.5 s.
+            DeadlineExceededError: The server sends heartbeats but no reply in time.
+            CatoptraError: The request is rejected; the text is the server's reason.
+            RemoteProtocolError: The reply is of another type, or the request is unreadable.
+        """
+        return self._exchange(request, reply_type, f"a reply to {request.KIND}")[0]
+
+    def request_frame(self, request: GetFrameRequest) -> tuple[FrameHeader, _Parts]:
+        """Header and image of a frame; errors as of `call`."""
+        return self._exchange(request, FrameHeader, "a frame", retry_interval_s=_RETRY_INTERVAL_S)
+
+    def _exchange(
+        self,
+        request: Request,
+        reply_type: type[_ReplyT],
+        description: str,
+        retry_interval_s: float | None = None,
+    ) -> tuple[_ReplyT, _Parts]:
+        """Send a request; its reply and the parts after the reply."""
+        data = bytes_from_message(request)
+        deadline_s = self._clock() + self._timeout_s
+        self._socket.begin_wait()
+        while True:
+            _LOG.debug("to %s: %s", self._socket.address, request)
+            # Repeated for frames only: a repeated drive or step would be executed twice.
+            self._socket.send(data, deadline_s)
+            until_s = deadline_s if retry_interval_s is None else self._clock() + retry_interval_s
+            received = self._wait_for_reply(request.id, min(until_s, deadline_s))
+            if received is not None:
+                return self._check_reply(received[0], reply_type), received[1]
+            if self._clock() >= deadline_s:
+                # Heartbeats distinguish a lost server from a slow one: the remedies differ.
+                self._socket.check_alive()
+                raise DeadlineExceededError(
+                    f"{self._socket.address} sends heartbeats but not {description} within "
+                    f"{self._timeout_s:g} s: it is busy rendering or stepping; wait, or use a "
+                    "larger timeout_s"
+                )
+
+    def _wait_for_reply(self, id_: int, deadline_s: float) -> tuple[Reply, _Parts] | None:
+        """Reply with an id; heartbeats and late replies of earlier requests are skipped."""
+        while (parts := self._socket.receive(deadline_s)) is not None:
+            reply = reply_from_bytes(parts[0])
+            _LOG.debug("from %s: %s", self._socket.address, reply)
+            # Raised for any request: the id of an unreadable one is unknown to the server.
+            if isinstance(reply, Error) and reply.id == 0:
+                raise RemoteProtocolError(
+                    f"{self._socket.address} cannot read the request: {reply.reason}"
+                )
+            # A late reply of a call that timed out has a lower id, a heartbeat none.
+            if reply is not None and getattr(reply, "id", None) == id_:
+                return reply, parts[1:]
+        return None
+
+    def _check_reply(self, reply: Reply, reply_type: type[_ReplyT]) -> _ReplyT:
+        if isinstance(reply, Error):
+            raise CatoptraError(f"{self._socket.address} rejected the request: {reply.reason}")
+        if not isinstance(reply, reply_type):
+            raise RemoteProtocolError(f"{self._socket.address} replied with {reply.KIND}")
+        return reply
+
+
+class _CameraModelCache:
+    """The camera model of the last header.
+
+    The pairs stay the same from frame to frame, and comparing them is cheaper than parsing.
+    """
+
+    def __init__(self) -> None:
+        self._pairs: dict[str, str] | None = None
+        self._camera: OmniCamera | PerspectiveCamera | None = None
+
+    def get_camera(self, pairs: dict[str, str] | None) -> OmniCamera | PerspectiveCamera | None:
+        """Camera model of a header's pairs; None without pairs.
+
+        Raises:
+            RemoteProtocolError: A pair is missing or wrong; names the field.
+        """
+        if pairs != self._pairs:
+            self._camera = any_camera_from_pairs(tuple(pairs.items())) if pairs else None
+            self._pairs = pairs
+        return self._camera
+
+
+def _frame_from_parts(
+    header: FrameHeader, parts: list[bytes], *, camera_cache: _CameraModelCache, received_s: float
+) -> Frame:
+    """Decode a frame.
+
+    Args:
+        header: First part.
+        parts: Parts after the header.
+        camera_cache: Cache of this connection.
+        received_s: Arrival time by the client's clock.
+
+    Raises:
+        RemoteProtocolError: The image does not match the header.
+    """
+    image, labels = _split_parts(header, parts)
+    mirror, rgb = header.robot_from_mirror, _decode_rgb(header, image)
+    difference_rgb = None
+    if header.difference is not None:
+        if header.width_px % 2:
+            raise RemoteProtocolError(f"{header}: a picture and its difference have equal widths")
+        rgb, difference_rgb = np.split(rgb, 2, axis=1)
+    return Frame(
+        rgb=rgb,
+        sequence=header.sequence,
+        received_s=received_s,
+        # PNG is lossless, so its frames count as RAW.
+        image_type=ImageType.GOOD if header.encoding is ImageEncoding.JPEG else ImageType.RAW,
+        robot_name=header.robot,
+        camera_name=header.camera,
+        time_s=header.time_s,
+        world_from_robot=_pose_from_transform(header.world_from_robot),
+        camera=camera_cache.get_camera(header.camera_model),
+        robot_from_mirror=None if mirror is None else _pose_from_transform(mirror),
+        stage_ms=header.stage_ms,
+        age_s=header.age_s,
+        missed_frames=header.missed_frames,
+        dropped_frames=header.dropped_frames,
+        plan=header.plan,
+        error_bound_px=header.error_bound_px,
+        error_bounds=header.error_bounds,
+        effects=header.effects,
+        predicted_ms=header.predicted_ms,
+        more_accurate=header.more_accurate,
+        faster=header.faster,
+        difference=header.difference,
+        difference_rgb=difference_rgb,
+        labels=labels,
+    )
+
+
+def _split_parts(header: FrameHeader, parts: list[bytes]) -> tuple[bytes, LabelledPixels | None]:
+    """The image's part, and the labels in the parts behind it."""
+    channels = header.labels.channels if header.labels is not None else ()
+    if len(parts) != 1 + len(channels):
+        raise RemoteProtocolError(
+            f"{header}: {len(parts)} parts after the header, expected {1 + len(channels)}"
+        )
+    if header.labels is None:
+        return parts[0], None
+    return parts[0], _labels_from_parts(
+        header.labels, parts[1:], (header.height_px, header.width_px)
+    )
+
+
+def _decode_rgb(header: FrameHeader, payload: bytes) -> Pixels:
+    shape = (header.height_px, header.width_px, 3)
+    if header.encoding is ImageEncoding.RAW:
+        # An int of a header may be negative, and two negative sides have a positive product.
+        if min(shape) < 0 or len(payload) != shape[0] * shape[1] * 3:
+            raise RemoteProtocolError(f"{header}: its image has {len(payload)} bytes")
+        # A read-only view of the received bytes: a raw frame is never copied.
+        rgb: Pixels = np.frombuffer(payload, np.uint8).reshape(shape)
+        return rgb
+    rgb = rgb_from_image_bytes(payload)
+    if rgb.shape != shape:
+        raise RemoteProtocolError(f"{header}: its image has the shape {rgb.shape}")
+    rgb.setflags(write=False)
+    return rgb
+
+
+def _labels_from_parts(
+    record: LabelsRecord, parts: list[bytes], size_px: tuple[int, int]
+) -> LabelledPixels:
+    """Decode the labels of a frame.
+
+    Args:
+        record: Labels in the header.
+        parts: One part a channel.
+        size_px: Height and width of the picture.
+
+    Raises:
+        RemoteProtocolError: A part does not match its record, or a channel is unknown.
+    """
+    channels = {
+        channel.name: _decode_channel(channel, part, size_px)
+        for channel, part in zip(record.channels, parts, strict=True)
+    }
+    return LabelledPixels(
+        GroundTruth(channels, tuple(_object_from_record(one) for one in record.objects)),
+        has_row_times=record.times == "rows",
+        is_displaced=record.is_displaced,
+        flow_to_time_s=record.flow_to_time_s,
+    )
+
+
+def _decode_channel(
+    record: ChannelRecord, part: bytes, size_px: tuple[int, int]
+) -> npt.NDArray[Any]:
+    known = LABEL_CHANNELS.get(record.name)
+    if known is None or (record.dtype, record.depth) != (known.dtype, known.depth):
+        raise RemoteProtocolError(f"{record}: this client knows no such channel: update it")
+    height_px, width_px = size_px
+    if min(size_px) < 0 or height_px * width_px > MAX_IMAGE_PIXELS:
+        raise RemoteProtocolError(f"{record}: an image of {width_px} x {height_px} px")
+    num_bytes = height_px * width_px * known.depth * np.dtype(known.dtype).itemsize
+    data = part if record.encoding is ChannelEncoding.RAW else _inflate(record, part, num_bytes)
+    if len(data) != num_bytes:
+        raise RemoteProtocolError(f"{record}: {len(data)} bytes, expected {num_bytes}")
+    # A read-only view of the received bytes.
+    return np.frombuffer(data, known.dtype).reshape(known.shape(height_px, width_px))
+
+
+def _inflate(record: ChannelRecord, part: bytes, num_bytes: int) -> bytes:
+    """Decompress at most one byte more than a channel has."""
+    try:
+        return zlib.decompressobj().decompress(part, num_bytes + 1)
+    except zlib.error as error:
+        raise RemoteProtocolError(f"{record}: {error}") from error
+
+
+def _object_from_record(record: ObjectRecord) -> LabelledObject:
+    return LabelledObject(
+        record.number,
+        record.name,
+        record.class_name,
+        record.class_number,
+        _pose_from_transform(record.world_from_box),
+        np.array(record.half_size_m, dtype=np.float64),
+    )
+
+
+def _pose_from_transform(transform: Transform) -> Pose:
+    """Pose of a transform in a message."""
+    rotation = np.array(transform.rotation, dtype=np.float64).reshape(3, 3)
+    return Pose(rotation, np.array(transform.position_m, dtype=np.float64))
+
+
+def _projections_from_reply(reply: LandmarksReply) -> tuple[LandmarkProjection, ...]:
+    """Projection of each landmark."""
+    # Only a reply without a camera has no time.
+    time_s = reply.time_s or 0.0
+    return tuple(
+        LandmarkProjection(_landmark_from_record(one), one.pixel, bool(one.visible), time_s)
+        for one in reply.landmarks
+    )
+
+
+def _landmarks_from_reply(reply: LandmarksReply) -> tuple[Landmark, ...]:
+    """True landmarks of the world."""
+    return tuple(map(_landmark_from_record, reply.landmarks))
+
+
+def _landmark_from_record(record: LandmarkRecord) -> Landmark:
+    fields = dataclasses.fields(Landmark)
+    return Landmark(**{field.name: getattr(record, field.name) for field in fields})

@@ -15,11 +15,11 @@ from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.limits import MAX_IMAGE_PAYLOAD_BYTES
 
 # Three missed heartbeats: a live server sends one every half second.
-SERVER_TIMEOUT_S = 1.5
+_SERVER_TIMEOUT_S = 1.5
 # Unread messages: frames arrive on request only, so the others are heartbeats.
 _RECEIVE_QUEUE_SIZE = 64
 _MIN_RECONNECT_MS = 100
-# A restarted server is found within SERVER_TIMEOUT_S, before a call gives up.
+# A restarted server is found within _SERVER_TIMEOUT_S, before a call gives up.
 _MAX_RECONNECT_MS = 500
 # A connection whose other end vanished without closing is ended after the timeout and made anew.
 _ZMTP_PING_INTERVAL_MS = 1000
@@ -61,7 +61,7 @@ class StreamSocket:
             deadline_s: Time of the clock at which to stop waiting.
 
         Raises:
-            ConnectionLostError: No connection before the deadline, or for SERVER_TIMEOUT_S to a
+            ConnectionLostError: No connection before the deadline, or for _SERVER_TIMEOUT_S to a
                 server that has been there.
         """
         until_s = min(deadline_s, self._lost_at_s) if self._has_received else deadline_s
@@ -76,7 +76,7 @@ class StreamSocket:
         """Next message; None if none arrives before the deadline.
 
         Raises:
-            ConnectionLostError: The server has sent nothing for SERVER_TIMEOUT_S.
+            ConnectionLostError: The server has sent nothing for _SERVER_TIMEOUT_S.
         """
         if self._poll(min(deadline_s, self._lost_at_s), zmq.POLLIN):
             self._has_received = True
@@ -90,7 +90,7 @@ class StreamSocket:
         """Wait for the next sign of life of the server.
 
         Raises:
-            ConnectionLostError: The server has sent nothing for SERVER_TIMEOUT_S.
+            ConnectionLostError: The server has sent nothing for _SERVER_TIMEOUT_S.
         """
         if not self._poll(self._lost_at_s, zmq.POLLIN):
             raise self._lost_error()
@@ -98,7 +98,7 @@ class StreamSocket:
     @property
     def _lost_at_s(self) -> float:
         """Time of the clock at which a server that stays silent is lost."""
-        return self._silent_since_s + SERVER_TIMEOUT_S
+        return self._silent_since_s + _SERVER_TIMEOUT_S
 
     def _poll(self, until_s: float, event: int) -> bool:
         left_s = until_s - self._clock()

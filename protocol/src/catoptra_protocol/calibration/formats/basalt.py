@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 
-from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
+from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
 from catoptra_protocol.calibration.files import Fields, parse_json
 from catoptra_protocol.calibration.model_fits import unified_parameters
@@ -86,7 +86,7 @@ def _lens(kind: str, numbers: Fields) -> RadialProjection:
 def write(camera: OmniCamera, name: str) -> str:
     """Text of a file with one camera."""
     kind, shape, scale_px = _model_of(camera)
-    matrix = matrix_of(camera, scale_px)
+    matrix = matrix_from_camera(camera, scale_px)
     if matrix.skew != 0.0 or camera.plane.is_decentred:
         raise DomainError("Basalt has neither skew nor tangential distortion")
     pose = {"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}

@@ -6,7 +6,7 @@ points in every number.
 
 from __future__ import annotations
 
-from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
+from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
 from catoptra_protocol.calibration.files import Fields, format_number, format_numbers, parse_yaml
 from catoptra_protocol.calibration.model_fits import unified_parameters
@@ -63,7 +63,7 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
 def write(camera: OmniCamera, name: str) -> str:
     """Text of a file."""
     unified = unified_parameters(camera)
-    matrix = matrix_of(camera, unified.gamma_px)
+    matrix = matrix_from_camera(camera, unified.gamma_px)
     number = format_number
     return "\n".join(
         (

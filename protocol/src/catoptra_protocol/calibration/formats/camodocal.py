@@ -5,7 +5,7 @@ Law and frame as OpenCV's omnidir module, without skew. Source: CamOdoCal, its C
 
 from __future__ import annotations
 
-from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
+from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
 from catoptra_protocol.calibration.files import Fields, format_number, parse_yaml
 from catoptra_protocol.calibration.model_fits import unified_parameters
@@ -58,7 +58,7 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
 def write(camera: OmniCamera, name: str) -> str:
     """Text of a file."""
     unified = unified_parameters(camera)
-    matrix = matrix_of(camera, unified.gamma_px)
+    matrix = matrix_from_camera(camera, unified.gamma_px)
     if matrix.skew != 0.0:
         raise DomainError("CamOdoCal has no skew")
     number = format_number

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
+from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
 from catoptra_protocol.calibration.files import Fields, format_numbers, parse_yaml
 from catoptra_protocol.calibration.model_fits import unified_parameters
@@ -97,7 +97,7 @@ def _read_intrinsics(
 def write(camera: OmniCamera, name: str) -> str:
     """Text of a chain with one camera."""
     model, intrinsics, scale_px, distortion = _model_of(camera)
-    matrix = matrix_of(camera, scale_px)
+    matrix = matrix_from_camera(camera, scale_px)
     if matrix.skew != 0.0:
         raise DomainError("Kalibr has no skew")
     distortion_model = "none" if not distortion else "radtan"

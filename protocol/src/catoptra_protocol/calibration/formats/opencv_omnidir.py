@@ -6,7 +6,7 @@ right, y down, z forward. OpenCV checks no domain. Source: opencv_contrib, modul
 
 from __future__ import annotations
 
-from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
+from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
 from catoptra_protocol.calibration.files import Fields, format_number, parse_yaml
 from catoptra_protocol.calibration.model_fits import unified_parameters
@@ -60,7 +60,7 @@ def read(text: str, file: str, camera: str) -> OmniCamera:
 def write(camera: OmniCamera, name: str) -> str:
     """Text of a file."""
     unified = unified_parameters(camera)
-    matrix = matrix_of(camera, unified.gamma_px)
+    matrix = matrix_from_camera(camera, unified.gamma_px)
     k = (matrix.fx, matrix.skew, matrix.cx, 0.0, matrix.fy, matrix.cy, 0.0, 0.0, 1.0)
     d = (unified.k1, unified.k2, camera.plane.p1, camera.plane.p2)
     # OpenCV wants %YAML as the first bytes of the file.

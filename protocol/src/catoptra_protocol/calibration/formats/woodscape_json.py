@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 
-from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_of
+from catoptra_protocol.calibration.calibrated_camera import Matrix, make_camera, matrix_from_camera
 from catoptra_protocol.calibration.calibration_format import Conventions
 from catoptra_protocol.calibration.files import Fields, parse_json
 from catoptra_protocol.errors import DomainError
@@ -52,7 +52,7 @@ def write(camera: OmniCamera, name: str) -> str:
     lens = camera.projection
     if not isinstance(lens, WoodScapeLens):
         raise DomainError(f"{type(lens).__name__} is no polynomial of the angle")
-    matrix = matrix_of(camera, 1.0)
+    matrix = matrix_from_camera(camera, 1.0)
     if matrix.skew != 0.0 or camera.plane.stretch[0] != 1.0 or camera.plane.is_decentred:
         raise DomainError("WoodScape has an aspect ratio, but no skew and no distortion")
     # The polynomial is in pixels of this image: a scaled camera scales its coefficients.
