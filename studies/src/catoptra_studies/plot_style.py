@@ -2,11 +2,10 @@
 
 A page is laid out in device pixels from its top left corner, so that a rendered image can be shown
 pixel by pixel. A chart is laid out by Matplotlib and has any size in inches. Both set Matplotlib's
-settings for their own block only.
+settings for their own block only, and are written when the block ends.
 
-Colours of errors on a logarithmic scale: white for none, through yellow and red to black.
-
-The errors of a sweep span decades, so a linear scale would show the coarsest level alone.
+Errors have one colour scale, logarithmic, white for none, through yellow and red to black: those of
+a sweep span decades, so a linear scale would show the coarsest level alone.
 """
 
 from __future__ import annotations
@@ -169,11 +168,15 @@ def show_image(page: Page, image: Image, left: int, top: int, width: int) -> Axe
     return axes
 
 
-def draw_border(axes: Axes) -> None:
-    """Draw a thin border around an image that is white where no error is."""
-    axes.axis("on")
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set(visible=True, color=LIGHT_GREY)
+def outline_square(axes: Axes, row: int, column: int, size_px: int) -> None:
+    """Outline a square of an image by its upper left corner."""
+    u, v = (column, column + size_px), (row, row + size_px)
+    axes.plot([u[0], u[1], u[1], u[0], u[0]], [v[0], v[0], v[1], v[1], v[0]], color=RED)
+
+
+def label_box(pad: float, **options: Any) -> dict[str, Any]:
+    """Background of a label that stands on lines or an image."""
+    return {"facecolor": BACKGROUND, "edgecolor": "none", "pad": pad, **options}
 
 
 def add_legend(figure: Page, *axes: Axes, **options: Any) -> None:

@@ -1,9 +1,8 @@
 """Cost and error of every accuracy level: timed in turn, bounded, compared with the reference.
 
-RMSE, PSNR and SSIM of an image against a reference, over the pixels inside the mirror.
-
-SSIM as in Wang, Bovik, Sheikh & Simoncelli 2004, with their constants: an 11 x 11 Gaussian window
-of 1.5 px, K1 = 0.01, K2 = 0.03, on luma, here that of Rec. 601.
+An image is compared over the pixels inside the mirror by RMSE, PSNR and SSIM. SSIM as in Wang,
+Bovik, Sheikh & Simoncelli 2004, with their constants: an 11 x 11 Gaussian window of 1.5 px,
+K1 = 0.01, K2 = 0.03, on luma, here that of Rec. 601.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 Each level has a server of its own that renders at the level. The same seeds drive round the
 field, a detector finds landmarks in the frames received over TCP, and filters localize by them.
-
-Rates and errors of the drives with one level's frames, as rows of the results.
+Rates and errors of the drives are a row of the results.
 """
 
 from __future__ import annotations

@@ -2,10 +2,7 @@
 
 A frame consists of the perspective view that USARSim shows on its screen, and of the payload: none,
 the omnidirectional camera with a mirror mesh or the exact model, or a SICK LMS200 of 181 beams.
-
-Timing of several views in turn, so that a disturbance of the machine falls on all alike.
-
-The paper's Figure 10: frames a second by payload, world and renderer.
+Frames are timed in turn, so that a disturbance of the machine falls on all payloads alike.
 """
 
 from __future__ import annotations
@@ -259,7 +256,6 @@ def frame_time_spread(rows: tuple[FrameRate, ...], *, min_polygons: int) -> floa
     return max(times_ms) / min(times_ms) - 1.0
 
 
-FRAME_RATES_HEIGHT_PX = 690
 _RENDERER_COLOURS = {"trace": plot_style.BLUE, "raster": plot_style.TEAL}
 
 

@@ -1,17 +1,12 @@
-"""Radii of the incidence rings in an image, from pixels alone and without the camera model.
+"""Image radius over the incidence angle: measured in an image, by the camera model, by Eq. 2.
 
-The image is sampled along straight lines from its centre. A ring is a dark interval of a line, and
-its radius is the centroid of the darkness there.
-
-Incidence angles rendered as circles and measured: the paper's Figure 7.
-
-The paper says that such an image concurs with Eq. 2. Measured in pixels it follows the camera
-model; Eq. 2 stays within a pixel of both, and the figure shows the deviation.
-
-Deviation of the paper's Eq. 2 from its own mirror, computed without any image.
+The paper's Figure 7 shows rings of incidence and says that the image concurs with Eq. 2. Their
+radii are measured in the pixels alone: the image is sampled along straight lines from its centre, a
+ring is a dark interval of a line, and its radius the centroid of the darkness there. They follow
+the camera model; Eq. 2 stays within a pixel of both.
 
 Eq. 2 is exact for a paraboloid before an orthographic camera. For the hyperboloid before a pinhole
-the deviation is h t kappa^2 (t^2 - 1) / (1 - kappa^2 t^2).
+it deviates by h t kappa^2 (t^2 - 1) / (1 - kappa^2 t^2), which needs no image.
 """
 
 from __future__ import annotations
@@ -119,13 +114,13 @@ def draw_rings(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     _label_rings(axes, theta_deg, exact)
     _draw_radii(page, theta_deg, measured, exact)
     _draw_deviations(page, theta_deg, measured - exact, eq2 - exact)
-    return _caption(theta_deg, measured, exact, eq2)
+    return _caption_rings(theta_deg, measured, exact, eq2)
 
 
 def _label_rings(axes: plot_style.Axes, theta_deg: Floats, radius_px: Floats) -> None:
     centre = 0.5 * PAPER_SIZE_PX
     diagonal = math.cos(math.radians(-45)), math.sin(math.radians(-45))
-    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 0.8}
+    box = plot_style.label_box(0.8)
     for theta, radius in zip(theta_deg, radius_px, strict=True):
         # A number at every ring would hide the rings.
         if theta % 30 == 0:
@@ -168,7 +163,9 @@ def _draw_deviations(
                   textcoords="offset points", ha="center", va="top")  # fmt: skip
 
 
-def _caption(theta_deg: Floats, measured: Floats, exact: Floats, eq2: Floats) -> FigureCaption:
+def _caption_rings(
+    theta_deg: Floats, measured: Floats, exact: Floats, eq2: Floats
+) -> FigureCaption:
     rings = measured.mean(axis=0)
     metrics = {
         "rings": len(theta_deg),
@@ -235,7 +232,7 @@ def draw_eq2(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     axes.text(89.0, axes.get_ylim()[1], "horizon", color=plot_style.RED, ha="right", va="top")
     _label_maximum(axes, theta_deg, same_h, "same 90° circle", plot_style.ORANGE, "right")
     _label_maximum(axes, theta_deg, same_rim, "same rim", plot_style.TEAL, "left")
-    return _caption_eq2_figure(rim_deg, same_h, same_rim)
+    return _caption_eq2(rim_deg, same_h, same_rim)
 
 
 def _label_maximum(
@@ -254,7 +251,7 @@ def _label_maximum(
     )
 
 
-def _caption_eq2_figure(rim_deg: float, same_h: Floats, same_rim: Floats) -> FigureCaption:
+def _caption_eq2(rim_deg: float, same_h: Floats, same_rim: Floats) -> FigureCaption:
     metrics = {
         "rim_deg": round(rim_deg, 3),
         "same_h_max_px": round(float(np.abs(same_h).max()), 4),

@@ -1,10 +1,9 @@
-"""Mirror and cube in space: the paper's Figures 4 and 6, drawn to one scale.
+"""Mirror, cube and meshes in space: the paper's Figures 3, 4 and 6, drawn to one scale.
 
-Left, the cube around the effective viewpoint with its near sides open: the virtual cameras' images
-on its walls, the mirror at its centre, and one ray to the pinhole. Right, the mirror with the cube
-projected onto it from the viewpoint, and the resulting frame.
-
-Mirror meshes in space: the paper's Figure 3, with the exact profile below each.
+Figures 4 and 6: left, the cube around the effective viewpoint with its near sides open: the virtual
+cameras' images on its walls, the mirror at its centre, and one ray to the pinhole. Right, the
+mirror with the cube projected onto it from the viewpoint, and the resulting frame. Figure 3: mirror
+meshes, with the exact profile below each.
 """
 
 from __future__ import annotations
@@ -29,6 +28,8 @@ from catoptra_studies.camera_figures.mirror_drawing import (
     Axonometry,
     draw_frame_with_borders,
     draw_textured_mirror,
+    rim_points,
+    rim_radius_m,
     shade,
 )
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS
@@ -54,7 +55,7 @@ def draw_cube(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     if not math.isfinite(camera.mirror.pinhole_distance_m):
         raise DomainError("the drawing of mirror and cube needs a capture camera with a pinhole")
     face_images = {face: subject.render_face(face, _FACE_PX, samples=2) for face in FACES}
-    rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
+    rim_m = rim_radius_m(camera)
     axes = plot_style.add_axes(page, 10, 20, 860, 1080)
     _draw_cube(axes, camera, face_images, _CUBE_TO_RIM_RATIO * rim_m)
     plot_style.add_text(page, 910, 30, "the cube projected onto the mirror", fontweight="bold")
@@ -63,7 +64,7 @@ def draw_cube(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
         page, 910, 580, "the capture camera's view of the mirror", fontweight="bold"
     )
     draw_frame_with_borders(page, subject, left=960, top=628, width=480)
-    return _caption(camera, rim_m)
+    return _caption_cube(camera, rim_m)
 
 
 def _draw_cube(
@@ -148,7 +149,7 @@ def _draw_ray(axes: plot_style.Axes, camera: OmniCamera, half_m: float) -> None:
 def _annotate_point(
     axes: plot_style.Axes, point: Floats, name: str, offset: tuple[float, float]
 ) -> None:
-    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 1.5, "alpha": 0.85}
+    box = plot_style.label_box(1.5, alpha=0.85)
     line = {"arrowstyle": "-", "color": plot_style.FOREGROUND, "linewidth": 0.5, "shrinkB": 2}
     axes.annotate(
         name, point, offset, textcoords="offset points", va="center",
@@ -159,7 +160,7 @@ def _annotate_point(
 def _label_faces(axes: plot_style.Axes, half_m: float) -> None:
     # Coordinates on the face, near the corner that the mirror does not hide.
     corners = {Face.N: (0.8, 0.82), Face.W: (-0.8, 0.82), Face.C: (0.0, 0.8)}
-    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 2}
+    box = plot_style.label_box(2)
     for face, (s, t) in corners.items():
         point = half_m * MIRROR_FROM_FACE_ROTATIONS[face] @ np.array([1.0, s, t])
         axes.text(
@@ -168,7 +169,7 @@ def _label_faces(axes: plot_style.Axes, half_m: float) -> None:
         )  # fmt: skip
 
 
-def _caption(camera: OmniCamera, rim_m: float) -> FigureCaption:
+def _caption_cube(camera: OmniCamera, rim_m: float) -> FigureCaption:
     metrics = {
         "mirror_diameter_mm": round(2e3 * rim_m, 1),
         "pinhole_below_viewpoint_mm": round(1e3 * camera.mirror.pinhole_distance_m, 1),
@@ -215,7 +216,7 @@ def draw_meshes(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
         color=plot_style.MUTED,
     )  # fmt: skip
     plot_style.add_text(page, 1490, 566, "exact surface", color=plot_style.RED, ha="right")
-    return _caption_mesh_figure(camera)
+    return _caption_meshes(camera)
 
 
 def _draw_mesh(axes: plot_style.Axes, camera: OmniCamera, tessellation: Tessellation) -> None:
@@ -232,9 +233,7 @@ def _draw_mesh(axes: plot_style.Axes, camera: OmniCamera, tessellation: Tessella
         edge=plot_style.FOREGROUND,
         line=_edge_width(tessellation.num_polygons),
     )
-    azimuth_rad = np.linspace(0.0, 2.0 * math.pi, 181)
-    rim = _surface_points(camera, np.full(181, camera.rim_t), azimuth_rad)
-    rim = _VIEW_FROM_BELOW.project(rim)
+    rim = _VIEW_FROM_BELOW.project(rim_points(camera))
     axes.plot(*rim.T, color=plot_style.RED, linewidth=1.2, zorder=0)
     half = 1.06 * float(np.abs(rim[:, 0]).max())
     low = float(_VIEW_FROM_BELOW.project(polygons.reshape(-1, 3))[:, 1].min())
@@ -247,12 +246,6 @@ def _edge_width(num_polygons: int) -> float:
     if num_polygons < 100:
         return 0.9
     return 0.5 if num_polygons <= 1000 else 0.25
-
-
-def _surface_points(camera: OmniCamera, t: Floats, azimuth_rad: Floats) -> Floats:
-    """(..., 3) points of the exact mirror at t = tan(theta/2)."""
-    r, z = camera.mirror.surface_point(t)
-    return np.stack((r * np.cos(azimuth_rad), r * np.sin(azimuth_rad), z), axis=-1)
 
 
 def _draw_cross_section(
@@ -279,7 +272,7 @@ def _draw_cross_section(
     axes.axis("off")
 
 
-def _caption_mesh_figure(camera: OmniCamera) -> FigureCaption:
+def _caption_meshes(camera: OmniCamera) -> FigureCaption:
     rim_r, rim_z = camera.mirror.surface_point(np.array(camera.rim_t))
     _, vertex_z = camera.mirror.surface_point(np.array(0.0))
     metrics = {

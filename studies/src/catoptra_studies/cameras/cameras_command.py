@@ -144,7 +144,7 @@ def _draw_camera(page: plot_style.Page, staged: StagedCamera, image: plot_style.
         axes.plot(pixel[:, 0], pixel[:, 1], color=colour, linewidth=0.8)
         u, v = pixel[45]
         if math.isfinite(u):
-            box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 0.8}
+            box = plot_style.label_box(0.8)
             axes.text(u, v, f"{degrees}°", ha="center", va="center", fontsize=7, bbox=box)
     _draw_resolution(page, camera)
 

@@ -1,19 +1,13 @@
 """The decision experiment: every effect's decision beside its truth, in many situations.
 
 Bundled worlds, places drawn by seed, motions of the shipped robot, the shipped real camera with its
-thresholds. Two processes share the places; the result depends on the seed alone.
-
-Situations of the decision experiment: worlds, places that a robot can reach, and motions.
-
-Places are cells of a grid that the robot's base can reach from a start of the world without a
-contact, at any heading. Half of them are close to an obstacle, half in the open; all are drawn from
-a seed.
-
-One trial of the decision experiment: a situation's decisions, each beside its truth.
+thresholds. Places are cells of a grid that the robot's base can reach from a start of the world
+without a contact, at any heading: half of them close to an obstacle, half in the open.
 
 The decisions are those of the server's own view cache. The truth is measured with rays and
-references of its own (`effect_truth`), which know nothing of them but the names of the effects that
-are drawn, since each decision is about the light that reaches its effect.
+references of its own (`effect_truth`), which know only the names of the effects that are drawn,
+since each decision is about the light that reaches its effect. Two processes share the places; the
+result depends on the seed alone.
 """
 
 from __future__ import annotations

@@ -199,7 +199,7 @@ def _draw_paper_limits(axes: plot_style.Axes, title: str) -> None:
         (PAPER_ODOMETRY_ERROR_M, "1 m, exceeded by the paper's odometry", ":"),
     ):
         axes.axhline(error_m, color=plot_style.MUTED, lw=1, ls=line)
-        box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 0.5, "alpha": 0.8}
+        box = plot_style.label_box(0.5, alpha=0.8)
         axes.text(1, error_m + 0.03, text, color=plot_style.MUTED, fontsize=7, bbox=box, zorder=1)
     axes.set_title(title)
     # Half a step beyond the last, so that the bar of step 100 is drawn whole.
