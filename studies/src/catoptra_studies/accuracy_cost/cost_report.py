@@ -49,8 +49,8 @@ def format_cost_report(results: CostResults) -> str:
         _format_pareto_front(results),
         _format_levels(results),
         _format_polygons(results),
-        format_frame_rates(results),
-        format_localization(results),
+        _format_frame_rates(results),
+        _format_localization(results),
     ]
     return "\n\n".join(part.strip() for part in parts if part) + "\n"
 
@@ -241,7 +241,7 @@ def _describe_agreement(rows: Sequence[PolygonRow]) -> str:
 _MAX_SPREAD = 0.10
 
 
-def format_frame_rates(results: CostResults) -> str:
+def _format_frame_rates(results: CostResults) -> str:
     """The section as Markdown; empty where no frame rate was measured."""
     if not results.frame_rates:
         return ""
@@ -357,7 +357,7 @@ def _explain_per_pixel(results: CostResults, finest: LevelCost) -> Iterator[str]
             )
 
 
-def format_localization(results: CostResults) -> str:
+def _format_localization(results: CostResults) -> str:
     """The section as Markdown; empty where no robot was driven."""
     localization = results.localization
     if localization is None:

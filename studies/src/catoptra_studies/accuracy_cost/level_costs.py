@@ -64,11 +64,11 @@ def compute_image_error(pairs: Sequence[tuple[Image, Image]], mask: Bools) -> Im
     # Squares are averaged before the root, so that four poses count like one large image.
     squares = [np.mean(np.square(signed_difference(*pair))[mask]) for pair in pairs]
     rmse = math.sqrt(float(np.mean(squares)))
-    ssim = float(np.mean([ssim_map(*pair)[mask].mean() for pair in pairs]))
-    return ImageError(rmse, psnr_db(rmse), ssim)
+    ssim = float(np.mean([_ssim_map(*pair)[mask].mean() for pair in pairs]))
+    return ImageError(rmse, _psnr_db(rmse), ssim)
 
 
-def psnr_db(rmse: float) -> float:
+def _psnr_db(rmse: float) -> float:
     """Peak signal-to-noise ratio of an RMSE in grey levels."""
     return 20.0 * math.log10(_PEAK / rmse) if rmse > 0.0 else math.inf
 
@@ -78,7 +78,7 @@ def signed_difference(image: Image, reference: Image) -> Floats:
     return image.astype(np.float64) - reference
 
 
-def ssim_map(image: Image, reference: Image) -> Floats:
+def _ssim_map(image: Image, reference: Image) -> Floats:
     """(h, w) structural similarity around each pixel."""
     # SSIM is defined for one channel.
     x, y = image @ _LUMA, reference @ _LUMA

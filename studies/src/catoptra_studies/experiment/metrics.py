@@ -190,7 +190,7 @@ def compute_measurement_metrics(
         "measurements": len(errors),
         "range_error_m": _quantiles(range_errors_m),
         "bearing_error_deg": _quantiles(np.degrees(bearing_errors_rad)),
-        "beacons_measured_by_distance": detection_rates_by_distance(drive_logs, landmarks),
+        "beacons_measured_by_distance": _detection_rates_by_distance(drive_logs, landmarks),
     }
 
 
@@ -222,7 +222,7 @@ def detection_rate(
     return num_measured / num_near if num_near else math.nan
 
 
-def detection_rates_by_distance(
+def _detection_rates_by_distance(
     drive_logs: Sequence[DriveLog], landmarks: Sequence[Landmark]
 ) -> list[dict[str, float]]:
     """Detection rate of the beacons in each interval of true distance that has any."""

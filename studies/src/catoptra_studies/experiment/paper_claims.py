@@ -60,12 +60,6 @@ class RunShare:
         return f"{self.num_satisfying} of {self.num_runs} runs ({low:.0%} to {high:.0%})"
 
 
-def count_runs(satisfied: Iterable[bool]) -> RunShare:
-    """Share of the runs for which a statement is true."""
-    truths = list(satisfied)
-    return RunShare(sum(truths), len(truths))
-
-
 def pool_shares(shares: Iterable[RunShare]) -> RunShare:
     """Share of all runs of several experiments together."""
     listed = list(shares)
@@ -126,11 +120,16 @@ def evaluate_statements(statements: Iterable[Statement], setups: Mapping[str, An
             statement.key,
             f"{statement.setup}: {statement.text}",
             statement.criterion,
-            count_runs(map(statement.is_satisfied, _runs_by_filter(setups[statement.setup]))),
+            _count_runs(statement, setups[statement.setup]),
         )
         for statement in statements
         if statement.setup in setups
     ]
+
+
+def _count_runs(statement: Statement, setup: Mapping[str, Any]) -> RunShare:
+    truths = [statement.is_satisfied(run) for run in _runs_by_filter(setup)]
+    return RunShare(sum(truths), len(truths))
 
 
 def _runs_by_filter(setup: Mapping[str, Any]) -> list[_RunByFilter]:
