@@ -111,7 +111,7 @@ def _draw_error_panel(
             [level.wall_ms for level in series], [error(level) for level in series], style.marker,
             color=style.colour, markersize=4, alpha=0.75, label=style.name,
         )  # fmt: skip
-    # Each panel has a front of its own: a level can be best in geometry and beaten as an image.
+    # One front for each panel: a level can be best in geometry and beaten as an image.
     front = _pareto_levels(levels, error)
     _label_polygon_counts(axes, levels, error)
     _draw_front(axes, front, error)
@@ -125,7 +125,7 @@ def _pareto_levels(levels: Sequence[LevelCost], error: _ErrorMetric) -> list[Lev
 
 
 def _draw_front(axes: plot_style.Axes, front: Sequence[LevelCost], error: _ErrorMetric) -> None:
-    """Draw the front and number its levels."""
+    """Draw the front with a number at each level."""
     x, y = [level.wall_ms for level in front], [error(level) for level in front]
     axes.plot(x, y, drawstyle="steps-post", color=plot_style.FOREGROUND, linewidth=0.9, zorder=1)
     axes.set_ylim(bottom=0.45 * min(y))
@@ -142,7 +142,7 @@ def _draw_front(axes: plot_style.Axes, front: Sequence[LevelCost], error: _Error
 def _label_polygon_counts(
     axes: plot_style.Axes, levels: Sequence[LevelCost], error: _ErrorMetric
 ) -> None:
-    """Write the number of polygons beside each of the paper's meshes."""
+    """Write the number of polygons next to each of the paper's meshes."""
     for level in levels:
         if level.num_polygons and level.is_key:
             axes.annotate(
@@ -178,7 +178,7 @@ def _list_front_levels(
 _LEFT_PX, _PANEL_WIDTH_PX, _GAP_PX = 380, 232, 56
 
 _RowValue = Callable[[LocalizationRow], float]
-# Title of each panel, and its series: label, colour, value of a row.
+# Panels: title, and series of label, colour and value of a row.
 _PANELS: tuple[tuple[str, tuple[tuple[str, str, _RowValue], ...]], ...] = (
     ("beacons found, %", (
         ("to 2.5 m", plot_style.BLUE, lambda row: 100.0 * row.detection_rate),

@@ -1,6 +1,6 @@
 """COST.md: the report of accuracy against cost, made of cost.json alone.
 
-The front comes first: it answers which level to choose. The section on the paper's Figure 10 says
+The front comes first and answers which level to choose. The section on the paper's Figure 10 says
 whether the frame rate depends on the polygons, and why; that on localization, which level suffices.
 """
 
@@ -43,7 +43,7 @@ name the quantity interpolated over a polygon. The lines of a robot file that se
 
 def format_cost_report(results: CostResults) -> str:
     """The whole report as Markdown."""
-    # The front first: it answers which level to choose, all later sections explain why.
+    # The front answers which level to choose, all later sections explain why.
     parts = [
         _format_header(results.conditions),
         _format_pareto_front(results),
@@ -115,12 +115,12 @@ def _format_pareto_front(results: CostResults) -> str:
             f"{level.ssim:.4f}",
             _compare_levels(before, level),
         ]
-        # Each level beside the next faster one of the front; the first has none.
+        # Each level against the next faster one of the front; the first has no such level.
         for before, level in zip([None, *front[:-1]], front, strict=True)
     ]
     header = ("level", "ms", "bound px", "RMSE", "PSNR dB", "SSIM", "against the row above")
     meshes = [level.name for level in front if level.num_polygons]
-    # The paper's question, decided by the data: whether a mesh is ever worth its time.
+    # The paper's question, decided by the data: whether a mesh is ever worth the time.
     conclusion = (
         f"Mirror meshes on it: {', '.join(meshes)}."
         if meshes
@@ -237,7 +237,7 @@ def _describe_agreement(rows: Sequence[PolygonRow]) -> str:
 
 
 # The paper concludes from bars of equal height that the frame rate does not depend on the
-# polygons; its bars can be read to about a tenth.
+# polygons; the bars can be read to about a tenth.
 _MAX_SPREAD = 0.10
 
 
@@ -345,7 +345,7 @@ def _explain_mirror(meshes: list[LevelCost]) -> str:
 
 
 def _explain_per_pixel(results: CostResults, finest: LevelCost) -> Iterator[str]:
-    """Yield the exact model beside the finest mesh at as many samples."""
+    """Yield the exact model against the finest mesh at as many samples."""
     for level in results.levels:
         is_like = level.renderer == finest.renderer and level.samples == finest.samples
         if level.is_key and is_like and not level.num_polygons:
@@ -362,7 +362,7 @@ def _format_localization(results: CostResults) -> str:
     localization = results.localization
     if localization is None:
         return ""
-    # Times come from the levels: the drives run in real processes and measure none of their own.
+    # Times come from the levels: the drives run in real processes and measure no times.
     times_ms = {level.name: level.wall_ms for level in results.levels}
     rows = [
         [
@@ -410,7 +410,7 @@ def _describe_conditions(localization: LocalizationAccuracy) -> str:
 
 def _describe_sufficient_level(localization: LocalizationAccuracy) -> str:
     """Sentence about the coarsest level that localizes as well as the best, to a centimetre."""
-    # Evaluated by the consistent filter, since its R is nearer the real errors of the measurements.
+    # The consistent filter decides: R is nearer the real errors of the measurements.
     best_m = min(row.consistent_ekf_mean_m for row in localization.rows)
     sufficient = next(
         row for row in localization.rows if row.consistent_ekf_mean_m <= best_m + 0.01

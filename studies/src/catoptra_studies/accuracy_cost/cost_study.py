@@ -1,8 +1,8 @@
 """The study of accuracy against cost: levels, mirror meshes and frame rates, measured here.
 
 Localization with frames of the levels is another part (`localization_study`). The displacement by
-meshes is measured at the paper's size, beside an independent table: derived in float64 and
-confirmed by OpenGL in float32, for the paper's mirror (k = 11.546, rim at 120 degrees) in
+meshes is measured at the paper's size and compared with an independent table: derived in float64
+and confirmed by OpenGL in float32, for the paper's mirror (k = 11.546, rim at 120 degrees) in
 360 x 360 px, rms and maximum over the covered pixel centres.
 """
 
@@ -142,7 +142,7 @@ class CostStudyConfig:
 def measure_rendering(config: CostStudyConfig, progress: ProgressDisplay) -> CostResults:
     """Measure levels, tessellations and frame rates, and write the plots that show frames.
 
-    The localization of the results is None: `localization_study` measures it with their levels.
+    The localization of the results is None: `localization_study` measures that part.
     """
     with open_study_subject(
         config.robot_file, config.world_files[0], size_px=config.size_px, num_poses=config.num_poses

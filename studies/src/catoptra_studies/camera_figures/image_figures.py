@@ -34,7 +34,7 @@ _DIM_COLOUR = np.array([70.0, 84.0, 98.0])
 
 
 def draw_faces(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
-    """Draw the unfolded cube and, beside it, the directions of its cameras."""
+    """Draw the unfolded cube, and the directions of the cameras."""
     subject = inputs.subject
     for face in FACES:
         image = subject.render_face(face, _FACE_SIZE_PX, samples=3)
@@ -57,7 +57,7 @@ def _dim_hidden_pixels(image: Image, mask: Bools) -> Image:
 
 
 def _visible_mask(face: Face, size_px: int, rim_rad: float) -> Bools:
-    """(size, size) pixels of a face whose incidence angle is within the mirror's rim."""
+    """(size, size) pixels of a face with an incidence angle within the mirror's rim."""
     steps = 2.0 * (np.arange(size_px) + 0.5) / size_px - 1.0
     t, s = np.meshgrid(steps, steps, indexing="ij")
     direction = np.stack((np.ones_like(s), s, t), axis=-1) @ MIRROR_FROM_FACE_ROTATIONS[face].T
@@ -128,7 +128,7 @@ _MARGIN_PX = 100
 
 
 def draw_omni_frame(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
-    """Draw the frame with its 90-degree circle and the robot's sides."""
+    """Draw the frame with the 90-degree circle and the robot's sides."""
     subject = inputs.subject
     image = subject.render_frame(_SIZE_PX, samples=2)
     _label_robot_sides(page)

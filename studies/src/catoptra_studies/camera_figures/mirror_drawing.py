@@ -1,4 +1,4 @@
-"""Drawings of the mirror in space: projection, shading, and the cube's images on its surface.
+"""Drawings of the mirror in space: projection, shading, and the cube's images on the surface.
 
 Parallel projection keeps a square face a parallelogram and lengths along an axis comparable;
 polygons are drawn in painter's order. Points are (..., 3) in the mirror frame (z down); coordinates
@@ -53,7 +53,7 @@ class Axonometry:
     def normals(self, polygons: Floats) -> Floats:
         """(n, 3) unit normals of (n, 4, 3) polygons in the viewer's frame.
 
-        For polygons of `mirror_polygons` they leave the reflecting side.
+        Normals of `mirror_polygons` leave the reflecting side.
         """
         # From the diagonals, which are never parallel, even where two corners coincide at the
         # vertex of the mirror.
@@ -94,7 +94,7 @@ _FACE_LABEL_DIRECTIONS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MirrorProjection:
-    """Projection of the mirror's points to pixels of its drawing."""
+    """Projection of the mirror's points to pixels of the drawing."""
 
     camera: OmniCamera
     pixels_per_metre: float
@@ -117,11 +117,11 @@ def draw_textured_mirror(
     top: int,
     width: int,
 ) -> None:
-    """Draw the mirror from behind and below with the cube projected onto its surface.
+    """Draw the mirror from behind and below with the cube projected onto the surface.
 
     Args:
         page: Page to draw on.
-        camera: Camera whose mirror is drawn.
+        camera: Camera with the mirror to draw.
         face_images: Image of each face of the cube.
         left: Device pixels from the page's left edge.
         top: Device pixels from the page's upper edge.
@@ -162,7 +162,7 @@ def mirror_points(camera: OmniCamera, directions: Floats) -> Floats:
     """(..., 3) intersections of the mirror with rays from the viewpoint.
 
     Args:
-        camera: Camera whose mirror is met.
+        camera: Camera with the mirror.
         directions: (..., 3) directions within the rim, in the mirror frame.
     """
     t, _ = half_angle_tangent(directions)
@@ -222,7 +222,7 @@ def _visible_points(projection: _MirrorProjection) -> tuple[Floats, Floats]:
 def _average_colours(pixels: npt.NDArray[np.intp], colours: Floats) -> Image:
     """Mean of the (n, 3) colours that fall on each pixel, white outside.
 
-    A pixel missed between others takes the mean of its neighbours.
+    A pixel missed between others takes the neighbours' mean.
     """
     width, height = pixels.max(axis=0) + 1
     shape = int(height), int(width)

@@ -2,10 +2,10 @@
 
 The direction that a covered pixel looks up is projected by the camera model, in float64: the
 distance between that projection and the pixel is the error. Figure 8 is the frame through four
-meshes at 360 x 360 pixels; maps and a curve over the number of polygons put numbers to it.
+meshes at 360 x 360 pixels; maps and a curve over the number of polygons have the numbers.
 
 Figure 9 is a straight line through 256 polygons in magnified detail. The detail is found, not
-chosen: the window below the horizon, on the floor with its lines, in which the coarser mesh differs
+chosen: the window below the horizon, on the floor with lines, in which the coarser mesh differs
 most from the exact mirror.
 """
 
@@ -40,14 +40,14 @@ from catoptra_studies.camera_figures.figure_spec import (
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX, POLYGON_COUNTS
 from catoptra_studies.plot_style import Image, draw_colour_bar, map_error_colours
 
-# A polygon may look up directions beyond the rim. They are projected by the same mirror with a
-# wider rim, up to this fraction of the angle at which its image radius goes to infinity.
+# A polygon may look up directions beyond the rim. The same mirror with a wider rim projects those,
+# up to this fraction of the angle at which the image radius goes to infinity.
 _ASYMPTOTE_FRACTION = 0.999
 
 
 @dataclass(frozen=True, slots=True)
 class PolygonError:
-    """Displacement over all pixels whose centre a polygon covers."""
+    """Displacement over all pixels with a polygon at their centre."""
 
     tessellation: Tessellation
     rms_px: float
@@ -116,7 +116,7 @@ _FRAMES_LEFT_PX, _FRAMES_TOP_PX, _STEP_X_PX, _STEP_Y_PX = 20, 66, 760, 790
 
 
 def draw_polygon_frames(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
-    """Draw the four frames, each under its measured displacement."""
+    """Draw the four frames, each under the measured displacement."""
     subject = inputs.subject
     camera = subject.resize_camera(PAPER_SIZE_PX)
     # UV coordinates, the default of a tessellation, as in the paper.
@@ -195,7 +195,7 @@ def draw_polygon_maps(page: plot_style.Page, inputs: FigureInputs) -> FigureCapt
 
 
 def colour_displacement(error_px: Floats) -> Image:
-    """(h, w, 3) colours of a map of displacements, grey where it is nan."""
+    """(h, w, 3) colours of a map of displacements, grey for nan."""
     colours = map_error_colours(np.nan_to_num(error_px), *DISPLACEMENT_RANGE_PX)
     colours[np.isnan(error_px)] = _EMPTY_GREY
     return colours
@@ -332,7 +332,7 @@ def draw_polygon_detail(page: plot_style.Page, inputs: FigureInputs) -> FigureCa
         )
         for count in (_COARSE, _FINE)
     ]
-    # Tests render smaller frames; the detail shrinks with them.
+    # Tests render smaller frames, with a smaller detail.
     size_px = round(_DETAIL_PX * exact.shape[0] / PAPER_SIZE_PX)
     radius_px = subject.resize_camera(exact.shape[0]).horizon_radius_px
     row, column = find_max_difference_window(meshes[0], exact, size_px, max_radius_px=radius_px)
@@ -363,7 +363,7 @@ def find_max_difference_window(
         (row, column) of the corner.
     """
     difference = np.square(image.astype(np.float64) - reference).sum(axis=-1)
-    # Only the central half of a window counts, so that the difference lies well within it.
+    # Only the central half of a window counts, so that the difference lies well inside.
     quarter = size_px // 4
     sums = _window_sums(difference[quarter:-quarter, quarter:-quarter], size_px - 2 * quarter)
     corner = np.arange(sums.shape[0])[:, None], np.arange(sums.shape[1])[None, :]

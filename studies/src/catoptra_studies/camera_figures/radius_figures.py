@@ -1,12 +1,12 @@
 """Image radius over the incidence angle: measured in an image, by the camera model, by Eq. 2.
 
 The paper's Figure 7 shows rings of incidence and says that the image concurs with Eq. 2. Their
-radii are measured in the pixels alone: the image is sampled along straight lines from its centre, a
-ring is a dark interval of a line, and its radius the centroid of the darkness there. They follow
+radii are measured in the pixels alone: the image is sampled along straight lines from the centre, a
+ring is a dark interval of a line, and the centroid of the darkness is the radius. The radii follow
 the camera model; Eq. 2 stays within a pixel of both.
 
 Eq. 2 is exact for a paraboloid before an orthographic camera. For the hyperboloid before a pinhole
-it deviates by h t kappa^2 (t^2 - 1) / (1 - kappa^2 t^2), which needs no image.
+the deviation is h t kappa^2 (t^2 - 1) / (1 - kappa^2 t^2), computed without any image.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from catoptra_studies.paper_values import PAPER_SIZE_PX
 from catoptra_studies.plot_style import Image
 
 NUM_SECTORS = 24
-# One line is good to 0.2 px, since the pixels alias a ring that is hardly wider than they are; the
+# One line is good to 0.2 px, since pixels alias a ring of hardly their own width; the
 # mean of a sector's lines removes most of that.
 _LINES_PER_SECTOR = 15
 _STEP_PX = 0.05
@@ -95,7 +95,7 @@ def _interpolate(intensity: Floats, u: Floats, v: Floats) -> Floats:
 
 # The world has a circle every five degrees, the first at five.
 _SPACING_DEG = 5.0
-# A ring is hardly wider than a pixel, and its radius is measured to 0.02 px.
+# A ring is hardly wider than a pixel, and the radius is measured to 0.02 px.
 _SAMPLES = 6
 _IMAGE_WIDTH_PX = 2 * PAPER_SIZE_PX
 
@@ -195,7 +195,7 @@ def _caption_rings(
 
 
 def eq2_deviation_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Floats]:
-    """Exact image radius minus that of Eq. 2, with both ways to scale Eq. 2.
+    """Exact image radius minus Eq. 2, with both ways to scale Eq. 2.
 
     Args:
         camera: Camera with a mirror of any shape.
@@ -207,7 +207,7 @@ def eq2_deviation_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Flo
     t = np.tan(0.5 * theta_rad)
     exact = camera.scale_px * camera.projection.radius_ratio_from_t(t)
     eq2 = eq2_radius_ratio_from_t(t)
-    # Eq. 2 has no rim of its own: it can be fitted to the mirror at the horizon or at the rim.
+    # Eq. 2 has no rim: the fit to the mirror can be at the horizon or at the rim.
     rim_eq2 = float(eq2_radius_ratio_from_t(np.array(camera.rim_t)))
     return exact - camera.horizon_radius_px * eq2, exact - camera.rim_radius_px / rim_eq2 * eq2
 

@@ -1,9 +1,9 @@
 """Mirror, cube and meshes in space: the paper's Figures 3, 4 and 6, drawn to one scale.
 
-Figures 4 and 6: left, the cube around the effective viewpoint with its near sides open: the virtual
-cameras' images on its walls, the mirror at its centre, and one ray to the pinhole. Right, the
-mirror with the cube projected onto it from the viewpoint, and the resulting frame. Figure 3: mirror
-meshes, with the exact profile below each.
+Figures 4 and 6: left, the cube around the effective viewpoint with open near sides, the virtual
+cameras' images on the walls, the mirror at the centre, and one ray to the pinhole. Right, the
+mirror with the cube projected onto the surface from the viewpoint, and the resulting frame.
+Figure 3: mirror meshes, with the exact profile below each.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS
 from catoptra_studies.plot_style import Image
 
 _VIEW_FROM_ABOVE = Axonometry.from_view_angles(azimuth_deg=147.0, elevation_deg=24.0)
-# The cube has no size of its own, only directions; half as large again as the mirror leaves room
+# The cube has directions, but no size; half as large again as the mirror leaves room
 # for the ray between both.
 _CUBE_TO_RIM_RATIO = 1.55
-# A ray to the open side, almost level, so that neither mirror nor walls hide it.
+# A ray to the open side, almost level, clear of mirror and walls.
 _RAY_AZIMUTH_RAD, _RAY_THETA_RAD = math.radians(-62.0), math.radians(80.0)
 _FACE_PX = 360
 
@@ -97,7 +97,7 @@ def _draw_edges(axes: plot_style.Axes, half_m: float) -> None:
                 ends[:, axis] *= (-1.0, 1.0)
                 ends[:, (axis + 1) % 3] *= first
                 ends[:, (axis + 2) % 3] *= second
-                # An edge of a drawn wall (N: +x, W: -y, C: +z) has its midpoint on that side.
+                # An edge of a drawn wall (N: +x, W: -y, C: +z) has the midpoint on that side.
                 midpoint = ends.mean(axis=0)
                 is_on_wall = midpoint[0] > 0.0 or midpoint[1] < 0.0 or midpoint[2] > 0.0
                 axes.plot(
@@ -109,7 +109,7 @@ def _draw_edges(axes: plot_style.Axes, half_m: float) -> None:
 
 
 def _draw_mirror(axes: plot_style.Axes, camera: OmniCamera) -> None:
-    """Draw the mirror from above: its dull back inside, its reflecting side outside."""
+    """Draw the mirror from above: the dull back inside, the reflecting side outside."""
     polygons = mirror_polygons(camera, Tessellation(72, 24))
     polygons = polygons[_VIEW_FROM_ABOVE.depth_order(polygons)]
     normals = _VIEW_FROM_ABOVE.normals(polygons)
@@ -120,7 +120,7 @@ def _draw_mirror(axes: plot_style.Axes, camera: OmniCamera) -> None:
 
 
 def _draw_ray(axes: plot_style.Axes, camera: OmniCamera, half_m: float) -> None:
-    """Draw a ray from the cube's wall to the mirror and the pinhole, with its aim dotted."""
+    """Draw a ray from the cube's wall to the mirror and the pinhole, with the aim dotted."""
     level = np.array([math.cos(_RAY_AZIMUTH_RAD), math.sin(_RAY_AZIMUTH_RAD), 0.0])
     down = np.eye(3)[2]
     direction = math.sin(_RAY_THETA_RAD) * level + math.cos(_RAY_THETA_RAD) * down
@@ -198,7 +198,7 @@ _PANEL_WIDTH_PX = 370
 
 
 def draw_meshes(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
-    """Draw the four meshes, each above its cross section."""
+    """Draw the four meshes, each above a cross section."""
     camera = inputs.subject.camera
     for column, count in enumerate(PAPER_POLYGON_COUNTS):
         tessellation = tessellation_from_polygon_count(count)
@@ -223,7 +223,7 @@ def _draw_mesh(axes: plot_style.Axes, camera: OmniCamera, tessellation: Tessella
     polygons = mirror_polygons(camera, tessellation)
     order = _VIEW_FROM_BELOW.depth_order(polygons)
     normals = _VIEW_FROM_BELOW.normals(polygons)
-    # From below the far part of the rim shows its back, which would cover the reflecting side.
+    # From below the back of the far rim would cover the reflecting side.
     order = order[normals[order, 2] > 0.0]
     colours = np.clip(shade(normals[order])[:, None] * _MIRROR_COLOUR * 1.15, 0.0, 1.0)
     plot_style.fill_polygons(
@@ -251,10 +251,10 @@ def _edge_width(num_polygons: int) -> float:
 def _draw_cross_section(
     axes: plot_style.Axes, camera: OmniCamera, tessellation: Tessellation
 ) -> None:
-    """Draw the upright section in millimetres: chords of the mesh beside the exact surface."""
+    """Draw the upright section in millimetres: chords of the mesh against the exact surface."""
     r, z = camera.mirror.surface_point(np.linspace(0.0, camera.rim_t, 100))
     r_mm, z_mm = 1e3 * np.concatenate((-r[::-1], r)), 1e3 * np.concatenate((z[::-1], z))
-    # One polygon of each ring; corners 1 and 2 are its inner and outer end on one side.
+    # One polygon of each ring; corners 1 and 2 are the inner and outer end on one side.
     corners = mirror_polygons(camera, tessellation)[:: tessellation.sectors]
     inner, outer = corners[:, 1], corners[:, 2]
     chord = np.concatenate((inner[:1], outer))

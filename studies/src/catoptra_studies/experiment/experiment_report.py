@@ -1,4 +1,4 @@
-"""The experiment's report: one HTML file with its figures inside.
+"""The experiment's report: one HTML file with all figures inside.
 
 Every number of a drive is also in summary.json. The table of parameters has the numbers that the
 paper does not give and that were chosen here.
@@ -29,7 +29,7 @@ from catoptra_studies.experiment.experiment_setups import (
 from catoptra_studies.experiment.paper_claims import Claim, Difference
 from catoptra_studies.reports import Cell, ReportFigure, figure_elements, html_table
 
-# Keys of [USARBot.OdometrySensor] in both robot files: text of the table, and what they are for.
+# Keys of [USARBot.OdometrySensor] in both robot files: text of the table, and the purpose.
 ODOMETRY_ERRORS = {
     "sim": {"TurnScale": 0.94, "DriftPerMetre": 0.0218},
     "real": {"DistanceScale": 1.02, "DriftPerMetre": -0.0201},
@@ -92,7 +92,7 @@ def _describe_consistent(settings: FilterSettings) -> str:
     return f"P0 of {start}; R of {_describe_measurement_noise(settings)}"
 
 
-# Key of a run's metrics and its label in the report, in the order of the rows. Each column of the
+# Keys of a run's metrics, and labels in the report, in the order of the rows. Each column of the
 # table is one filter; odometry is the same in all.
 _METRIC_LABELS = {
     "odometry_max_m": "odometry alone: largest error, m",
@@ -186,7 +186,7 @@ def _filter_tables(setups: Mapping[str, Any]) -> str:
 
 
 def _filter_table(setup: Mapping[str, Any]) -> str:
-    # Filters are the columns, so that a metric can be read across all of them.
+    # Filters are the columns, so that a metric can be read across all.
     filters = setup["filters"].values()
     header = [Cell("Filter:"), *(Cell(settings["title"], "n") for settings in filters)]
     rows = [

@@ -23,7 +23,7 @@ from catoptra_studies.experiment.localization_filter import (
 )
 from catoptra_studies.paper_values import PAPER_ODOMETRY_ERROR_M
 
-# The paper counts steps from 1, and row 0 of a run is the start, so its step k is row k. The robot
+# The paper counts steps from 1, and row 0 of a run is the start, so step k is row k. The robot
 # reaches the first corner at the end of step 23; steps 85 to 100 are the diagonal.
 _DIAGONAL_STEPS = slice(85, 101)
 _FIRST_STEPS = slice(1, 6)
@@ -74,7 +74,7 @@ class RunMetrics:
     """Smallest number of landmarks measured in any step after the start."""
 
     ekf_worse_in_first_5_steps: bool
-    """Whether the filter's mean error exceeds that of odometry in steps 1 to 5."""
+    """Whether the filter's mean error exceeds odometry's in steps 1 to 5."""
 
 
 def compute_run_metrics(filter_run: FilterRun) -> RunMetrics:
