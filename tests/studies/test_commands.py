@@ -1,8 +1,43 @@
 from __future__ import annotations
 
+import argparse
+from pathlib import Path
+
 import pytest
 
-from catoptra_studies.commands import open_progress, print_error, print_line, print_table
+from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.commands import (
+    EXIT_FAILURE,
+    add_output,
+    make_parser,
+    open_progress,
+    print_error,
+    print_line,
+    print_table,
+    run_study,
+)
+
+
+def parse_output(folder: Path) -> argparse.Namespace:
+    parser = make_parser("walk", "Walk.")
+    add_output(parser, "out/walk", "folder of the walk")
+    return parser.parse_args(["--output", str(folder)])
+
+
+def test_study_runs_in_its_new_folder_and_decides_the_status(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    assert run_study("walk", parse_output(folder), lambda _: 3 if folder.is_dir() else 0) == 3
+
+
+@pytest.mark.parametrize("error", [CatoptraError("no robot"), OSError("no robot")])
+def test_study_that_cannot_be_done_ends_with_one_line(
+    error: Exception, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(_: argparse.Namespace) -> int:
+        raise error
+
+    assert run_study("walk", parse_output(tmp_path), fail) == EXIT_FAILURE
+    assert capsys.readouterr().err == "walk: no robot\n"
 
 
 def test_line_when_printed_keeps_brackets(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,5 +2,5 @@
 
 `experiment` and `degradation` reach their servers by address or as processes and import nothing of
 catoptra_server. `accuracy_cost`, `effects` and `camera_figures` render with the server's own code.
-All of them share `plot_style`, `commands`, `paper_values` and the writers in `reports`.
+All studies share `plot_style`, `commands`, `paper_values` and `reports`.
 """

@@ -1,8 +1,8 @@
 """The command `catoptra-studies`: demo, seeds, live, cost, effects, cameras, compare and figures.
 
-Each subcommand has a module with its own `main`, imported here once its name has been read. So
+Each subcommand has a module with a `main`, imported here once the name has been read. So
 `demo` starts where no server is installed, and `figures` where no client can connect. To add a
-study, write its command module and add one case to `_run` and one line to `_USAGE`.
+study, write a command module and add one case to `_run` and one line to `_USAGE`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         study that needs the server where none is installed, 130 after Ctrl-C.
     """
     # Idle BLAS threads spin and nearly double a traced frame on two cores. NumPy reads the
-    # variable when it is loaded, so no import of a study may come before this line.
+    # variable on import, so no import of a study may come before this line.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = sys.argv[1:] if arguments is None else [*arguments]
     try:
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("catoptra-studies: interrupted", file=sys.stderr)
         return _EXIT_INTERRUPTED
     except ModuleNotFoundError as error:
-        # Any other missing module is a broken installation and deserves its traceback.
+        # Any other missing module is a broken installation and deserves a traceback.
         if (error.name or "").partition(".")[0] != "catoptra_server":
             raise
         print(

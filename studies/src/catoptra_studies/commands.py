@@ -55,7 +55,7 @@ def run_study(
     Args:
         name: First word of the line about a failure.
         parsed: Options, among them `output`.
-        run: Runs the study and returns its exit status.
+        run: Runs the study and returns the exit status.
         exit_failure: Status of a study that could not be done.
 
     Returns:
@@ -116,7 +116,7 @@ def print_table(header: Sequence[str], rows: Sequence[tuple[Sequence[str], bool]
     """Print a table whose last column says yes or no.
 
     Args:
-        header: Titles of the columns, that of the yes-or-no column last.
+        header: Titles of the columns, the yes-or-no column last.
         rows: For each row the cells of the other columns, and whether the last one says yes.
     """
     table = Table(*header)

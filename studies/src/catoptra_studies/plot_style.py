@@ -1,12 +1,11 @@
 """Palette, pages and charts of every figure; the only module that imports Matplotlib.
 
-A page is laid out in device pixels from its top left corner, so that a rendered image can be shown
+A page is laid out in device pixels from the top left corner, so that a rendered image can be shown
 pixel by pixel. A chart is laid out by Matplotlib and has any size in inches. Both set Matplotlib's
-settings for their own block only.
+settings for their own block only, and are written when the block ends.
 
-Colours of errors on a logarithmic scale: white for none, through yellow and red to black.
-
-The errors of a sweep span decades, so a linear scale would show the coarsest level alone.
+Errors have one colour scale, logarithmic, white for none, through yellow and red to black. The
+errors of a sweep span decades, so a linear scale would show the coarsest level alone.
 """
 
 from __future__ import annotations
@@ -40,13 +39,13 @@ ACCEPTED = "#2a9d5c"
 REJECTED = "#d98c21"
 LANDMARK_COLOURS = {"cyan": "#00aadc", "magenta": "#e1238c", "yellow": "#e8c400"}
 
-# 200 device pixels an inch. A report shows figures at five eighths of their pixels, so that they
-# stay crisp on a dense display and their text is as large as that of the report.
+# 200 device pixels an inch. A report shows figures at five eighths of their pixels, which
+# stay crisp on a dense display, with text as large as the report's.
 _DPI = 200
 PAGE_WIDTH_PX = 1520
 # Width in inches of a chart that is as wide as a page.
 PAGE_WIDTH_IN = PAGE_WIDTH_PX / _DPI
-# A report embeds all its figures. Pages above this size are those of many thin lines, which look
+# A report embeds all its figures. Pages above this size have many thin lines, which look
 # the same in 256 colours; rendered frames stay below.
 _MAX_FULL_COLOUR_BYTES = 280_000
 
@@ -137,7 +136,7 @@ def add_axes(page: Page, left: float, top: float, width: float, height: float) -
 
 
 def add_pixel_axes(page: Page, left: float, top: float, width: float, height: float) -> Axes:
-    """Add axes without lines whose data coordinates are device pixels, v down."""
+    """Add axes without lines, in device pixels, v down."""
     axes = add_axes(page, left, top, width, height)
     axes.set(xlim=(0.0, width), ylim=(height, 0.0))
     axes.axis("off")
@@ -152,7 +151,7 @@ def show_image(page: Page, image: Image, left: int, top: int, width: int) -> Axe
         image: Image to show.
         left: Device pixels from the page's left edge.
         top: Device pixels from the page's upper edge.
-        width: Device pixels of the image's row; a multiple of its pixels makes all blocks equal.
+        width: Device pixels of the image's row; a multiple of the columns makes all blocks equal.
 
     Returns:
         Axes over the image, in the image's own pixel coordinates.
@@ -161,7 +160,7 @@ def show_image(page: Page, image: Image, left: int, top: int, width: int) -> Axe
     height = round(width * rows / columns)
     axes = add_axes(page, left, top, width, height)
     axes.axis("off")
-    # Repeated here, not by Matplotlib, whose resampling moves edges by a pixel.
+    # Repeated here: Matplotlib's resampling moves edges by a pixel.
     row = np.arange(height) * rows // height
     column = np.arange(width) * columns // width
     axes.imshow(image[row][:, column], extent=(0, columns, rows, 0), interpolation="none")
@@ -169,11 +168,15 @@ def show_image(page: Page, image: Image, left: int, top: int, width: int) -> Axe
     return axes
 
 
-def draw_border(axes: Axes) -> None:
-    """Draw a thin border around an image that is white where no error is."""
-    axes.axis("on")
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set(visible=True, color=LIGHT_GREY)
+def outline_square(axes: Axes, row: int, column: int, size_px: int) -> None:
+    """Outline a square of an image, given the upper left corner."""
+    u, v = (column, column + size_px), (row, row + size_px)
+    axes.plot([u[0], u[1], u[1], u[0], u[0]], [v[0], v[0], v[1], v[1], v[0]], color=RED)
+
+
+def label_box(pad: float, **options: Any) -> dict[str, Any]:
+    """Background of a label that stands on lines or an image."""
+    return {"facecolor": BACKGROUND, "edgecolor": "none", "pad": pad, **options}
 
 
 def add_legend(figure: Page, *axes: Axes, **options: Any) -> None:
@@ -185,7 +188,7 @@ def add_legend(figure: Page, *axes: Axes, **options: Any) -> None:
 
 
 def add_text(page: Page, left: float, top: float, text: str, **options: Any) -> None:
-    """Write text whose upper left corner is (left, top), unless `options` aligns otherwise."""
+    """Write text with the upper left corner at (left, top), unless `options` aligns otherwise."""
     page_width, page_height = page.get_size_inches() * _DPI
     alignment = {"ha": "left", "va": "top"} | options
     page.text(left / page_width, 1.0 - top / page_height, text, **alignment)
@@ -291,7 +294,7 @@ def draw_colour_bar(
         title: Text to the left of the bar.
     """
     bar = show_image(page, colour_bar(width, 22, *limits), left, top, width)
-    # show_image hides the axes, but here they are the scale.
+    # show_image hides the axes, but here the axes are the scale.
     bar.axis("on")
     bar.set_yticks([])
     bar.grid(visible=False)

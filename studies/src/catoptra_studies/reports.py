@@ -1,7 +1,7 @@
 """Parts of the studies' reports: an HTML page of one file, Markdown, JSON and marked blocks.
 
 Texts are escaped and figures embedded here, so that no study has to remember. Markdown is aligned
-in its source and reads well unrendered. A marked block is a generated part of a hand-written file.
+in the source and reads well unrendered. A marked block is a generated part of a hand-written file.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from catoptra_protocol.errors import CatoptraError
 
 @dataclass(frozen=True, slots=True)
 class ReportFigure:
-    """A PNG file with its texts."""
+    """A PNG file with texts."""
 
     file: str
     title: str
@@ -41,14 +41,14 @@ class Cell:
     """Class of the report's style sheet: n aligns right, yes and no have colours."""
 
 
-# CSS pixels of a pixel of a figure: its text of 24 px is then as large as that of a report.
+# CSS pixels of a pixel of a figure: text of 24 px is then as large as the report's.
 _DISPLAY_SCALE = 0.625
 
 
 def figure_element(folder: Path, figure: ReportFigure) -> str:
-    """Figure with its image inside, so that the report remains one file."""
+    """Figure with the image inside, so that the report remains one file."""
     png = (folder / figure.file).read_bytes()
-    # The header of a PNG file has its width in the bytes 16 to 19.
+    # The header of a PNG file has the width in the bytes 16 to 19.
     width_px = round(_DISPLAY_SCALE * int.from_bytes(png[16:20], "big"))
     # A third larger than the file, but a report of one file can be mailed and archived.
     data = base64.b64encode(png).decode()
@@ -139,7 +139,7 @@ def write_json(path: Path, content: object, *, ensure_ascii: bool = True) -> Non
 
 
 def replace_non_finite(value: Any) -> Any:
-    """None for inf and nan, within maps and lists, too: no JSON reader but Python's has them."""
+    """None for inf and nan, within maps and lists, too: no JSON reader but Python's knows these."""
     if isinstance(value, dict):
         return {key: replace_non_finite(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

@@ -1,7 +1,7 @@
 """One robot's camera at a few poses in a world, rendered by the server's own code.
 
-Accuracy against cost and the camera figures share it: the study of cost compares all renderers at
-several poses, a figure takes one frame of the trace renderer.
+Accuracy against cost and the camera figures share this subject: the study of cost compares all
+renderers at several poses, a figure takes one frame of the trace renderer.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from catoptra_studies.plot_style import Image
 
 # The largest number of samples that a plan allows.
 REFERENCE_SAMPLES = 16
-# Metres back and left of the first start pose, degrees to the right. A world's centre is on its
+# Metres back and left of the first start pose, degrees to the right. A world's centre is on the
 # lines, which run straight through the image's centre where no mirror bends them; so no pose is on
 # the start itself. Half a metre at most, since the corridor is not wider.
 _POSE_OFFSETS = ((0.45, 0.35, 25.0), (-0.5, 0.2, 70.0), (0.15, -0.4, 160.0), (-0.3, -0.3, 250.0))
@@ -46,13 +46,13 @@ FIGURE_RENDERERS = (RendererKind.TRACE,)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StudySubject:
-    """A camera in a world, with everything needed to render it."""
+    """A camera in a world, ready to be rendered."""
 
     camera: OmniCamera
     """The robot's camera, with a square image of the study's size."""
 
     world: World
-    """Description of the world, as its file gives it."""
+    """Description of the world, as in the file."""
 
     scene: SceneMesh
     """Triangles of the world."""
@@ -101,7 +101,7 @@ class StudySubject:
             (size, size, 3) RGB image.
         """
         camera = self.resize_camera(round(size_px * self.resolution_scale))
-        # A copy: the subject itself keeps the size of its study.
+        # A copy: the subject itself keeps the study's size.
         resized = dataclasses.replace(self, camera=camera)
         settings = RenderSettings(surface or PerPixel(), samples)
         return _render_once(
@@ -139,7 +139,7 @@ def open_study_subject(
         robot_file: Robot with an omnidirectional camera.
         world_file: World in which the robot stands.
         size_px: Width and height of the image; None keeps the size in the robot file.
-        poses: Poses of the robot; None takes those of `study_poses`.
+        poses: Poses of the robot; None takes `study_poses`.
         num_poses: Number of the latter.
         kinds: Renderers to start; raster is left out where OpenGL is missing.
         resolution_scale: Factor on the sizes that figures request.
@@ -152,7 +152,7 @@ def open_study_subject(
     omni = _require_omni_camera(description, robot_file)
     world, _ = read_world(world_file)
     scene = build_scene(world)
-    # Above the floor: a pose is planar, and the robot rides on its wheels.
+    # Above the floor: a pose is planar, and the robot rides on wheels.
     height_m = description.drive.ride_height_m
     with ExitStack() as stack:
         yield StudySubject(
@@ -169,7 +169,7 @@ def open_study_subject(
 
 
 def resize_camera(camera: OmniCamera, size_px: int) -> OmniCamera:
-    """The camera with a square image of another size, its rim inscribed as before."""
+    """The camera with a square image of another size, with the rim inscribed as before."""
     # The rim touches the shorter sides, so these scale the radius.
     scale = size_px / min(camera.width_px, camera.height_px)
     return dataclasses.replace(
@@ -196,7 +196,7 @@ def study_poses(world: World) -> tuple[PlanarPose, ...]:
 
 
 def _offset_pose(start: PlanarPose, back_m: float, left_m: float, turn_deg: float) -> PlanarPose:
-    """Move a pose back and left along its own axes, then turn it to the right."""
+    """Move a pose back and left along the robot's axes, then turn to the right."""
     x_m, y_m, _ = (start.at_height(0.0) @ Pose.from_rpy((-back_m, -left_m, 0.0))).translation
     return PlanarPose(float(x_m), float(y_m), start.yaw_rad + math.radians(turn_deg))
 
@@ -213,9 +213,9 @@ def _require_omni_camera(robot: RobotDescription, file: Path) -> OmniCameraDescr
 def _open_renderers(
     kinds: Sequence[RendererKind], scene: SceneMesh, world: World, stack: ExitStack
 ) -> dict[RendererKind, Renderer]:
-    """Start the renderers that run here; the stack closes them."""
+    """Start the renderers that run here; closed by the stack."""
     renderers = {}
-    # Software OpenGL counts, too: the study compares renderers as they run on this machine.
+    # Software OpenGL counts, too: the study compares renderers as found on this machine.
     for kind in kinds:
         try:
             renderers[kind] = choose_renderer(kind.value, scene, world).renderer

@@ -7,8 +7,6 @@ import pytest
 
 from catoptra_studies.accuracy_cost.cost_report import (
     format_cost_report,
-    format_frame_rates,
-    format_localization,
     format_summary_table,
 )
 from catoptra_studies.accuracy_cost.cost_results import CostResults
@@ -85,37 +83,37 @@ def with_times(results: CostResults, **cpu_ms: float) -> CostResults:
 def test_conclusion_follows_from_the_processor_times(
     results: CostResults, times: dict[str, float], expected: str
 ) -> None:
-    text = " ".join(format_frame_rates(with_times(results, **times)).split())
+    text = " ".join(format_cost_report(with_times(results, **times)).split())
     assert expected in text
 
 
 def test_section_has_the_cost_of_camera_and_scanner(results: CostResults) -> None:
-    text = " ".join(format_frame_rates(results).split())
+    text = " ".join(format_cost_report(results).split())
     assert "The camera with 1024 polygons takes 4.0 ms, the scanner 0.2." in text
 
 
 def test_section_compares_the_camera_model_with_the_finest_mesh(
     results: CostResults,
 ) -> None:
-    text = " ".join(format_frame_rates(results).split())
+    text = " ".join(format_cost_report(results).split())
     assert "2.5 ms for the mirror and 5.0 ms a frame, where 256 polygons take 4.5 and 7.0" in text
 
 
 def test_section_when_nothing_was_measured_is_empty(results: CostResults) -> None:
-    assert format_frame_rates(replace(results, frame_rates=())) == ""
+    assert "Figure 10" not in format_cost_report(replace(results, frame_rates=()))
 
 
 def test_section_has_a_row_for_each_key_level_with_its_time(results: CostResults) -> None:
-    text = format_localization(results)
+    text = format_cost_report(results).partition("## Landmarks and localization")[2]
     (row,) = (line for line in text.splitlines() if line.startswith("| 256 polygons"))
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     assert cells[1:5] == ["7.0", "90%", "40%", "0.86"]
 
 
 def test_section_names_the_coarsest_sufficient_level(results: CostResults) -> None:
-    text = " ".join(format_localization(results).split())
+    text = " ".join(format_cost_report(results).split())
     assert "within a centimetre of the best, 256 polygons (uv), 2x2 is enough" in text
 
 
 def test_section_when_not_measured_is_empty(results: CostResults) -> None:
-    assert format_localization(replace(results, localization=None)) == ""
+    assert "## Landmarks" not in format_cost_report(replace(results, localization=None))

@@ -9,7 +9,6 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies.accuracy_cost.cost_results import PolygonRow
 from catoptra_studies.accuracy_cost.cost_study import (
-    is_within_tolerance,
     measure_polygon_rows,
     reference_displacement_px,
 )
@@ -34,15 +33,15 @@ def test_rows_agree_with_the_reference_but_for_the_two_ring_uv_mesh(
     # Its polygons reach beyond the horizon from a side face's middle to its far side: what such
     # texture coordinates show is a choice, and ours keeps them finite.
     others = {
-        (row.sectors, row.rings, row.interpolation) for row in rows if not is_within_tolerance(row)
+        (row.sectors, row.rings, row.interpolation) for row in rows if not row.agrees_with_reference
     }
     assert others == {(8, 2, "uv")}
 
 
 def test_row_when_rms_is_four_percent_off_disagrees_by_position_only() -> None:
     row = PolygonRow(16, 4, 4, "position", 0.6, 1.04, 1.0, 1.0, 1.0)
-    assert not is_within_tolerance(row)
-    assert is_within_tolerance(replace(row, interpolation="uv"))
+    assert not row.agrees_with_reference
+    assert replace(row, interpolation="uv").agrees_with_reference
 
 
 def test_reference_is_not_for_another_mirror() -> None:

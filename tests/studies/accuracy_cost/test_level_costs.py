@@ -14,8 +14,6 @@ from catoptra_studies.accuracy_cost.level_costs import (
     MeasuredLevel,
     compute_image_error,
     measure_levels,
-    psnr_db,
-    ssim_map,
 )
 from catoptra_studies.study_subject import open_study_subject
 from helpers.configs import FIELD, OMNI_ROBOT
@@ -61,6 +59,8 @@ def test_exact_level_when_measured_is_on_the_front_with_stage_times(
 
 
 EVERYWHERE = np.ones((32, 32), dtype=np.bool_)
+MIDDLE = np.zeros_like(EVERYWHERE)
+MIDDLE[16, 16] = True
 
 
 def grey(value: int) -> Image:
@@ -75,18 +75,20 @@ def checks(low: int, high: int) -> Image:
 def test_ssim_when_two_greys_are_flat_is_the_brightness_term_alone() -> None:
     # By hand: (2 100 120 + C1) / (100^2 + 120^2 + C1) with C1 = 2.55^2; no structure differs.
     expected = (2 * 100 * 120 + 6.5025) / (100**2 + 120**2 + 6.5025)
-    assert ssim_map(grey(100), grey(120)) == pytest.approx(expected, abs=1e-9)
+    found = compute_image_error([(grey(100), grey(120))], EVERYWHERE).ssim
+    assert found == pytest.approx(expected, abs=1e-9)
 
 
 def test_ssim_when_a_pattern_is_inverted_is_the_negative_contrast_term() -> None:
     # Means 110 each; variances 100 each and covariance -100 where the window sees both halves
     # alike: (-200 + C2) / (200 + C2) with C2 = 7.65^2. The Gaussian's halves differ by 1e-9.
-    middle = ssim_map(checks(100, 120), checks(120, 100))[16, 16]
+    middle = compute_image_error([(checks(100, 120), checks(120, 100))], MIDDLE).ssim
     assert middle == pytest.approx((-200 + 58.5225) / (200 + 58.5225), abs=1e-4)
 
 
 def test_ssim_when_pictures_are_the_same_is_one() -> None:
-    assert ssim_map(checks(0, 255), checks(0, 255)) == pytest.approx(1.0, abs=1e-12)
+    found = compute_image_error([(checks(0, 255), checks(0, 255))], EVERYWHERE).ssim
+    assert found == pytest.approx(1.0, abs=1e-12)
 
 
 def test_rmse_when_one_channel_is_off_counts_all_three() -> None:
@@ -110,6 +112,9 @@ def test_rmse_of_several_pairs_is_that_of_all_their_pixels() -> None:
 
 
 def test_psnr_is_20_db_a_decade_and_endless_for_equal_pictures() -> None:
-    assert psnr_db(255.0) == 0.0
-    assert psnr_db(2.55) == pytest.approx(40.0)
-    assert psnr_db(0.0) == math.inf
+    by_difference = [
+        compute_image_error([(grey(grey_levels), grey(0))], EVERYWHERE).psnr_db
+        for grey_levels in (255, 51, 0)
+    ]
+    # A fifth of 255 is 14 dB.
+    assert by_difference == [0.0, pytest.approx(20.0 * math.log10(5.0)), math.inf]

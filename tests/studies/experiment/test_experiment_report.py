@@ -12,7 +12,6 @@ import pytest
 
 from catoptra_studies.experiment.experiment_report import (
     ODOMETRY_ERRORS,
-    parameter_table,
     write_html_report,
 )
 from catoptra_studies.experiment.experiment_setups import SETUPS
@@ -104,5 +103,5 @@ def test_odometry_errors_are_those_of_the_robot_file(setup):
     "text",
     ["sim 1.0°, real −5.2°", "0.40 m of the range, 2.5°", "10% of the distance, 1.32° a metre"],
 )
-def test_table_has_the_numbers_of_setups_and_filters(text):
-    assert text in parameter_table()
+def test_table_has_the_numbers_of_setups_and_filters(report, text):
+    assert text in report[0]

@@ -16,7 +16,6 @@ from catoptra_studies.experiment.metrics import (
     compute_measurement_metrics,
     compute_run_metrics,
     detection_rate,
-    detection_rates_by_distance,
     error_quantiles,
     median_run_index,
     rms_errors,
@@ -103,9 +102,8 @@ def test_errors_are_measured_minus_true_and_wrapped():
 
 def test_detection_rate_counts_the_steps_after_the_start():
     found = make_log((LandmarkMeasurement("b", 1.2, -math.pi / 2),), ())
-    assert detection_rates_by_distance([found], [BEACON]) == [
-        {"from_m": 1.0, "to_m": 1.5, "rate": 0.5}
-    ]
+    metrics = compute_measurement_metrics([found], [BEACON])
+    assert metrics["beacons_measured_by_distance"] == [{"from_m": 1.0, "to_m": 1.5, "rate": 0.5}]
 
 
 def test_nothing_measured_has_no_error():

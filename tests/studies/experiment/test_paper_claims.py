@@ -17,7 +17,6 @@ from catoptra_studies.experiment.paper_claims import (
     STATEMENTS,
     UNTYPICAL_STATEMENTS,
     RunShare,
-    count_runs,
     evaluate_claims,
     evaluate_statements,
     list_differences,
@@ -51,8 +50,7 @@ def test_share_of_no_runs_confirms_nothing():
     assert RunShare(0, 0).interval == (0.0, 1.0)
 
 
-def test_runs_are_counted_and_pooled():
-    assert count_runs([True, False, True]) == RunShare(2, 3)
+def test_shares_are_pooled_and_printed():
     assert pool_shares([RunShare(2, 3), RunShare(4, 5)]) == RunShare(6, 8)
     assert str(RunShare(15, 20)) == "15 of 20 runs (53% to 89%)"
 

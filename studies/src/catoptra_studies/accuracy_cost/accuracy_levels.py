@@ -1,7 +1,7 @@
 """Accuracy levels: ways to render the same frame, from coarse and cheap to exact.
 
-The tessellations are those of the paper, with as many sectors as rings, and others divided four
-times finer around the axis than along the radius. To add a level, add its line to `accuracy_sweep`.
+The paper's tessellations have as many sectors as rings; others are divided four times finer around
+the axis than along the radius. A new level is one line of `accuracy_sweep`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class AccuracyLevel:
 
 
 def accuracy_sweep(face_size_px: int) -> tuple[AccuracyLevel, ...]:
-    """All levels, for a camera whose plan has faces of `face_size_px`."""
+    """All levels, for a camera with faces of `face_size_px` in the plan."""
     return (
         *_trace_levels(_SAMPLES),
         *_per_pixel_levels(face_size_px, _FACE_SCALES, _SAMPLES),
@@ -69,7 +69,7 @@ def _per_pixel_levels(
 ) -> Iterator[AccuracyLevel]:
     for scale in scales:
         for number in samples:
-            # Size 0 gives each face the texels that its own densest pixel needs; a number gives
+            # Size 0 gives each face the texels that the face's densest pixel needs; a number gives
             # all faces the same. Scale 1 is to be the frame that a robot renders by default.
             size_px = 0 if scale == 1.0 else round(scale * face_size_px)
             suffix = "" if scale == 1.0 else f", faces x {scale:g}"

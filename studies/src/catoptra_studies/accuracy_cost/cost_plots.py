@@ -1,10 +1,7 @@
 """Plots of the study's numbers: time against error, frame rates, localization.
 
-Detection rates, measurement errors and position errors with the frames of each key level.
-
-Parts that several plots share: the style of each series, and borders.
-
-Time against error: the proved bound on the left, the image error on the right, with fronts.
+Time against error has two panels with a front each: the proved bound and the error of the image.
+Localization has rates and errors with the frames of each key level, from coarse to exact.
 """
 
 from __future__ import annotations
@@ -23,69 +20,21 @@ from catoptra_studies.accuracy_cost.cost_results import (
     pareto_front,
 )
 from catoptra_studies.camera_figures.frame_rates import (
-    FRAME_RATES_HEIGHT_PX,
     draw_frame_rate_panels,
 )
 from catoptra_studies.reports import format_number
 
-_LOCALIZATION_HEIGHT_PX = 620
-_LEFT_PX, _PANEL_WIDTH_PX, _GAP_PX = 380, 232, 56
 
-_RowValue = Callable[[LocalizationRow], float]
-# Title of each panel, and its series: label, colour, value of a row.
-_PANELS: tuple[tuple[str, tuple[tuple[str, str, _RowValue], ...]], ...] = (
-    ("beacons found, %", (
-        ("to 2.5 m", plot_style.BLUE, lambda row: 100.0 * row.detection_rate),
-        ("to 1.5 m", plot_style.TEAL, lambda row: 100.0 * row.near_detection_rate),
-    )),
-    ("bearing, deg rms", (("", plot_style.BLUE, lambda row: row.bearing_rms_deg),)),
-    ("range, m rms", (("", plot_style.BLUE, lambda row: row.range_rms_m),)),
-    ("position, m, mean", (
-        ("paper's filter", plot_style.BLUE, lambda row: row.ekf_mean_m),
-        ("consistent one", plot_style.TEAL, lambda row: row.consistent_ekf_mean_m),
-    )),
-)  # fmt: skip
-
-
-def _draw_localization(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
-    """Draw a row for each level, from coarse to exact, in four panels."""
-    for index, (title, series) in enumerate(_PANELS):
-        left = _LEFT_PX + index * (_PANEL_WIDTH_PX + _GAP_PX)
-        axes = plot_style.add_axes(page, left, 90, _PANEL_WIDTH_PX, 420)
-        _draw_panel(axes, localization.rows, series)
-        axes.set_title(title, loc="left", fontsize=8)
-        if index:
-            axes.set_yticklabels([])
-    _draw_odometry_note(page, localization)
-
-
-def _draw_panel(
-    axes: plot_style.Axes,
-    rows: Sequence[LocalizationRow],
-    series: Sequence[tuple[str, str, _RowValue]],
-) -> None:
-    positions = range(len(rows))
-    for label, colour, value in series:
-        values = [value(row) for row in rows]
-        axes.plot(values, positions, "o-", color=colour, markersize=4, linewidth=0.8, label=label)
-    # Downwards from coarse to exact, as in the table of COST.md.
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_yticks(positions, [row.level for row in rows])
-    # From zero: the panels compare levels, and a cut axis would make small differences large.
-    axes.set_xlim(left=0.0)
-    axes.locator_params(axis="x", nbins=3)
-    axes.tick_params(axis="x", labelsize=7)
-    if len(series) > 1:
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, fontsize=6.5,
-                    handlelength=1.0, columnspacing=0.8, handletextpad=0.4)  # fmt: skip
-
-
-def _draw_odometry_note(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
-    text = (
-        f"{localization.num_runs} runs of {localization.steps_per_run} steps; odometry alone ends "
-        f"up to {localization.odometry_max_m:.2g} m off (median run)"
-    )
-    plot_style.add_text(page, 20, 20, text, color=plot_style.MUTED)
+def write_result_plots(results: CostResults, folder: Path) -> None:
+    """Write pareto.png, and frame_rates.png and localization.png where these were measured."""
+    with plot_style.open_page(folder / "pareto.png", 1150) as page:
+        _draw_pareto(page, results.levels)
+    if results.frame_rates:
+        with plot_style.open_page(folder / "frame_rates.png", 690) as page:
+            draw_frame_rate_panels(page, results.frame_rates)
+    if results.localization:
+        with plot_style.open_page(folder / "localization.png", 620) as page:
+            _draw_localization(page, results.localization)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +66,7 @@ def _series_style(level: LevelCost) -> _SeriesStyle:
     return _UV_STYLE if "(uv)" in level.name else _POSITION_STYLE
 
 
-_PARETO_HEIGHT_PX = 1150
-_TOP_PX, _PANEL_WIDTH_PX_PARETO_PLOT, _PANEL_HEIGHT_PX = 90, 600, 560
+_TOP_PX, _ERROR_PANEL_WIDTH_PX, _PANEL_HEIGHT_PX = 90, 600, 560
 _TICKS_MS = (2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500)
 
 _ErrorMetric = Callable[[LevelCost], float]
@@ -126,11 +74,11 @@ _ErrorMetric = Callable[[LevelCost], float]
 
 def _draw_pareto(page: plot_style.Page, levels: Sequence[LevelCost]) -> None:
     """Draw both panels, a legend, and the names of the numbered levels."""
-    _, bound_front = _draw_panel_pareto_plot(
+    _, bound_front = _draw_error_panel(
         page, levels, lambda level: level.bound_max_px, left=110,
         title="geometry: limit of the displacement, px",
     )  # fmt: skip
-    axes, image_front = _draw_panel_pareto_plot(
+    axes, image_front = _draw_error_panel(
         page, levels, lambda level: level.rmse, left=860,
         title="image: RMSE against the reference, grey levels",
     )  # fmt: skip
@@ -145,7 +93,7 @@ def _draw_pareto(page: plot_style.Page, levels: Sequence[LevelCost]) -> None:
     )
 
 
-def _draw_panel_pareto_plot(
+def _draw_error_panel(
     page: plot_style.Page,
     levels: Sequence[LevelCost],
     error: _ErrorMetric,
@@ -154,9 +102,7 @@ def _draw_panel_pareto_plot(
     title: str,
 ) -> tuple[plot_style.Axes, list[LevelCost]]:
     """Draw all levels as points and their front as stairs; return the axes and the front."""
-    axes = plot_style.add_axes(
-        page, left, _TOP_PX + 30, _PANEL_WIDTH_PX_PARETO_PLOT, _PANEL_HEIGHT_PX
-    )
+    axes = plot_style.add_axes(page, left, _TOP_PX + 30, _ERROR_PANEL_WIDTH_PX, _PANEL_HEIGHT_PX)
     axes.set(xscale="log", yscale="log", xlabel="a frame, ms")
     axes.set_title(title, loc="left", fontsize=8)
     for style in _SERIES_STYLES:
@@ -165,7 +111,7 @@ def _draw_panel_pareto_plot(
             [level.wall_ms for level in series], [error(level) for level in series], style.marker,
             color=style.colour, markersize=4, alpha=0.75, label=style.name,
         )  # fmt: skip
-    # Each panel has a front of its own: a level can be best in geometry and beaten as an image.
+    # One front for each panel: a level can be best in geometry and beaten as an image.
     front = _pareto_levels(levels, error)
     _label_polygon_counts(axes, levels, error)
     _draw_front(axes, front, error)
@@ -179,7 +125,7 @@ def _pareto_levels(levels: Sequence[LevelCost], error: _ErrorMetric) -> list[Lev
 
 
 def _draw_front(axes: plot_style.Axes, front: Sequence[LevelCost], error: _ErrorMetric) -> None:
-    """Draw the front and number its levels."""
+    """Draw the front with a number at each level."""
     x, y = [level.wall_ms for level in front], [error(level) for level in front]
     axes.plot(x, y, drawstyle="steps-post", color=plot_style.FOREGROUND, linewidth=0.9, zorder=1)
     axes.set_ylim(bottom=0.45 * min(y))
@@ -196,7 +142,7 @@ def _draw_front(axes: plot_style.Axes, front: Sequence[LevelCost], error: _Error
 def _label_polygon_counts(
     axes: plot_style.Axes, levels: Sequence[LevelCost], error: _ErrorMetric
 ) -> None:
-    """Write the number of polygons beside each of the paper's meshes."""
+    """Write the number of polygons next to each of the paper's meshes."""
     for level in levels:
         if level.num_polygons and level.is_key:
             axes.annotate(
@@ -229,13 +175,60 @@ def _list_front_levels(
         plot_style.add_text(page, left, top + 30 * number, text, fontsize=7)
 
 
-def write_result_plots(results: CostResults, folder: Path) -> None:
-    """Write pareto.png, and frame_rates.png and localization.png where these were measured."""
-    with plot_style.open_page(folder / "pareto.png", _PARETO_HEIGHT_PX) as page:
-        _draw_pareto(page, results.levels)
-    if results.frame_rates:
-        with plot_style.open_page(folder / "frame_rates.png", FRAME_RATES_HEIGHT_PX) as page:
-            draw_frame_rate_panels(page, results.frame_rates)
-    if results.localization:
-        with plot_style.open_page(folder / "localization.png", _LOCALIZATION_HEIGHT_PX) as page:
-            _draw_localization(page, results.localization)
+_LEFT_PX, _PANEL_WIDTH_PX, _GAP_PX = 380, 232, 56
+
+_RowValue = Callable[[LocalizationRow], float]
+# Panels: title, and series of label, colour and value of a row.
+_PANELS: tuple[tuple[str, tuple[tuple[str, str, _RowValue], ...]], ...] = (
+    ("beacons found, %", (
+        ("to 2.5 m", plot_style.BLUE, lambda row: 100.0 * row.detection_rate),
+        ("to 1.5 m", plot_style.TEAL, lambda row: 100.0 * row.near_detection_rate),
+    )),
+    ("bearing, deg rms", (("", plot_style.BLUE, lambda row: row.bearing_rms_deg),)),
+    ("range, m rms", (("", plot_style.BLUE, lambda row: row.range_rms_m),)),
+    ("position, m, mean", (
+        ("paper's filter", plot_style.BLUE, lambda row: row.ekf_mean_m),
+        ("consistent one", plot_style.TEAL, lambda row: row.consistent_ekf_mean_m),
+    )),
+)  # fmt: skip
+
+
+def _draw_localization(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
+    """Draw a row for each level, from coarse to exact, in four panels."""
+    for index, (title, series) in enumerate(_PANELS):
+        left = _LEFT_PX + index * (_PANEL_WIDTH_PX + _GAP_PX)
+        axes = plot_style.add_axes(page, left, 90, _PANEL_WIDTH_PX, 420)
+        _draw_localization_panel(axes, localization.rows, series)
+        axes.set_title(title, loc="left", fontsize=8)
+        if index:
+            axes.set_yticklabels([])
+    _draw_odometry_note(page, localization)
+
+
+def _draw_localization_panel(
+    axes: plot_style.Axes,
+    rows: Sequence[LocalizationRow],
+    series: Sequence[tuple[str, str, _RowValue]],
+) -> None:
+    positions = range(len(rows))
+    for label, colour, value in series:
+        values = [value(row) for row in rows]
+        axes.plot(values, positions, "o-", color=colour, markersize=4, linewidth=0.8, label=label)
+    # Downwards from coarse to exact, as in the table of COST.md.
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_yticks(positions, [row.level for row in rows])
+    # From zero: the panels compare levels, and a cut axis would make small differences large.
+    axes.set_xlim(left=0.0)
+    axes.locator_params(axis="x", nbins=3)
+    axes.tick_params(axis="x", labelsize=7)
+    if len(series) > 1:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, fontsize=6.5,
+                    handlelength=1.0, columnspacing=0.8, handletextpad=0.4)  # fmt: skip
+
+
+def _draw_odometry_note(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
+    text = (
+        f"{localization.num_runs} runs of {localization.steps_per_run} steps; odometry alone ends "
+        f"up to {localization.odometry_max_m:.2g} m off (median run)"
+    )
+    plot_style.add_text(page, 20, 20, text, color=plot_style.MUTED)

@@ -1,9 +1,9 @@
-"""The study of accuracy against cost: renderers measured here, robots driven through servers.
+"""The study of accuracy against cost: levels, mirror meshes and frame rates, measured here.
 
-Displacement by mirror meshes at the paper's size, beside an independent table.
-
-The table was derived in float64 and confirmed by OpenGL in float32, for the paper's mirror
-(k = 11.546, rim at 120 degrees) in 360 x 360 px: rms and maximum over the covered pixel centres.
+Localization with frames of the levels is another part (`localization_study`). The displacement by
+meshes is measured at the paper's size and compared with an independent table: derived in float64
+and confirmed by OpenGL in float32, for the paper's mirror (k = 11.546, rim at 120 degrees) in
+360 x 360 px, rms and maximum over the covered pixel centres.
 """
 
 from __future__ import annotations
@@ -98,21 +98,6 @@ def reference_displacement_px(
     return position if tessellation.interpolation is Interpolation.POSITION else uv
 
 
-def _relative_tolerances(row: PolygonRow) -> tuple[float, float]:
-    """Relative differences from the table that are allowed in rms and maximum."""
-    # With UV coordinates the maker of a mesh is free to choose the face of a quadrilateral and its
-    # diagonal, which moves the error of large polygons by more than the rounding of the table.
-    return (0.15, 0.15) if row.interpolation == Interpolation.UV.value else (0.03, 0.05)
-
-
-def is_within_tolerance(row: PolygonRow) -> bool:
-    """Whether a row agrees with the table."""
-    rms, maximum = _relative_tolerances(row)
-    return math.isclose(row.rms_px, row.reference_rms_px, rel_tol=rms) and math.isclose(
-        row.max_px, row.reference_max_px, rel_tol=maximum
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class CostStudyConfig:
     """Extent of the study."""
@@ -140,7 +125,7 @@ class CostStudyConfig:
     @property
     def num_rounds(self) -> int:
         """Timed frames of each level."""
-        # With 32 frames medians repeat to about MIN_GAIN of pareto.py.
+        # With 32 frames medians repeat to about MIN_GAIN.
         return 6 if self.is_quick else 32
 
     @property
@@ -157,7 +142,7 @@ class CostStudyConfig:
 def measure_rendering(config: CostStudyConfig, progress: ProgressDisplay) -> CostResults:
     """Measure levels, tessellations and frame rates, and write the plots that show frames.
 
-    The localization of the results is None: `localization_study` measures it with their levels.
+    The localization of the results is None: `localization_study` measures that part.
     """
     with open_study_subject(
         config.robot_file, config.world_files[0], size_px=config.size_px, num_poses=config.num_poses

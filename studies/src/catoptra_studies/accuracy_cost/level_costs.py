@@ -1,9 +1,8 @@
 """Cost and error of every accuracy level: timed in turn, bounded, compared with the reference.
 
-RMSE, PSNR and SSIM of an image against a reference, over the pixels inside the mirror.
-
-SSIM as in Wang, Bovik, Sheikh & Simoncelli 2004, with their constants: an 11 x 11 Gaussian window
-of 1.5 px, K1 = 0.01, K2 = 0.03, on luma, here that of Rec. 601.
+An image is compared over the pixels inside the mirror by RMSE, PSNR and SSIM. SSIM as in Wang,
+Bovik, Sheikh & Simoncelli 2004, with their constants: an 11 x 11 Gaussian window of 1.5 px,
+K1 = 0.01, K2 = 0.03, on luma, here by Rec. 601.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject
 
 _PEAK = 255.0
-# They keep both quotients of SSIM finite where an image is black or flat.
+# Keep both quotients of SSIM finite where an image is black or flat.
 _C1, _C2 = (0.01 * _PEAK) ** 2, (0.03 * _PEAK) ** 2
 _WINDOW_PX, _SIGMA_PX = 11, 1.5
 _LUMA = np.array([0.299, 0.587, 0.114])
@@ -69,11 +68,11 @@ def compute_image_error(pairs: Sequence[tuple[Image, Image]], mask: Bools) -> Im
     # Squares are averaged before the root, so that four poses count like one large image.
     squares = [np.mean(np.square(signed_difference(*pair))[mask]) for pair in pairs]
     rmse = math.sqrt(float(np.mean(squares)))
-    ssim = float(np.mean([ssim_map(*pair)[mask].mean() for pair in pairs]))
-    return ImageError(rmse, psnr_db(rmse), ssim)
+    ssim = float(np.mean([_ssim_map(*pair)[mask].mean() for pair in pairs]))
+    return ImageError(rmse, _psnr_db(rmse), ssim)
 
 
-def psnr_db(rmse: float) -> float:
+def _psnr_db(rmse: float) -> float:
     """Peak signal-to-noise ratio of an RMSE in grey levels."""
     return 20.0 * math.log10(_PEAK / rmse) if rmse > 0.0 else math.inf
 
@@ -83,7 +82,7 @@ def signed_difference(image: Image, reference: Image) -> Floats:
     return image.astype(np.float64) - reference
 
 
-def ssim_map(image: Image, reference: Image) -> Floats:
+def _ssim_map(image: Image, reference: Image) -> Floats:
     """(h, w) structural similarity around each pixel."""
     # SSIM is defined for one channel.
     x, y = image @ _LUMA, reference @ _LUMA
@@ -152,12 +151,12 @@ def measure_levels(
 
 def _draw_function(view: View, subject: StudySubject) -> DrawFunction:
     states = subject.camera_states
-    # Another pose in every round: a frame that repeats the last one finds its data in caches.
+    # Another pose in every round: a frame that repeats the last one finds all data in caches.
     return lambda round_number: view.render(states[round_number % len(states)]).stage_ms
 
 
 def _visible_mask(camera: OmniCamera) -> Bools:
-    """(h, w) pixels whose centres show the mirror; all others are black in every image."""
+    """(h, w) pixels with the mirror at their centre; all others are black in every image."""
     _, is_visible = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
     return is_visible
 

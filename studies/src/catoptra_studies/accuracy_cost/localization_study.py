@@ -2,8 +2,7 @@
 
 Each level has a server of its own that renders at the level. The same seeds drive round the
 field, a detector finds landmarks in the frames received over TCP, and filters localize by them.
-
-Rates and errors of the drives with one level's frames, as rows of the results.
+Rates and errors of the drives are a row of the results.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from catoptra_studies.experiment.experiment_setups import (
 from catoptra_studies.experiment.localization_filter import FilterRun
 from catoptra_studies.experiment.metrics import detection_rate, rms_errors
 
-# A nearer beacon is at least 5 px wide in an image of 360 px: a miss is not due to its size.
+# A nearer beacon is at least 5 px wide in an image of 360 px: a miss has another cause than size.
 _NEAR_RANGE_M = 1.5
 
 
@@ -68,7 +67,7 @@ def localization_row(
 
 def _position_errors(filter_runs: Sequence[FilterRun]) -> tuple[float, float]:
     """Medians over the drives of a drive's mean and largest position error, in metres."""
-    # The start is left out of the mean: its position is given.
+    # The start is left out of the mean: that position is given.
     means_m = [run.estimate_error_m[1:].mean() for run in filter_runs]
     # Medians below, since one locked-out drive would decide a mean of ten.
     maxima_m = [run.estimate_error_m.max() for run in filter_runs]
@@ -107,12 +106,12 @@ def measure_localization(
     """Drive robots with frames of each level.
 
     Args:
-        config: Extent of the study; its output folder receives robot files and servers' logs.
+        config: Extent of the study; the output folder receives robot files and servers' logs.
         levels: Levels from coarse to exact, at least one.
         progress: Display of the drives.
     """
     advance = progress.add_task("train: labelled frames", _NUM_TRAINING_FRAMES)
-    # One classifier, from the best frames: else a level would be evaluated by its training as well.
+    # One classifier, from the best frames: else the training would differ between levels as well.
     classifier, _ = train_classifier(_level_config(config, levels[-1]), lambda _: advance())
     rows, results = [], []
     for level in levels:
@@ -147,6 +146,6 @@ def _level_config(config: CostStudyConfig, level: LevelCost) -> ExperimentConfig
 
 def write_robot_file(level: LevelCost, base_robot: Path, path: Path) -> None:
     """Write a robot file that is another one, rendered at a level."""
-    # Only the camera's sections differ: drive, sensors and noise stay those of the simulated robot.
+    # Only the camera's sections differ: the simulated robot's drive, sensors and noise stay.
     based_on = f"[Configuration]\nBasedOn={base_robot.resolve()}\n"
     path.write_text(based_on + level.robot_ini, encoding="utf-8")

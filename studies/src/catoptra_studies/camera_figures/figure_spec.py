@@ -95,8 +95,8 @@ def open_figure_inputs(
     Args:
         robot_file: Robot with an omnidirectional camera.
         world_file: World to show.
-        rings_file: World with circles of equal incidence angle around its first start.
-        pose: Pose of the robot in the world; None stands beside the world's first start.
+        rings_file: World with circles of equal incidence angle around the first start.
+        pose: Pose of the robot in the world; None stands near the world's first start.
         resolution_scale: Factor on the sizes of all frames but the rings', which are measured.
         num_timed_frames: Frames of each payload that Figure 10 times.
 

@@ -1,7 +1,7 @@
 """The command `catoptra-studies figures`: draw every figure of the table into a folder.
 
-To add a figure, write a module beside the others with `draw(page, inputs) -> FigureCaption`, which
-draws with `plot_style` and renders with `inputs` alone, then add its line to FIGURES.
+A new figure is a line in FIGURES and a function `draw_x(page, inputs) -> FigureCaption`, which
+draws with `plot_style` and renders with `inputs` alone.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from catoptra_studies.commands import (
     run_study,
 )
 
-# In the order of the report. Widths up to PAGE_WIDTH_PX fill its column at half their pixels.
+# In the order of the report; the column is PAGE_WIDTH_PX wide at five eighths of the pixels.
 FIGURES = (
     FigureSpec("omni_frame.png", "Figure 1", 1160, 1130, draw_omni_frame),
     FigureSpec("viewpoint.png", "Figure 2", 1520, 800, draw_viewpoint),

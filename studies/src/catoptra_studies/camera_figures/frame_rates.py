@@ -1,11 +1,8 @@
 """The paper's Figure 10: the frame rate by the payload of a robot, camera or laser scanner.
 
-A frame consists of the perspective view that USARSim shows on its screen, and of the payload: none,
+A frame consists of the perspective view on USARSim's screen, and of the payload: none,
 the omnidirectional camera with a mirror mesh or the exact model, or a SICK LMS200 of 181 beams.
-
-Timing of several views in turn, so that a disturbance of the machine falls on all alike.
-
-The paper's Figure 10: frames a second by payload, world and renderer.
+Frames are timed in turn, so that a disturbance of the machine falls on all payloads alike.
 """
 
 from __future__ import annotations
@@ -64,7 +61,7 @@ class FrameRate:
     renderer: str
 
     payload: str
-    """Equipment of the robot: no camera, a mesh by its polygons, per pixel, or LMS200."""
+    """Equipment of the robot: no camera, a mesh by the number of polygons, per pixel, or LMS200."""
 
     num_polygons: int
     """Polygons of the camera's mirror; 0 without a mesh."""
@@ -90,7 +87,7 @@ def time_round_robin(
     """
     timings: list[list[RenderTiming]] = [[] for _ in draw_functions]
     for number in range(NUM_WARM_UP_ROUNDS + num_rounds):
-        # Interleaved, not one function after the other: processors slow down as they get warm.
+        # Interleaved, not one function after the other: a processor slows down as it gets warm.
         for index, draw in enumerate(draw_functions):
             timing = _time_once(draw, number)
             if number >= NUM_WARM_UP_ROUNDS:
@@ -100,7 +97,7 @@ def time_round_robin(
 
 
 def _time_once(draw: DrawFunction, round_number: int) -> RenderTiming:
-    # process_time counts all threads, those of Embree and llvmpipe included.
+    # process_time counts all threads, Embree's and llvmpipe's included.
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     stage_ms = dict(draw(round_number))
     return RenderTiming(
@@ -109,7 +106,7 @@ def _time_once(draw: DrawFunction, round_number: int) -> RenderTiming:
 
 
 def _median_timing(timings: Sequence[RenderTiming]) -> RenderTiming:
-    # A mean would count every interruption of the process; the median ignores up to half of them.
+    # A mean would count every interruption of the process; the median ignores up to a half.
     return RenderTiming(
         wall_ms=statistics.median(timing.wall_ms for timing in timings),
         cpu_ms=statistics.median(timing.cpu_ms for timing in timings),
@@ -121,7 +118,7 @@ def _median_timing(timings: Sequence[RenderTiming]) -> RenderTiming:
 
 
 NO_CAMERA, SCANNER, _PER_PIXEL = "no camera", "LMS200", "per pixel"
-# The smallest window of UT2004, at its default field of view.
+# The smallest window of UT2004, at the default field of view.
 _PERSPECTIVE_VIEW = PerspectiveCamera(640, 480, 0.5 * math.pi)
 # The paper's engine does not supersample.
 _SAMPLES = 1
@@ -140,7 +137,7 @@ _LMS200 = RangeScannerDescription(
 
 @dataclass(frozen=True, slots=True)
 class _Payload:
-    """Equipment of a robot, rendered beside the perspective view."""
+    """Equipment of a robot, rendered after the perspective view."""
 
     name: str
 
@@ -260,7 +257,6 @@ def frame_time_spread(rows: tuple[FrameRate, ...], *, min_polygons: int) -> floa
     return max(times_ms) / min(times_ms) - 1.0
 
 
-FRAME_RATES_HEIGHT_PX = 690
 _RENDERER_COLOURS = {"trace": plot_style.BLUE, "raster": plot_style.TEAL}
 
 
@@ -285,7 +281,7 @@ def draw_frame_rate_panels(page: plot_style.Page, rows: Sequence[FrameRate]) -> 
     for index, world in enumerate(worlds):
         axes = plot_style.add_axes(page, 90 + index * (width + 60), 120, width, 440)
         _draw_panel(axes, [row for row in rows if row.world == world], world)
-        # One scale for all worlds; only the first panel has numbers on it.
+        # One scale for all worlds; only the first panel has numbers.
         axes.set_ylim(0.0, 1.12 * max_fps)
         axes.tick_params(labelleft=index == 0)
     plot_style.add_legend(page, axes, loc="upper right", ncols=2)

@@ -1,9 +1,8 @@
-"""The views of the five virtual cameras, unfolded: the paper's Figure 5.
+"""Images of the virtual cameras and of the capture camera: the paper's Figures 5 and 1.
 
-The four sides form a row in which the panorama runs on across the borders; the view down hangs
-under the forward one. The part beyond the mirror's rim is dimmed.
-
-The frame as a client receives it, with the robot's four sides and the horizon.
+The views of the five virtual cameras are unfolded: the four sides form a row in which the panorama
+runs on across the borders; the view down hangs under the forward one. The part beyond the mirror's
+rim is dimmed. The frame is shown as a client receives it, with the robot's sides and the horizon.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ _DIM_COLOUR = np.array([70.0, 84.0, 98.0])
 
 
 def draw_faces(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
-    """Draw the unfolded cube and, beside it, the directions of its cameras."""
+    """Draw the unfolded cube, and the directions of the cameras."""
     subject = inputs.subject
     for face in FACES:
         image = subject.render_face(face, _FACE_SIZE_PX, samples=3)
@@ -48,7 +47,7 @@ def draw_faces(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
         axes = plot_style.show_image(page, dimmed, left, top, _FACE_SIZE_PX)
         _outline_face(axes, face, image.shape[0])
     _draw_explanation(page, math.degrees(subject.camera.rim_rad))
-    return _caption(subject)
+    return _caption_faces(subject)
 
 
 def _dim_hidden_pixels(image: Image, mask: Bools) -> Image:
@@ -58,7 +57,7 @@ def _dim_hidden_pixels(image: Image, mask: Bools) -> Image:
 
 
 def _visible_mask(face: Face, size_px: int, rim_rad: float) -> Bools:
-    """(size, size) pixels of a face whose incidence angle is within the mirror's rim."""
+    """(size, size) pixels of a face with an incidence angle within the mirror's rim."""
     steps = 2.0 * (np.arange(size_px) + 0.5) / size_px - 1.0
     t, s = np.meshgrid(steps, steps, indexing="ij")
     direction = np.stack((np.ones_like(s), s, t), axis=-1) @ MIRROR_FROM_FACE_ROTATIONS[face].T
@@ -74,7 +73,7 @@ def _outline_face(axes: plot_style.Axes, face: Face, size_px: int) -> None:
     axes.plot(u, v, color=plot_style.FOREGROUND, linewidth=0.8, clip_on=False)
     if face != Face.C:
         axes.plot([0, size_px], [0.5 * size_px] * 2, color=plot_style.RED, linewidth=0.7)
-    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 2.5}
+    box = plot_style.label_box(2.5)
     margin = 0.035 * size_px
     axes.text(margin, margin, _FACE_TITLES[face], va="top", fontweight="bold", bbox=box)
 
@@ -107,7 +106,7 @@ def _draw_camera_layout(axes: plot_style.Axes) -> None:
     axes.plot(half, half, "o", color=plot_style.FOREGROUND, markersize=4)
 
 
-def _caption(subject: StudySubject) -> FigureCaption:
+def _caption_faces(subject: StudySubject) -> FigureCaption:
     rim_deg = math.degrees(subject.camera.rim_rad)
     return FigureCaption(
         title="Five virtual cameras make a cube",
@@ -129,7 +128,7 @@ _MARGIN_PX = 100
 
 
 def draw_omni_frame(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
-    """Draw the frame with its 90-degree circle and the robot's sides."""
+    """Draw the frame with the 90-degree circle and the robot's sides."""
     subject = inputs.subject
     image = subject.render_frame(_SIZE_PX, samples=2)
     _label_robot_sides(page)

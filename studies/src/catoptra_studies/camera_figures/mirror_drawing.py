@@ -1,9 +1,8 @@
-"""Technical drawing of the mirror frame: parallel projection, painter's order, simple shading.
+"""Drawings of the mirror in space: projection, shading, and the cube's images on the surface.
 
-Parallel projection keeps a square face a parallelogram and lengths along an axis comparable.
-Points are (..., 3) in the mirror frame (z down); coordinates of the drawing are right and up.
-
-The mirror with the cube's images on its surface, and the frame with the borders of the faces.
+Parallel projection keeps a square face a parallelogram and lengths along an axis comparable;
+polygons are drawn in painter's order. Points are (..., 3) in the mirror frame (z down); coordinates
+of the drawing are right and up.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ class Axonometry:
     def normals(self, polygons: Floats) -> Floats:
         """(n, 3) unit normals of (n, 4, 3) polygons in the viewer's frame.
 
-        For polygons of `mirror_polygons` they leave the reflecting side.
+        Normals of `mirror_polygons` leave the reflecting side.
         """
         # From the diagonals, which are never parallel, even where two corners coincide at the
         # vertex of the mirror.
@@ -94,7 +93,7 @@ _FACE_LABEL_DIRECTIONS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MirrorProjection:
-    """Projection of the mirror's points to pixels of its drawing."""
+    """Projection of the mirror's points to pixels of the drawing."""
 
     camera: OmniCamera
     pixels_per_metre: float
@@ -102,8 +101,8 @@ class _MirrorProjection:
     def project(self, points: Floats) -> Floats:
         """(..., 2) pixels of (..., 3) points; the rim touches u = 0 and v = 0."""
         to_pixels = np.array([self.pixels_per_metre, -self.pixels_per_metre])
-        rim = mirror_points(self.camera, _rim_directions(self.camera))
-        corner = (_VIEW_FROM_BELOW.project(rim) * to_pixels).min(axis=0)
+        rim = _VIEW_FROM_BELOW.project(rim_points(self.camera))
+        corner = (rim * to_pixels).min(axis=0)
         pixels: Floats = _VIEW_FROM_BELOW.project(points) * to_pixels - corner
         return pixels
 
@@ -117,17 +116,17 @@ def draw_textured_mirror(
     top: int,
     width: int,
 ) -> None:
-    """Draw the mirror from behind and below with the cube projected onto its surface.
+    """Draw the mirror from behind and below with the cube projected onto the surface.
 
     Args:
         page: Page to draw on.
-        camera: Camera whose mirror is drawn.
+        camera: Camera with the mirror to draw.
         face_images: Image of each face of the cube.
         left: Device pixels from the page's left edge.
         top: Device pixels from the page's upper edge.
         width: Device pixels of the mirror's diameter.
     """
-    projection = _MirrorProjection(camera, 0.5 * width / _rim_radius_m(camera))
+    projection = _MirrorProjection(camera, 0.5 * width / rim_radius_m(camera))
     points, directions = _visible_points(projection)
     pixels = projection.project(points).astype(int)
     image = _average_colours(pixels, sample_cube(face_images, directions))
@@ -136,7 +135,7 @@ def draw_textured_mirror(
         on_mirror = border[half_angle_tangent(border)[0] <= camera.rim_t]
         line = projection.project(mirror_points(camera, on_mirror))
         axes.plot(*line.T, color=plot_style.BACKGROUND, linewidth=0.8)
-    rim = projection.project(mirror_points(camera, _rim_directions(camera)))
+    rim = projection.project(rim_points(camera))
     axes.plot(*rim.T, color=plot_style.MUTED, linewidth=0.8, clip_on=False)
     for face, direction in _FACE_LABEL_DIRECTIONS.items():
         label = projection.project(mirror_points(camera, np.array(direction)))
@@ -162,14 +161,23 @@ def mirror_points(camera: OmniCamera, directions: Floats) -> Floats:
     """(..., 3) intersections of the mirror with rays from the viewpoint.
 
     Args:
-        camera: Camera whose mirror is met.
+        camera: Camera with the mirror.
         directions: (..., 3) directions within the rim, in the mirror frame.
     """
     t, _ = half_angle_tangent(directions)
     # The profile is rotationally symmetric, so azimuth passes through unchanged.
+    return _surface_points(camera, t, np.arctan2(directions[..., 1], directions[..., 0]))
+
+
+def rim_points(camera: OmniCamera) -> Floats:
+    """(n, 3) points along the mirror's rim, the first again at the end."""
+    return _surface_points(camera, np.full(361, camera.rim_t), np.linspace(0.0, 2.0 * math.pi, 361))
+
+
+def _surface_points(camera: OmniCamera, t: Floats, azimuth_rad: Floats) -> Floats:
+    """(..., 3) points of the exact mirror at t = tan(theta/2)."""
     r, z = camera.mirror.surface_point(t)
-    azimuth = np.arctan2(directions[..., 1], directions[..., 0])
-    return np.stack((r * np.cos(azimuth), r * np.sin(azimuth), z), axis=-1)
+    return np.stack((r * np.cos(azimuth_rad), r * np.sin(azimuth_rad), z), axis=-1)
 
 
 def sample_cube(face_images: dict[Face, Image], directions: Floats) -> Floats:
@@ -186,7 +194,8 @@ def sample_cube(face_images: dict[Face, Image], directions: Floats) -> Floats:
     return colours
 
 
-def _rim_radius_m(camera: OmniCamera) -> float:
+def rim_radius_m(camera: OmniCamera) -> float:
+    """Radius of the mirror."""
     return float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
 
 
@@ -196,13 +205,11 @@ def _visible_points(projection: _MirrorProjection) -> tuple[Floats, Floats]:
     In a sunflower's spiral, which spreads any number of points evenly over a disc.
     """
     camera = projection.camera
-    radius_px = projection.pixels_per_metre * _rim_radius_m(camera)
+    radius_px = projection.pixels_per_metre * rim_radius_m(camera)
     count = math.ceil(_POINTS_PER_PIXEL * math.pi * radius_px**2)
     t = camera.rim_t * np.sqrt((np.arange(count) + 0.5) / count)
-    azimuth = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(count)
-    cosine, sine = np.cos(azimuth), np.sin(azimuth)
-    r, z = camera.mirror.surface_point(t)
-    points = np.stack((r * cosine, r * sine, z), axis=-1)
+    azimuth = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(count, dtype=np.float64)
+    points = _surface_points(camera, t, azimuth)
     directions = points / np.linalg.norm(points, axis=-1, keepdims=True)
     # The law of reflection: the normal bisects the angle between both ends of the ray.
     to_pinhole = np.array([0.0, 0.0, camera.mirror.pinhole_distance_m]) - points
@@ -214,7 +221,7 @@ def _visible_points(projection: _MirrorProjection) -> tuple[Floats, Floats]:
 def _average_colours(pixels: npt.NDArray[np.intp], colours: Floats) -> Image:
     """Mean of the (n, 3) colours that fall on each pixel, white outside.
 
-    A pixel missed between others takes the mean of its neighbours.
+    A pixel missed between others takes the neighbours' mean.
     """
     width, height = pixels.max(axis=0) + 1
     shape = int(height), int(width)
@@ -245,15 +252,6 @@ def _cube_edges() -> list[Floats]:
     return [*level, *(edge[:, (1, 0, 2)] for edge in level), *upright]
 
 
-def _rim_directions(camera: OmniCamera) -> Floats:
-    """(n, 3) directions along the rim."""
-    azimuth = np.linspace(0.0, 2.0 * math.pi, 361)
-    theta = np.full_like(azimuth, camera.rim_rad)
-    return np.stack(
-        (np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)), axis=-1
-    )
-
-
 def _draw_face_label(axes: plot_style.Axes, pixel: Floats, face: Face) -> None:
-    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 2, "alpha": 0.85}
+    box = plot_style.label_box(2, alpha=0.85)
     axes.text(*pixel, face.name, ha="center", va="center", fontweight="bold", bbox=box)

@@ -1,18 +1,12 @@
-"""Displacement of the image by a mirror mesh, measured in float64.
+"""Displacement of the image by mirror meshes: measured, and drawn as the paper's Figures 8 and 9.
 
-The direction that a covered pixel looks up is projected by the camera model: the distance between
-that projection and the pixel is the error.
+The direction that a covered pixel looks up is projected by the camera model, in float64: the
+distance between that projection and the pixel is the error. Figure 8 is the frame through four
+meshes at 360 x 360 pixels; maps and a curve over the number of polygons have the numbers.
 
-The frame through four mirror meshes at the paper's 360 x 360 pixels: its Figure 8.
-
-Where mirror meshes displace the image, pixel by pixel: maps beside the paper's Figure 8.
-
-Displacement against the number of polygons: Figure 8's visual comparison in pixels.
-
-A straight line through 256 polygons in magnified detail: the paper's Figure 9.
-
-The detail is found, not chosen: the window below the horizon, on the floor with its lines, in which
-the coarser mesh differs most from the exact mirror.
+Figure 9 is a straight line through 256 polygons in magnified detail. The detail is found, not
+chosen: the window below the horizon, on the floor with lines, in which the coarser mesh differs
+most from the exact mirror.
 """
 
 from __future__ import annotations
@@ -46,14 +40,14 @@ from catoptra_studies.camera_figures.figure_spec import (
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS, PAPER_SIZE_PX, POLYGON_COUNTS
 from catoptra_studies.plot_style import Image, draw_colour_bar, map_error_colours
 
-# A polygon may look up directions beyond the rim. They are projected by the same mirror with a
-# wider rim, up to this fraction of the angle at which its image radius goes to infinity.
+# A polygon may look up directions beyond the rim. The same mirror with a wider rim projects those,
+# up to this fraction of the angle at which the image radius goes to infinity.
 _ASYMPTOTE_FRACTION = 0.999
 
 
 @dataclass(frozen=True, slots=True)
 class PolygonError:
-    """Displacement over all pixels whose centre a polygon covers."""
+    """Displacement over all pixels with a polygon at their centre."""
 
     tessellation: Tessellation
     rms_px: float
@@ -122,7 +116,7 @@ _FRAMES_LEFT_PX, _FRAMES_TOP_PX, _STEP_X_PX, _STEP_Y_PX = 20, 66, 760, 790
 
 
 def draw_polygon_frames(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
-    """Draw the four frames, each under its measured displacement."""
+    """Draw the four frames, each under the measured displacement."""
     subject = inputs.subject
     camera = subject.resize_camera(PAPER_SIZE_PX)
     # UV coordinates, the default of a tessellation, as in the paper.
@@ -136,7 +130,7 @@ def draw_polygon_frames(page: plot_style.Page, inputs: FigureInputs) -> FigureCa
         image = subject.render_frame(PAPER_SIZE_PX, FIGURE_SAMPLES, surface=error.tessellation)
         plot_style.show_image(page, image, left, top, _IMAGE_WIDTH_PX)
         _draw_heading(page, left, top, error)
-    return _caption(errors)
+    return _caption_frames(errors)
 
 
 def _draw_heading(page: plot_style.Page, left: int, top: int, error: PolygonError) -> None:
@@ -149,7 +143,7 @@ def _draw_heading(page: plot_style.Page, left: int, top: int, error: PolygonErro
     )
 
 
-def _caption(errors: list[PolygonError]) -> FigureCaption:
+def _caption_frames(errors: list[PolygonError]) -> FigureCaption:
     metrics = {}
     for error in errors:
         metrics[f"rms_px_{error.tessellation.num_polygons}"] = round(error.rms_px, 3)
@@ -197,17 +191,17 @@ def draw_polygon_maps(page: plot_style.Page, inputs: FigureInputs) -> FigureCapt
         page, DISPLACEMENT_RANGE_PX, left=820, top=_MAPS_TOP_PX + PAPER_SIZE_PX + 30, width=480,
         ticks=(0.1, 1, 10, 100), title="displacement, px; grey: no polygon",
     )  # fmt: skip
-    return _caption_polygon_map_figure(below_1px)
+    return _caption_maps(below_1px)
 
 
 def colour_displacement(error_px: Floats) -> Image:
-    """(h, w, 3) colours of a map of displacements, grey where it is nan."""
+    """(h, w, 3) colours of a map of displacements, grey for nan."""
     colours = map_error_colours(np.nan_to_num(error_px), *DISPLACEMENT_RANGE_PX)
     colours[np.isnan(error_px)] = _EMPTY_GREY
     return colours
 
 
-def _caption_polygon_map_figure(metrics: Metrics) -> FigureCaption:
+def _caption_maps(metrics: Metrics) -> FigureCaption:
     coarse, fine = PAPER_POLYGON_COUNTS[0], PAPER_POLYGON_COUNTS[-1]
     return FigureCaption(
         title="Where the meshes displace the image",
@@ -248,7 +242,7 @@ def draw_polygon_error(page: plot_style.Page, inputs: FigureInputs) -> FigureCap
         _draw_interpolation(axes, interpolation, series)
     _draw_reference_lines(axes, errors[Interpolation.POSITION], exact_px)
     axes.legend(loc="center left", bbox_to_anchor=(0.01, 0.42))
-    return _caption_polygon_error_figure(errors, exact_px)
+    return _caption_errors(errors, exact_px)
 
 
 def _measure_errors(camera: OmniCamera, interpolation: Interpolation) -> list[PolygonError]:
@@ -294,7 +288,7 @@ def _format_power(value: float) -> str:
     return rf"${mantissa}\cdot10^{{{int(exponent)}}}$"
 
 
-def _caption_polygon_error_figure(
+def _caption_errors(
     errors: dict[Interpolation, list[PolygonError]], exact_px: float
 ) -> FigureCaption:
     metrics: Metrics = {"exact_model_max_px": float(f"{exact_px:.2g}")}
@@ -338,18 +332,20 @@ def draw_polygon_detail(page: plot_style.Page, inputs: FigureInputs) -> FigureCa
         )
         for count in (_COARSE, _FINE)
     ]
-    # Tests render smaller frames; the detail shrinks with them.
+    # Tests render smaller frames, with a smaller detail.
     size_px = round(_DETAIL_PX * exact.shape[0] / PAPER_SIZE_PX)
     radius_px = subject.resize_camera(exact.shape[0]).horizon_radius_px
     row, column = find_max_difference_window(meshes[0], exact, size_px, max_radius_px=radius_px)
-    _draw_location(page, exact, row, column, size_px)
+    axes = plot_style.show_image(page, exact, 20, 66, _ZOOM * _DETAIL_PX)
+    plot_style.outline_square(axes, row, column, size_px)
+    plot_style.add_text(page, 20, 56, "location", va="bottom", fontweight="bold")
     names = (f"{_COARSE} polygons", f"{_FINE} polygons", "exact surface")
     for index, (name, image) in enumerate(zip(names, (*meshes, exact), strict=True)):
         left = 400 + index * (_ZOOM * _DETAIL_PX + 20)
         plot_style.add_text(page, left, 56, name, va="bottom", fontweight="bold")
         detail = image[row : row + size_px, column : column + size_px]
         plot_style.show_image(page, detail, left, 66, _ZOOM * _DETAIL_PX)
-    return _caption_polygon_detail_figure()
+    return _caption_detail()
 
 
 def find_max_difference_window(
@@ -367,7 +363,7 @@ def find_max_difference_window(
         (row, column) of the corner.
     """
     difference = np.square(image.astype(np.float64) - reference).sum(axis=-1)
-    # Only the central half of a window counts, so that the difference lies well within it.
+    # Only the central half of a window counts, so that the difference lies well inside.
     quarter = size_px // 4
     sums = _window_sums(difference[quarter:-quarter, quarter:-quarter], size_px - 2 * quarter)
     corner = np.arange(sums.shape[0])[:, None], np.arange(sums.shape[1])[None, :]
@@ -388,16 +384,7 @@ def _window_sums(values: Floats, size_px: int) -> Floats:
     return sums
 
 
-def _draw_location(
-    page: plot_style.Page, exact: Image, row: int, column: int, size_px: int
-) -> None:
-    axes = plot_style.show_image(page, exact, 20, 66, _ZOOM * _DETAIL_PX)
-    u, v = (column, column + size_px), (row, row + size_px)
-    axes.plot([u[0], u[1], u[1], u[0], u[0]], [v[0], v[0], v[1], v[1], v[0]], color=plot_style.RED)
-    plot_style.add_text(page, 20, 56, "location", va="bottom", fontweight="bold")
-
-
-def _caption_polygon_detail_figure() -> FigureCaption:
+def _caption_detail() -> FigureCaption:
     return FigureCaption(
         title="Jaggings of a straight line",
         caption=(

@@ -1,17 +1,12 @@
-"""Radii of the incidence rings in an image, from pixels alone and without the camera model.
+"""Image radius over the incidence angle: measured in an image, by the camera model, by Eq. 2.
 
-The image is sampled along straight lines from its centre. A ring is a dark interval of a line, and
-its radius is the centroid of the darkness there.
-
-Incidence angles rendered as circles and measured: the paper's Figure 7.
-
-The paper says that such an image concurs with Eq. 2. Measured in pixels it follows the camera
-model; Eq. 2 stays within a pixel of both, and the figure shows the deviation.
-
-Deviation of the paper's Eq. 2 from its own mirror, computed without any image.
+The paper's Figure 7 shows rings of incidence and says that the image concurs with Eq. 2. Their
+radii are measured in the pixels alone: the image is sampled along straight lines from the centre, a
+ring is a dark interval of a line, and the centroid of the darkness is the radius. The radii follow
+the camera model; Eq. 2 stays within a pixel of both.
 
 Eq. 2 is exact for a paraboloid before an orthographic camera. For the hyperboloid before a pinhole
-the deviation is h t kappa^2 (t^2 - 1) / (1 - kappa^2 t^2).
+the deviation is h t kappa^2 (t^2 - 1) / (1 - kappa^2 t^2), computed without any image.
 """
 
 from __future__ import annotations
@@ -31,7 +26,7 @@ from catoptra_studies.paper_values import PAPER_SIZE_PX
 from catoptra_studies.plot_style import Image
 
 NUM_SECTORS = 24
-# One line is good to 0.2 px, since the pixels alias a ring that is hardly wider than they are; the
+# One line is good to 0.2 px, since pixels alias a ring of hardly their own width; the
 # mean of a sector's lines removes most of that.
 _LINES_PER_SECTOR = 15
 _STEP_PX = 0.05
@@ -100,7 +95,7 @@ def _interpolate(intensity: Floats, u: Floats, v: Floats) -> Floats:
 
 # The world has a circle every five degrees, the first at five.
 _SPACING_DEG = 5.0
-# A ring is hardly wider than a pixel, and its radius is measured to 0.02 px.
+# A ring is hardly wider than a pixel, and the radius is measured to 0.02 px.
 _SAMPLES = 6
 _IMAGE_WIDTH_PX = 2 * PAPER_SIZE_PX
 
@@ -119,13 +114,13 @@ def draw_rings(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     _label_rings(axes, theta_deg, exact)
     _draw_radii(page, theta_deg, measured, exact)
     _draw_deviations(page, theta_deg, measured - exact, eq2 - exact)
-    return _caption(theta_deg, measured, exact, eq2)
+    return _caption_rings(theta_deg, measured, exact, eq2)
 
 
 def _label_rings(axes: plot_style.Axes, theta_deg: Floats, radius_px: Floats) -> None:
     centre = 0.5 * PAPER_SIZE_PX
     diagonal = math.cos(math.radians(-45)), math.sin(math.radians(-45))
-    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 0.8}
+    box = plot_style.label_box(0.8)
     for theta, radius in zip(theta_deg, radius_px, strict=True):
         # A number at every ring would hide the rings.
         if theta % 30 == 0:
@@ -168,7 +163,9 @@ def _draw_deviations(
                   textcoords="offset points", ha="center", va="top")  # fmt: skip
 
 
-def _caption(theta_deg: Floats, measured: Floats, exact: Floats, eq2: Floats) -> FigureCaption:
+def _caption_rings(
+    theta_deg: Floats, measured: Floats, exact: Floats, eq2: Floats
+) -> FigureCaption:
     rings = measured.mean(axis=0)
     metrics = {
         "rings": len(theta_deg),
@@ -198,7 +195,7 @@ def _caption(theta_deg: Floats, measured: Floats, exact: Floats, eq2: Floats) ->
 
 
 def eq2_deviation_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Floats]:
-    """Exact image radius minus that of Eq. 2, with both ways to scale Eq. 2.
+    """Exact image radius minus Eq. 2, with both ways to scale Eq. 2.
 
     Args:
         camera: Camera with a mirror of any shape.
@@ -210,7 +207,7 @@ def eq2_deviation_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Flo
     t = np.tan(0.5 * theta_rad)
     exact = camera.scale_px * camera.projection.radius_ratio_from_t(t)
     eq2 = eq2_radius_ratio_from_t(t)
-    # Eq. 2 has no rim of its own: it can be fitted to the mirror at the horizon or at the rim.
+    # Eq. 2 has no rim: the fit to the mirror can be at the horizon or at the rim.
     rim_eq2 = float(eq2_radius_ratio_from_t(np.array(camera.rim_t)))
     return exact - camera.horizon_radius_px * eq2, exact - camera.rim_radius_px / rim_eq2 * eq2
 
@@ -235,7 +232,7 @@ def draw_eq2(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     axes.text(89.0, axes.get_ylim()[1], "horizon", color=plot_style.RED, ha="right", va="top")
     _label_maximum(axes, theta_deg, same_h, "same 90° circle", plot_style.ORANGE, "right")
     _label_maximum(axes, theta_deg, same_rim, "same rim", plot_style.TEAL, "left")
-    return _caption_eq2_figure(rim_deg, same_h, same_rim)
+    return _caption_eq2(rim_deg, same_h, same_rim)
 
 
 def _label_maximum(
@@ -254,7 +251,7 @@ def _label_maximum(
     )
 
 
-def _caption_eq2_figure(rim_deg: float, same_h: Floats, same_rim: Floats) -> FigureCaption:
+def _caption_eq2(rim_deg: float, same_h: Floats, same_rim: Floats) -> FigureCaption:
     metrics = {
         "rim_deg": round(rim_deg, 3),
         "same_h_max_px": round(float(np.abs(same_h).max()), 4),

@@ -1,10 +1,9 @@
-"""Mirror and cube in space: the paper's Figures 4 and 6, drawn to one scale.
+"""Mirror, cube and meshes in space: the paper's Figures 3, 4 and 6, drawn to one scale.
 
-Left, the cube around the effective viewpoint with its near sides open: the virtual cameras' images
-on its walls, the mirror at its centre, and one ray to the pinhole. Right, the mirror with the cube
-projected onto it from the viewpoint, and the resulting frame.
-
-Mirror meshes in space: the paper's Figure 3, with the exact profile below each.
+Figures 4 and 6: left, the cube around the effective viewpoint with open near sides, the virtual
+cameras' images on the walls, the mirror at the centre, and one ray to the pinhole. Right, the
+mirror with the cube projected onto the surface from the viewpoint, and the resulting frame.
+Figure 3: mirror meshes, with the exact profile below each.
 """
 
 from __future__ import annotations
@@ -29,16 +28,18 @@ from catoptra_studies.camera_figures.mirror_drawing import (
     Axonometry,
     draw_frame_with_borders,
     draw_textured_mirror,
+    rim_points,
+    rim_radius_m,
     shade,
 )
 from catoptra_studies.paper_values import PAPER_POLYGON_COUNTS
 from catoptra_studies.plot_style import Image
 
 _VIEW_FROM_ABOVE = Axonometry.from_view_angles(azimuth_deg=147.0, elevation_deg=24.0)
-# The cube has no size of its own, only directions; half as large again as the mirror leaves room
+# The cube has directions, but no size; half as large again as the mirror leaves room
 # for the ray between both.
 _CUBE_TO_RIM_RATIO = 1.55
-# A ray to the open side, almost level, so that neither mirror nor walls hide it.
+# A ray to the open side, almost level, clear of mirror and walls.
 _RAY_AZIMUTH_RAD, _RAY_THETA_RAD = math.radians(-62.0), math.radians(80.0)
 _FACE_PX = 360
 
@@ -54,7 +55,7 @@ def draw_cube(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     if not math.isfinite(camera.mirror.pinhole_distance_m):
         raise DomainError("the drawing of mirror and cube needs a capture camera with a pinhole")
     face_images = {face: subject.render_face(face, _FACE_PX, samples=2) for face in FACES}
-    rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
+    rim_m = rim_radius_m(camera)
     axes = plot_style.add_axes(page, 10, 20, 860, 1080)
     _draw_cube(axes, camera, face_images, _CUBE_TO_RIM_RATIO * rim_m)
     plot_style.add_text(page, 910, 30, "the cube projected onto the mirror", fontweight="bold")
@@ -63,7 +64,7 @@ def draw_cube(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
         page, 910, 580, "the capture camera's view of the mirror", fontweight="bold"
     )
     draw_frame_with_borders(page, subject, left=960, top=628, width=480)
-    return _caption(camera, rim_m)
+    return _caption_cube(camera, rim_m)
 
 
 def _draw_cube(
@@ -96,7 +97,7 @@ def _draw_edges(axes: plot_style.Axes, half_m: float) -> None:
                 ends[:, axis] *= (-1.0, 1.0)
                 ends[:, (axis + 1) % 3] *= first
                 ends[:, (axis + 2) % 3] *= second
-                # An edge of a drawn wall (N: +x, W: -y, C: +z) has its midpoint on that side.
+                # An edge of a drawn wall (N: +x, W: -y, C: +z) has the midpoint on that side.
                 midpoint = ends.mean(axis=0)
                 is_on_wall = midpoint[0] > 0.0 or midpoint[1] < 0.0 or midpoint[2] > 0.0
                 axes.plot(
@@ -108,7 +109,7 @@ def _draw_edges(axes: plot_style.Axes, half_m: float) -> None:
 
 
 def _draw_mirror(axes: plot_style.Axes, camera: OmniCamera) -> None:
-    """Draw the mirror from above: its dull back inside, its reflecting side outside."""
+    """Draw the mirror from above: the dull back inside, the reflecting side outside."""
     polygons = mirror_polygons(camera, Tessellation(72, 24))
     polygons = polygons[_VIEW_FROM_ABOVE.depth_order(polygons)]
     normals = _VIEW_FROM_ABOVE.normals(polygons)
@@ -119,7 +120,7 @@ def _draw_mirror(axes: plot_style.Axes, camera: OmniCamera) -> None:
 
 
 def _draw_ray(axes: plot_style.Axes, camera: OmniCamera, half_m: float) -> None:
-    """Draw a ray from the cube's wall to the mirror and the pinhole, with its aim dotted."""
+    """Draw a ray from the cube's wall to the mirror and the pinhole, with the aim dotted."""
     level = np.array([math.cos(_RAY_AZIMUTH_RAD), math.sin(_RAY_AZIMUTH_RAD), 0.0])
     down = np.eye(3)[2]
     direction = math.sin(_RAY_THETA_RAD) * level + math.cos(_RAY_THETA_RAD) * down
@@ -148,7 +149,7 @@ def _draw_ray(axes: plot_style.Axes, camera: OmniCamera, half_m: float) -> None:
 def _annotate_point(
     axes: plot_style.Axes, point: Floats, name: str, offset: tuple[float, float]
 ) -> None:
-    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 1.5, "alpha": 0.85}
+    box = plot_style.label_box(1.5, alpha=0.85)
     line = {"arrowstyle": "-", "color": plot_style.FOREGROUND, "linewidth": 0.5, "shrinkB": 2}
     axes.annotate(
         name, point, offset, textcoords="offset points", va="center",
@@ -159,7 +160,7 @@ def _annotate_point(
 def _label_faces(axes: plot_style.Axes, half_m: float) -> None:
     # Coordinates on the face, near the corner that the mirror does not hide.
     corners = {Face.N: (0.8, 0.82), Face.W: (-0.8, 0.82), Face.C: (0.0, 0.8)}
-    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 2}
+    box = plot_style.label_box(2)
     for face, (s, t) in corners.items():
         point = half_m * MIRROR_FROM_FACE_ROTATIONS[face] @ np.array([1.0, s, t])
         axes.text(
@@ -168,7 +169,7 @@ def _label_faces(axes: plot_style.Axes, half_m: float) -> None:
         )  # fmt: skip
 
 
-def _caption(camera: OmniCamera, rim_m: float) -> FigureCaption:
+def _caption_cube(camera: OmniCamera, rim_m: float) -> FigureCaption:
     metrics = {
         "mirror_diameter_mm": round(2e3 * rim_m, 1),
         "pinhole_below_viewpoint_mm": round(1e3 * camera.mirror.pinhole_distance_m, 1),
@@ -197,7 +198,7 @@ _PANEL_WIDTH_PX = 370
 
 
 def draw_meshes(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
-    """Draw the four meshes, each above its cross section."""
+    """Draw the four meshes, each above a cross section."""
     camera = inputs.subject.camera
     for column, count in enumerate(PAPER_POLYGON_COUNTS):
         tessellation = tessellation_from_polygon_count(count)
@@ -215,14 +216,14 @@ def draw_meshes(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
         color=plot_style.MUTED,
     )  # fmt: skip
     plot_style.add_text(page, 1490, 566, "exact surface", color=plot_style.RED, ha="right")
-    return _caption_mesh_figure(camera)
+    return _caption_meshes(camera)
 
 
 def _draw_mesh(axes: plot_style.Axes, camera: OmniCamera, tessellation: Tessellation) -> None:
     polygons = mirror_polygons(camera, tessellation)
     order = _VIEW_FROM_BELOW.depth_order(polygons)
     normals = _VIEW_FROM_BELOW.normals(polygons)
-    # From below the far part of the rim shows its back, which would cover the reflecting side.
+    # From below the back of the far rim would cover the reflecting side.
     order = order[normals[order, 2] > 0.0]
     colours = np.clip(shade(normals[order])[:, None] * _MIRROR_COLOUR * 1.15, 0.0, 1.0)
     plot_style.fill_polygons(
@@ -232,9 +233,7 @@ def _draw_mesh(axes: plot_style.Axes, camera: OmniCamera, tessellation: Tessella
         edge=plot_style.FOREGROUND,
         line=_edge_width(tessellation.num_polygons),
     )
-    azimuth_rad = np.linspace(0.0, 2.0 * math.pi, 181)
-    rim = _surface_points(camera, np.full(181, camera.rim_t), azimuth_rad)
-    rim = _VIEW_FROM_BELOW.project(rim)
+    rim = _VIEW_FROM_BELOW.project(rim_points(camera))
     axes.plot(*rim.T, color=plot_style.RED, linewidth=1.2, zorder=0)
     half = 1.06 * float(np.abs(rim[:, 0]).max())
     low = float(_VIEW_FROM_BELOW.project(polygons.reshape(-1, 3))[:, 1].min())
@@ -249,19 +248,13 @@ def _edge_width(num_polygons: int) -> float:
     return 0.5 if num_polygons <= 1000 else 0.25
 
 
-def _surface_points(camera: OmniCamera, t: Floats, azimuth_rad: Floats) -> Floats:
-    """(..., 3) points of the exact mirror at t = tan(theta/2)."""
-    r, z = camera.mirror.surface_point(t)
-    return np.stack((r * np.cos(azimuth_rad), r * np.sin(azimuth_rad), z), axis=-1)
-
-
 def _draw_cross_section(
     axes: plot_style.Axes, camera: OmniCamera, tessellation: Tessellation
 ) -> None:
-    """Draw the upright section in millimetres: chords of the mesh beside the exact surface."""
+    """Draw the upright section in millimetres: chords of the mesh against the exact surface."""
     r, z = camera.mirror.surface_point(np.linspace(0.0, camera.rim_t, 100))
     r_mm, z_mm = 1e3 * np.concatenate((-r[::-1], r)), 1e3 * np.concatenate((z[::-1], z))
-    # One polygon of each ring; corners 1 and 2 are its inner and outer end on one side.
+    # One polygon of each ring; corners 1 and 2 are the inner and outer end on one side.
     corners = mirror_polygons(camera, tessellation)[:: tessellation.sectors]
     inner, outer = corners[:, 1], corners[:, 2]
     chord = np.concatenate((inner[:1], outer))
@@ -279,7 +272,7 @@ def _draw_cross_section(
     axes.axis("off")
 
 
-def _caption_mesh_figure(camera: OmniCamera) -> FigureCaption:
+def _caption_meshes(camera: OmniCamera) -> FigureCaption:
     rim_r, rim_z = camera.mirror.surface_point(np.array(camera.rim_t))
     _, vertex_z = camera.mirror.surface_point(np.array(0.0))
     metrics = {

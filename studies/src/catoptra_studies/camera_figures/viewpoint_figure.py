@@ -1,7 +1,7 @@
 """The single effective viewpoint in an upright section, to scale: the paper's Figure 2.
 
 Rays that aim at the viewpoint are reflected into the pinhole. So the frame can be resampled to the
-images that a camera at the viewpoint would take: on a cylinder around it, or on a plane.
+images that a camera at the viewpoint would take: on a cylinder around that point, or on a plane.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from catoptra_studies.camera_figures.figure_spec import (
 )
 from catoptra_studies.study_subject import StudySubject
 
-# Incidence angles of the rays: left they cross the plane, right the cylinder.
+# Incidence angles of the rays: left through the plane, right through the cylinder.
 _PLANE_THETA_DEG = (50.0, 62.0, 74.0)
 _CYLINDER_THETA_DEG = (55.0, 75.0, 95.0, 110.0)
 # Distances of both surfaces from the viewpoint in units of the mirror's radius; any would do, since
@@ -38,12 +38,12 @@ _CYLINDER_FROM_FRAME = CylinderGeometry(720, 200, math.tan(math.radians(-25.0)),
 _PLANE_FROM_FRAME = PerspectiveGeometry(
     360, 270, math.radians(75.0), yaw_rad=math.radians(-25.0), pitch_rad=math.radians(-20.0)
 )
-# Step of the central difference along the profile, in t = tan(theta/2): its error is 1e-10.
+# Step of the central difference along the profile, in t = tan(theta/2): the error is 1e-10.
 _T_STEP = 1e-5
 
 
 def draw_viewpoint(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
-    """Draw the section with its rays, and the two images made of a frame.
+    """Draw the section with rays, and the two images made of a frame.
 
     Raises:
         DomainError: The mirror's camera has no pinhole, as a paraboloid's has not.
@@ -60,11 +60,11 @@ def draw_viewpoint(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption
 def reflection_miss_m(camera: OmniCamera, theta_rad: Floats) -> Floats:
     """Distance at which rays to the viewpoint pass the pinhole, by the law of reflection.
 
-    The normal is that of the surface's points alone, by a central difference: the camera model
+    The normal follows from the surface's points alone, by a central difference: the camera model
     takes no part.
 
     Args:
-        camera: Camera whose capture camera has a pinhole.
+        camera: Camera with a pinhole.
         theta_rad: (n,) incidence angles of the rays.
     """
     t = np.tan(0.5 * theta_rad)
@@ -72,7 +72,7 @@ def reflection_miss_m(camera: OmniCamera, theta_rad: Floats) -> Floats:
     tangent = _surface_point(camera, t + _T_STEP) - _surface_point(camera, t - _T_STEP)
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
     incoming = -np.stack((np.sin(theta_rad), np.cos(theta_rad)), axis=-1)
-    # A mirror keeps the part along its tangent and reverses the rest.
+    # A mirror keeps the part along the tangent and reverses the rest.
     along = (incoming * tangent).sum(axis=-1, keepdims=True) * tangent
     reflected = 2.0 * along - incoming
     to_pinhole = np.array([0.0, camera.mirror.pinhole_distance_m]) - mirror
@@ -118,7 +118,7 @@ def _draw_section(axes: plot_style.Axes, camera: OmniCamera) -> None:
 def _draw_ray(
     axes: plot_style.Axes, camera: OmniCamera, theta_rad: float, side: float, length_mm: float
 ) -> None:
-    """Draw a ray from the scene to mirror and pinhole, and its aim at the viewpoint dotted."""
+    """Draw a ray from the scene to mirror and pinhole, and the aim at the viewpoint dotted."""
     mirror_mm = 1e3 * _surface_point(camera, np.array(math.tan(0.5 * theta_rad)))
     scene_mm = length_mm * np.array([math.sin(theta_rad), math.cos(theta_rad)])
     pinhole_mm = np.array([0.0, 1e3 * camera.mirror.pinhole_distance_m])
@@ -129,7 +129,7 @@ def _draw_ray(
 
 
 def _draw_surfaces(axes: plot_style.Axes, rim_mm: float) -> None:
-    """Draw the sections of cylinder and plane where the rays cross them."""
+    """Draw the sections of cylinder and plane where the rays pass."""
     radius = _CYLINDER_RADII * rim_mm
     rows = [radius / math.tan(math.radians(theta)) for theta in (50.0, 115.0)]
     axes.plot([radius, radius], rows, color=plot_style.TEAL, lw=2.0)

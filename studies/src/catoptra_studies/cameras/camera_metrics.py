@@ -24,7 +24,7 @@ _AXIS_RAD = 2e-8
 
 @dataclass(frozen=True, slots=True)
 class Resolution:
-    """Pixels per degree at one angle; nan where the camera does not show it."""
+    """Pixels per degree at one angle; nan for an angle that the camera does not show."""
 
     radial: float
     """Along the image radius."""
@@ -38,10 +38,10 @@ class FloorView:
     """Ring of the floor that a camera looking down shows in all directions."""
 
     blind_radius_m: float
-    """Radius of the circle below the camera that it does not show; inf if it shows no floor."""
+    """Radius of the circle below the camera that is not seen; inf without any floor."""
 
     reach_m: float
-    """Distance to which it shows the floor; inf if it shows the horizon, 0 if no floor."""
+    """Distance to which the floor is seen; inf with the horizon, 0 without any floor."""
 
 
 def _visible_fraction(camera: OmniCamera, theta_rad: Floats) -> Floats:
@@ -93,7 +93,7 @@ def limit_rad(camera: OmniCamera) -> float:
 
 
 def resolution_at(camera: OmniCamera, theta_rad: float) -> Resolution:
-    """Resolution at an angle from the axis; nan where no azimuth of it is in the image."""
+    """Resolution at an angle from the axis; nan where the image has no azimuth of the ring."""
     if not min_angle_rad(camera) <= theta_rad <= camera.rim_rad:
         return Resolution(math.nan, math.nan)
     if not float(_visible_fraction(camera, np.array(max(theta_rad, _AXIS_RAD)))) > 0.0:

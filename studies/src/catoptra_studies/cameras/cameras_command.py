@@ -1,6 +1,6 @@
 """The command `catoptra-studies cameras`: a gallery of camera models in one world.
 
-Each camera has a picture with rings of equal angle, a plot of its resolution by angle, and a row of
+Each camera has a picture with rings of equal angle, a plot of resolution by angle, and a row of
 numbers that follow from the model alone; only the milliseconds are measured.
 """
 
@@ -120,7 +120,7 @@ def describe_camera(staged: StagedCamera, frame_ms: float) -> dict[str, Any]:
 
 
 def ring_pixels(camera: OmniCamera, theta_rad: float) -> Floats:
-    """(n, 2) pixels of the circle of one angle; nan where the image does not show it."""
+    """(n, 2) pixels of the circle of one angle; nan where the image ends."""
     azimuth = np.linspace(0.0, 2.0 * math.pi, 361)
     sine = math.sin(theta_rad)
     direction = np.stack(
@@ -144,7 +144,7 @@ def _draw_camera(page: plot_style.Page, staged: StagedCamera, image: plot_style.
         axes.plot(pixel[:, 0], pixel[:, 1], color=colour, linewidth=0.8)
         u, v = pixel[45]
         if math.isfinite(u):
-            box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 0.8}
+            box = plot_style.label_box(0.8)
             axes.text(u, v, f"{degrees}°", ha="center", va="center", fontsize=7, bbox=box)
     _draw_resolution(page, camera)
 

@@ -198,7 +198,7 @@ def _quantiles(errors_m: Sequence[np.ndarray[tuple[int]]]) -> tuple[float, float
     return float(median), float(p90)
 
 
-# Key of a flat row and its label.
+# Keys of a flat row, and labels.
 _COLUMNS = {
     "covered_sphere": "covered sphere",
     "floor_radial": f"px/deg at {_FLOOR_DISTANCE_M:g} m",

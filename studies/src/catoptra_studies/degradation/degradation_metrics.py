@@ -1,7 +1,7 @@
 """Metrics of one detector over recorded drives, an example frame, and the levels that fail.
 
 Detections are compared with the landmarks that the stream reports as visible. A level fails where
-the detector finds too few of the beacons that it finds in clean images, or where the paper's filter
+the detector loses too many of the beacons found in clean images, or where the paper's filter
 errs too much.
 """
 
@@ -183,7 +183,7 @@ Pixel = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExampleFrame:
-    """A frame with its evaluated detections."""
+    """A frame with evaluated detections."""
 
     rgb: UInt8Array
     """(h, w, 3) image."""

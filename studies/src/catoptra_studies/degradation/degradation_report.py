@@ -204,7 +204,7 @@ def _summarize_sweep(result: SweepResult) -> dict[str, Any]:
         "clean": _summarize_level(result.clean, result),
         "levels": [
             {**_summarize_level(measured, result), "ini_keys": level.ini_keys.split("|")}
-            # Results beside the table: a result has the label of its level, not its keys.
+            # Results join the table: a result has the label of a level, not the keys.
             for measured, level in zip(result.levels, sweep.levels, strict=True)
         ],
         "failure_levels": {

@@ -83,7 +83,7 @@ def run_degradation_study(
     """Run all sweeps.
 
     Args:
-        config: Number of drives, seed and output folder; its first set-up has the route.
+        config: Number of drives, seed and output folder; the first set-up has the route.
         sweeps: Sweeps to run.
         robot_folder: Folder of the robot files on which the levels are based.
         on_drive: Called after each drive, from any thread.
@@ -151,7 +151,7 @@ def _record_drives(
     # The name makes the server's log file, so levels that run together need different ones.
     setup = replace(config.setups[0], name=name, robot_file=str(robot_file))
     with open_server(config, setup) as address:
-        # On the same server, hence on images degraded in the same way as those of the drives.
+        # On the same server, hence on images degraded like the drives' own.
         classifier = train_on_server(config, address, lambda: None)
         drives = []
         for run in range(config.num_runs):

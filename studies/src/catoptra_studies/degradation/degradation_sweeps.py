@@ -2,7 +2,7 @@
 
 One visible table. A level is a few lines of a robot file; the server rejects keys that it does not
 know, so the table has only effects that exist. All sweeps begin with the same clean images: the
-simulated robot's, without effects. To add a sweep, add its entry to SWEEPS.
+simulated robot's, without effects. A new sweep is an entry of SWEEPS.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ REAL_ROBOT = "p2at_omni_real.ini"
 _CAMERA_SECTION = "[Catoptra.OmniCaptureCamera]"
 # One ray a pixel: half the time of the experiment's four, and 99 % of the beacons are still found.
 _ONE_SAMPLE = "Samples=1"
-# The odometry of the simulated robot, for robot files that are not based on it: all levels must
+# The odometry of the simulated robot, for robot files with another base: all levels must
 # drive with the same errors.
 _SIM_ODOMETRY = """\
 [USARBot.OdometrySensor]
@@ -88,7 +88,7 @@ def _robot_ini(base_robot: Path, ini_keys: str) -> str:
     return f"{based_on}{_SIM_ODOMETRY}{_CAMERA_SECTION}\n{lines}\n"
 
 
-# A 1/3" sensor of 480 rows with its height divided into 360, the rows of the study's images.
+# A 1/3" sensor of 480 rows with the height divided into 360, the rows of the study's images.
 _PIXEL_PITCH = "PixelPitch=9.87e-6"
 
 # Each first level is hardly visible and each last one hopeless, so that the failing level lies
@@ -199,7 +199,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
-        # At 1/m a beacon at 2.5 m keeps 8 % of its contrast.
+        # At 1/m a beacon at 2.5 m keeps 8 % of the contrast.
         "Fog",
         "grey air between the mirror and the scene",
         "extinction, 1/m",

@@ -41,7 +41,7 @@ _TIMEOUT_S = 60.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledFrame:
-    """One frame with its landmarks."""
+    """One frame with landmarks."""
 
     rgb: UInt8Array
     """(h, w, 3) image."""
@@ -52,7 +52,7 @@ class LabelledFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedDrive:
-    """A drive with its frames and without measurements."""
+    """A drive with frames and without measurements."""
 
     log: DriveLog
 
@@ -70,7 +70,7 @@ def record_drive(setup: ExperimentSetup, seed: int, address: ServerAddress) -> R
 
     Args:
         setup: Route to drive.
-        seed: Number of the run; the robot's name has it, and the server's noise follows the name.
+        seed: Number of the run; names the robot, and the server's noise follows the name.
         address: Server with a stream.
 
     Raises:
@@ -121,7 +121,7 @@ def detect_beacons(drive: RecordedDrive, detector: Detector) -> tuple[tuple[Dete
 
 
 def add_measurements(drive: RecordedDrive, detections: Sequence[Sequence[Detection]]) -> DriveLog:
-    """The drive's log as a filter receives it, with detections within the range in use."""
+    """The drive's log as a filter receives one, with detections within the range in use."""
     start, *rest = drive.log.steps
     # One entry a frame, empty where nothing was detected: a missing one would shift all later ones
     # to wrong steps, so lengths are compared.

@@ -1,19 +1,13 @@
-"""The decision experiment: every effect's decision beside its truth, in many situations.
+"""The decision experiment: every effect's decision against the truth, in many situations.
 
 Bundled worlds, places drawn by seed, motions of the shipped robot, the shipped real camera with its
-thresholds. Two processes share the places; the result depends on the seed alone.
+thresholds. Places are cells of a grid that the robot's base can reach from a start of the world
+without a contact, at any heading: half of them close to an obstacle, half in the open.
 
-Situations of the decision experiment: worlds, places that a robot can reach, and motions.
-
-Places are cells of a grid that the robot's base can reach from a start of the world without a
-contact, at any heading. Half of them are close to an obstacle, half in the open; all are drawn from
-a seed.
-
-One trial of the decision experiment: a situation's decisions, each beside its truth.
-
-The decisions are those of the server's own view cache. The truth is measured with rays and
-references of its own (`effect_truth`), which know nothing of them but the names of the effects that
-are drawn, since each decision is about the light that reaches its effect.
+The server's own view cache decides. The truth is measured with other rays and references
+(`effect_truth`), which know only the names of the effects that are drawn, since each decision is
+about the light that reaches the effect. Two processes share the places; the result depends on the
+seed alone.
 """
 
 from __future__ import annotations
@@ -62,7 +56,7 @@ WORLDS = (
     "rescue",
     "warehouse",
 )
-# Speeds of a P2AT: a metre a second is beyond its wheels.
+# Speeds of a P2AT: a metre a second is beyond the wheels.
 MOTIONS: Mapping[str, PlanarVelocity] = {
     "at rest": ZERO_VELOCITY,
     "slow": PlanarVelocity(0.05, 0.0, 0.02),
@@ -72,7 +66,7 @@ MOTIONS: Mapping[str, PlanarVelocity] = {
 # Fine enough for the corridor's doors, which leave 9 cm on either side of a turning base.
 _CELL_M = 0.1
 _CLEARANCE_M = 0.02
-# Free ground beside the base of a place in the open.
+# Free ground around the base at a place in the open.
 _OPEN_CLEARANCE_M = 0.4
 # Places that the scene's triangles are compared with at a time.
 _BATCH = 2048
@@ -98,7 +92,7 @@ def choose_places(
 
     Args:
         world: Name of the bundled file.
-        startup: Its content, with the robot.
+        startup: Content of the file, with the robot.
         num_places: Number of places.
         seed: Seed of cells and headings.
     """
@@ -132,7 +126,7 @@ def _find_cells(startup: StartupConfig) -> tuple[Floats, Floats]:
 
 
 def _start_cells(startup: StartupConfig, low: Floats) -> list[tuple[int, int]]:
-    """Cells of the world's starts; that of the origin for a world without one."""
+    """Cells of the world's starts; the origin's for a world without starts."""
     locations = [start.location_m[:2] for start in startup.world.starts] or [(0.0, 0.0)]
     cells = np.rint((np.array(locations) - low) / _CELL_M).astype(int)
     return [(int(column), int(row)) for column, row in cells]
@@ -209,7 +203,7 @@ class TrialDecision:
 
 
 class TrialWorld:
-    """A world with the shipped real camera: decisions by the server's code, truth by its own."""
+    """A world with the shipped real camera: decisions by the server, truth by the study."""
 
     def __init__(self, name: str, *, width_px: int | None = None) -> None:
         """Read a bundled world.
@@ -286,7 +280,7 @@ def _resize(camera: OmniCamera, width_px: int) -> OmniCamera:
 
 
 def _make_truth(startup: StartupConfig, spec: OmniCameraSpec) -> EffectTruth:
-    """Truth by rays of its own, under all lights of the world, none of them culled."""
+    """Truth by separate rays, under all lights of the world, without culling."""
     plan = plan_from_settings(
         spec.render_settings, spec.camera, kind=RendererKind.TRACE, reason="truth"
     )
@@ -302,7 +296,7 @@ def _make_truth(startup: StartupConfig, spec: OmniCameraSpec) -> EffectTruth:
     rays = engine.prepare(table)
 
     def measure_ranges(state: CameraState) -> Float32s:
-        """Inverse of the mean inverse range of each pixel's samples: their discs grow with it."""
+        """Inverse of the mean inverse range of each pixel's samples: the discs grow with it."""
         ranges = assemble_grid(table, rays.find_hits(state).range_m[..., None], fill=_NOTHING_M)
         rows, columns, samples = spec.camera.height_px, spec.camera.width_px, plan.samples
         inverse = 1.0 / ranges.astype(np.float64).reshape(rows, samples, columns, samples)

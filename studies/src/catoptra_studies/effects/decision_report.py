@@ -1,8 +1,8 @@
-"""Report of the decision experiment: how well each effect's decision follows its truth.
+"""Report of the decision experiment: how well each effect's decision follows the truth.
 
 | quantity     | meaning                                                                      |
 |--------------|------------------------------------------------------------------------------|
-| truth on     | situations in which the effect changes some pixel by more than its threshold |
+| truth on     | situations in which the effect changes some pixel by more than the threshold |
 | wrongly off  | truth on, decision off: must not occur                                       |
 | needless on  | decision on, truth below half the threshold                                  |
 | agreement    | situations in which decision and truth are both on or both off               |
@@ -21,7 +21,7 @@ _MAX_NEEDLESS_FRACTION = 0.03
 _MIN_AGREEMENT = 0.97
 # Of the whole experiment; fewer situations have to have as many in proportion.
 _MIN_MEASURED_PER_SITUATION = 3000 / 960
-# A renderer's change is of 32-bit light and a fast encoding, the truth of 64-bit light.
+# A renderer computes the change from 32-bit light and a fast encoding, the truth from 64 bits.
 _TOLERANCE_GREY_LEVELS = 0.02
 
 _HEAD = (
@@ -96,7 +96,7 @@ def evaluate_decisions(decisions: Sequence[TrialDecision]) -> DecisionReport:
 
 def is_wrongly_off(one: TrialDecision) -> bool:
     """Whether an effect is left out that changes a pixel visibly."""
-    # A bound has no tolerance: it is computed in float64, and never below the truth.
+    # A bound has no tolerance: computed in float64, never below the truth.
     tolerance = _TOLERANCE_GREY_LEVELS if one.is_measured else 0.0
     return not one.enabled and one.truth > one.threshold + tolerance
 

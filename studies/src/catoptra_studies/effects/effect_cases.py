@@ -1,6 +1,6 @@
-"""Cases of the effect pages: for each effect a scene that needs it, and one where it is negligible.
+"""Cases of the effect pages: for each effect a scene that needs it, and a negligible one.
 
-To add a case, add its line to EFFECT_CASES, in the order of the light's path.
+A new case is a line of EFFECT_CASES, in the order of the light's path.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class NegligibleCase:
 
 @dataclass(frozen=True, slots=True)
 class EffectCase:
-    """One page: an effect in a scene that needs it."""
+    """One page: an effect in a scene that calls for the effect."""
 
     effect: Effect
     negligible_case: NegligibleCase
@@ -77,7 +77,7 @@ class EffectCase:
     """Enlargement of the detail that is shown; 1 shows the whole image."""
 
     twist: Twist = AT_REST
-    """Motion of the robot, in its own axes."""
+    """Motion of the robot, in the robot's axes."""
 
     board_distance_m: float = math.inf
     """Distance of a striped board ahead of the mirror; inf for none."""

@@ -46,9 +46,9 @@ from catoptra_studies.plot_style import Image
 
 _IMAGE_SIZE_PX = 480
 _PANEL_PX = 480
-# Any seed: the pages show the strength of noise, not its values.
+# Any seed: the pages show the strength of noise, not the values.
 _NOISE_SEED = NoiseSeed((1, 2), 3)
-# Upper left corner of the enlarged detail: the yellow goal and the line before it.
+# Upper left corner of the enlarged detail: the yellow goal and the line in front.
 _DETAIL_CORNER = (120, 264)
 
 
@@ -78,7 +78,7 @@ def write_effect_pages(folder: Path, *, on_page: Callable[[], None] = lambda: No
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _EffectScene:
-    """The paper's field with a robot near its centre, ready to be rendered."""
+    """The paper's field with a robot near the centre, ready to be rendered."""
 
     summarizer: SceneSummarizer
     view: View
@@ -104,7 +104,7 @@ class _EffectScene:
         )
 
     def render_linear(self, case: EffectCase, effects: Sequence[Effect]) -> Floats:
-        """(h, w, 3) linear image behind the given effects, all of them on."""
+        """(h, w, 3) linear image behind the given effects, all on."""
         settings = EffectSettings(
             tuple(EffectSetting(effect, EffectMode.ALWAYS) for effect in effects)
         )
@@ -164,7 +164,7 @@ def _decide_both(case: EffectCase, scene: _EffectScene) -> tuple[EffectDecision,
     settings = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in effects))
     # Upstream effects take part: exposure and lens change the radiance that a criterion bounds.
     required = plan_effects(settings, scene.summarize(case), _paper_camera(120.0))
-    # No scene is built for it: a summary with bounds of an empty, still scene is enough.
+    # No scene is built: a summary with bounds of an empty, still scene is enough.
     negligible_case = case.negligible_case
     negligible = plan_effects(
         EffectSettings((EffectSetting(negligible_case.effect, EffectMode.AUTO),)),

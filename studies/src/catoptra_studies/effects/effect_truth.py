@@ -1,7 +1,7 @@
-"""True changes of effects: what each makes of the light that reaches it, in encoded grey levels.
+"""True changes of effects: what each makes of the arriving light, in encoded grey levels.
 
 The truth of an effect is the largest change of any pixel and channel of a frame, of the light that
-the effects before it leave: the references of `effect.apply` in float64 for image effects, and
+the earlier effects leave: the references of `effect.apply` in float64 for image effects, and
 sharp frames of the engine for scene effects, with and without each; motion during an exposure is
 the mean of many sharp frames. Nothing here knows criteria, bounds, thresholds, or what a renderer
 measures.
@@ -162,11 +162,11 @@ class EffectTruth:
         truths, encoded = {}, encode(light)
         for effect in effects:
             if isinstance(effect, Defocus) and DefocusByDepth.name in drawn:
-                continue  # its work is done
+                continue  # by depth instead
             changed = effect.apply(light, self.camera, context)
             changed_encoded, reference = encode(changed), encoded
             if isinstance(effect, DefocusByDepth):
-                # Compared with what is done without it: the disc of infinity.
+                # Compared with the disc of infinity, which stands without this effect.
                 plain = next((one for one in effects if isinstance(one, Defocus)), None)
                 if plain is not None:
                     reference = encode(plain.apply(light, self.camera, context))

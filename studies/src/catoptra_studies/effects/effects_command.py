@@ -82,7 +82,7 @@ def _write_pages(folder: Path, progress: ProgressDisplay) -> None:
 
 
 def _check_decisions(parsed: argparse.Namespace, progress: ProgressDisplay) -> bool:
-    """Compare decisions with the truth, and write the report; whether they are right."""
+    """Compare decisions with the truth, and write the report; whether all are right."""
     from catoptra_studies.effects.decision_experiment import DecisionStudy, run_decision_study
     from catoptra_studies.effects.decision_report import evaluate_decisions, write_decision_report
 
@@ -98,7 +98,7 @@ def _check_decisions(parsed: argparse.Namespace, progress: ProgressDisplay) -> b
 
 def _run_sweeps(parsed: argparse.Namespace, progress: ProgressDisplay) -> tuple[SweepResult, ...]:
     config = _experiment_config(parsed)
-    # In the order of the table, however they are given.
+    # In the order of the table, in whatever order given.
     sweeps = [sweep for sweep in SWEEPS if sweep.slug in (parsed.sweep or _SWEEP_SLUGS)]
     results = run_degradation_study(
         config,
@@ -127,7 +127,7 @@ def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
         num_runs=1 if parsed.quick else max(1, parsed.runs),
         seed=parsed.seed,
         num_training_frames=_NUM_TRAINING_FRAMES,
-        # Two servers run at a time and detectors beside them: one thread each keeps two cores busy.
+        # Two servers run at a time, and detectors, too: one thread each keeps two cores busy.
         server_arguments=("--renderer", "trace", "--threads", "1"),
     )
 

@@ -1,7 +1,7 @@
-"""The command `catoptra-studies demo`: the paper's experiment in both set-ups, with its report.
+"""The command `catoptra-studies demo`: the paper's experiment in both set-ups, with a report.
 
 Each set-up has a server process, or a running server given by address. Every seed is driven, the
-camera's figures are drawn, and report.html, its figures and summary.json are written.
+camera's figures are drawn, and report.html, figures and summary.json are written.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _EXIT_FAILURE = 1
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment; return 0 where every claim is confirmed, otherwise 1."""
-    # The first word stays: container tests and scripts look for it.
+    # The first word stays: container tests and scripts look for this word.
     parsed = _make_parser().parse_args(arguments)
     return run_study("experiment", parsed, _run, exit_failure=_EXIT_FAILURE)
 
@@ -110,7 +110,7 @@ def _drive_setup(
     progress: ProgressDisplay,
     advance: Mapping[str, Callable[[], None]],
 ) -> SetupResult:
-    """Drive one set-up, and show where it can be watched."""
+    """Drive one set-up, and show the link of the live page."""
     return run_setup(
         config,
         setup,

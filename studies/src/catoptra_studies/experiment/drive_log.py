@@ -69,7 +69,7 @@ def measurements_in_range(detections: Sequence[Detection]) -> tuple[LandmarkMeas
 def manual_noise_sources(
     seed: int, robot_name: str, landmarks: Iterable[Landmark]
 ) -> dict[str, np.random.Generator]:
-    """Independent random numbers for the measurements of each landmark, by its name.
+    """Independent random numbers for the measurements of each landmark, by name.
 
     Args:
         seed: Seed of the experiment.
@@ -84,7 +84,7 @@ def manual_noise_sources(
 
 def _named_generator(*names: str) -> np.random.Generator:
     """Philox keyed by names, as the server keys the noise of robots."""
-    # SHA-256 and not hash(), which Python salts in each process. NUL separates: no name has it.
+    # SHA-256 and not hash(), which Python salts in each process. NUL separates: no name has one.
     digest = hashlib.sha256("\0".join(names).encode()).digest()
     return np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:16], "little")))
 
@@ -100,10 +100,10 @@ def manual_measurement(
 
     Args:
         setup: Noise of the measurements.
-        camera: Camera in whose image the noise applies.
+        camera: Camera with the image in which the noise applies.
         height_m: Height of the viewpoint above the floor.
         landmarks: Landmarks of the field.
-        noise: Source of the noise of each landmark, by its name.
+        noise: Source of the noise of each landmark, by name.
     """
 
     def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
@@ -128,9 +128,9 @@ def _measure_manually(
 
     None where the landmark is too far, or where the noise leaves no range.
     """
-    # Drawn in every step, in range or not: the noise of a step is then that of its number.
+    # Drawn in every step, in range or not: a step's noise then depends on the number of the step.
     radial, angular = generator.standard_normal(2)
-    # The foot on the floor: its distance follows from the image radius alone.
+    # The foot on the floor: the distance follows from the image radius alone.
     dx, dy = landmark.x_m - truth.x_m, landmark.y_m - truth.y_m
     range_m = math.hypot(dx, dy)
     if range_m > MAX_RANGE_M:
@@ -182,7 +182,7 @@ class DriveLog:
     """Steps of the route; the first is the start, without measurements."""
 
 
-# Receives the robot and each step of its drive, the start first, while the clock stands.
+# Receives the robot and each step of the drive, the start first, while the clock stands.
 StepCallback = Callable[[RobotClient, DriveStep], None]
 
 
@@ -202,7 +202,7 @@ def log_drive(
         setup: Route and source of measurements.
         run: Number of the run.
         address: Server to connect to.
-        seed: Seed of the experiment, for the noise of manual measurements; the server has it, too.
+        seed: Seed of the experiment, for the noise of manual measurements; the server has the same.
         landmarks: Landmarks of the field.
         classifier: Classifier for set-ups that detect landmarks in frames.
         on_step: Called after the start and each step.
@@ -249,17 +249,17 @@ def drive_route(
 ) -> tuple[DriveStep, ...]:
     """Drive a spawned robot along the set-up's route and measure after every step."""
     chassis = read_chassis(robot)
-    steps = [DriveStep(read_true_pose(robot), read_odometry_pose(robot), ())]
+    steps = [DriveStep(read_true_pose(robot), _read_odometry_pose(robot), ())]
     on_step(robot, steps[0])
     # Step k of the route is row k of every result, and row 0 the start.
     for target in setup.route[1:]:
         # Steered by the true pose, so that slip does not add up: the robots of the paper were
-        # driven by people who saw them.
+        # driven by people with a view of the field.
         command = wheel_command_towards(target, read_true_pose(robot), chassis)
         robot.drive(command.left_rad_s, command.right_rad_s)
         robot.step(command.duration_s)
         truth = read_true_pose(robot)
-        steps.append(DriveStep(truth, read_odometry_pose(robot), measure(truth)))
+        steps.append(DriveStep(truth, _read_odometry_pose(robot), measure(truth)))
         on_step(robot, steps[-1])
     return tuple(steps)
 
@@ -286,7 +286,7 @@ def read_true_pose(robot: RobotClient) -> Waypoint:
     return Waypoint(x, y, wrap_angle(reading.rotation_rad[2]))
 
 
-def read_odometry_pose(robot: RobotClient) -> OdometryPose:
+def _read_odometry_pose(robot: RobotClient) -> OdometryPose:
     """Latest odometry of a robot.
 
     Raises:

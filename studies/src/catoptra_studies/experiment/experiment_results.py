@@ -45,11 +45,11 @@ def write_experiment_results(
     """Write all figures of the drives, summary.json and report.html.
 
     Args:
-        config: Configuration of the experiment; figures of the camera are in its output folder.
+        config: Configuration of the experiment; figures of the camera are in the output folder.
         results: Drives of each set-up.
         camera_figures: Figures of the camera, with their numbers.
         snapshot: Frame for the figures of the detector; None where no set-up detects landmarks.
-        comparison: Frames for Figure 11; None where they could not be captured.
+        comparison: Frames for Figure 11; None without a server to capture them.
         timing_s: Seconds used by each part.
         subtitle: Line below the report's title.
 
@@ -134,7 +134,7 @@ def _draw_drive_figures(
 ) -> list[ReportFigure]:
     """Draw trajectories and errors of the median run of each set-up, and the ensembles."""
     # The same run in both figures, so that a bend of the path can be found in the errors. The
-    # paper's filter, since its Figures 12 and 13 show no other.
+    # paper's filter, since Figures 12 and 13 show no other.
     chosen = []
     for result in results:
         filter_runs = result.filter_runs[PAPER_FILTER.name]
@@ -218,7 +218,7 @@ def _draw_overview(
     config: ExperimentConfig, results: Sequence[SetupResult], snapshot: DetectorSnapshot
 ) -> None:
     """Draw frame, bearings and path in one figure, for the README."""
-    # The simulated set-up where both were driven: its landmarks come from frames like this one.
+    # The simulated set-up where both were driven: landmarks there come from frames like this one.
     result = results[0]
     filter_runs = result.filter_runs[PAPER_FILTER.name]
     index = median_run_index(filter_runs)

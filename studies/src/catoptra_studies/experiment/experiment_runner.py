@@ -1,8 +1,8 @@
 """Work of the experiment without any output: train, drive every run, replay the filters.
 
-Each set-up has a server: a process that ends with its drives, or one that runs elsewhere, such as
-in another container. The latter must have been started like those of `run_server`: lockstep, raw
-images, the set-up's robot and the experiment's seed. Then the logs of its drives are the same.
+Each set-up has a server: a process that ends with the drives, or one that runs elsewhere, such as
+in another container. The latter must have been started as by `run_server`: lockstep, raw images,
+the set-up's robot and the experiment's seed. Then the logs of the drives are the same.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ PUBLISHED_FILTER = PAPER_FILTER
 
 @dataclass(frozen=True, slots=True)
 class ExperimentConfig:
-    """Extent of the experiment and its servers."""
+    """Extent of the experiment, and servers."""
 
     config_folder: Path | None
     """Folder with robots/, worlds/ and landmarks/; None uses the files bundled with server and
@@ -87,7 +87,7 @@ class ExperimentConfig:
     """Running servers by set-up; servers of all other set-ups are started as processes."""
 
     other_world: tuple[Path, tuple[Landmark, ...]] | None = None
-    """World file, by its absolute path, and landmarks in place of the field's."""
+    """World file, by an absolute path, and landmarks in place of the field's."""
 
     timeout_s: float = 60.0
     """Longest wait for a remote server, and for figures drawn by another program."""
@@ -109,18 +109,18 @@ class ExperimentConfig:
         return read_landmarks(self.config_folder / "landmarks" / f"{_FIELD}.csv")
 
     def robot_file(self, name: str) -> Path:
-        """Robot file by its name; an absolute path is returned as given."""
+        """Robot file by name; an absolute path is returned as given."""
         return self._find_file("robots", name)
 
     def world_file(self, name: str) -> Path:
-        """World file by its name; an absolute path is returned as given."""
+        """World file by name; an absolute path is returned as given."""
         return self._find_file("worlds", name)
 
     def _find_file(self, kind: str, name: str) -> Path:
         if Path(name).is_absolute():
             return Path(name)
         if self.config_folder is None:
-            # The server resolves names without suffix to its bundled files.
+            # The server resolves names without suffix to bundled files.
             return Path(Path(name).stem)
         return self.config_folder / kind / name
 
@@ -179,7 +179,7 @@ def _drive_and_publish(
     classifier: ColourClassifier | None,
     on_progress: ProgressCallback,
 ) -> tuple[DriveLog, FilterRun]:
-    """Drive one run; one filter runs along, and the robot's viewers see its belief."""
+    """Drive one run; one filter runs along, and the robot's viewers see the belief."""
     landmark_map = make_landmark_map(config.landmarks)
     filter_steps: list[FilterStep] = []
 
@@ -210,7 +210,7 @@ def open_server(
     config: ExperimentConfig, setup: ExperimentSetup, on_page: PageCallback | None = None
 ) -> AbstractContextManager[ServerAddress]:
     """Server of a set-up: the remote one, otherwise a process that ends with the block."""
-    # A server loads one robot file, and a set-up is a robot file: so each has its own server.
+    # A server loads one robot file, and a set-up is a robot file: so each has a server.
     if setup.name in config.remote_servers:
         address = config.remote_servers[setup.name]
         return nullcontext(wait_for_server(address, timeout_s=config.timeout_s))
@@ -227,7 +227,7 @@ def open_server(
 _DEFAULT_CONTROL_PORT = 3000
 _DEFAULT_IMAGE_PORT = 5003
 _SERVER_PATTERN = re.compile(r"(\w+)=([^\s:=]+)(?::(\d{1,5}))?(?::(\d{1,5}))?", re.ASCII)
-# A container's name resolves a moment after its start, so early attempts fail at once.
+# A container's name resolves a moment after the start, so early attempts fail at once.
 _POLL_INTERVAL_S = 0.2
 
 
@@ -254,7 +254,7 @@ def wait_for_server(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> ServerAddress:
-    """Wait until a server's control port accepts a connection and sends its greeting.
+    """Wait until a server's control port accepts a connection and sends the greeting.
 
     Args:
         address: Server to wait for.
@@ -286,7 +286,7 @@ _SNAPSHOT_POSE = Waypoint(1.0, -0.6, 0.5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectorSnapshot:
-    """One frame received over TCP, with all stages of its detection."""
+    """One frame received over TCP, with all stages of the detection."""
 
     rgb: UInt8Array
     """(h, w, 3) image."""
@@ -298,19 +298,19 @@ class DetectorSnapshot:
 def train_classifier(
     config: ExperimentConfig, on_progress: ProgressCallback
 ) -> tuple[ColourClassifier, DetectorSnapshot]:
-    """Train a classifier from a server's frames and save it to classifier.npz.
+    """Train a classifier from a server's frames and write classifier.npz.
 
     Args:
         config: Needs a set-up that detects landmarks.
         on_progress: Called with "train" after each frame.
 
     Returns:
-        The classifier, and an example of its use.
+        The classifier, and an example of detection.
     """
     setup = next(s for s in config.setups if s.measurement_source is MeasurementSource.DETECTOR)
     with open_server(config, setup) as address:
         classifier = train_on_server(config, address, lambda: on_progress("train"))
-        # For the user, too: catoptra-client bearings --classifier shows its detections live.
+        # For the user, too: catoptra-client bearings --classifier shows detections live.
         save_classifier(classifier, config.output_folder / "classifier.npz")
         return classifier, _take_snapshot(config, address, classifier)
 
@@ -324,7 +324,7 @@ def train_on_server(
             address,
             landmarks=config.landmarks,
             num_frames=config.num_training_frames,
-            # Not the seed of the drives: their frames must not be those of the training.
+            # Not the seed of the drives: the drives must have other frames than the training.
             seed=config.seed + 1,
             on_frame=on_frame,
         )
@@ -338,7 +338,7 @@ def _take_snapshot(
         RobotClient.connect(address.host, address.control_port) as robot,
         ImageClient.connect(address.host, address.image_port) as images,
     ):
-        # Without a name: the noise of every drive follows from its robot's name and stays the same.
+        # Without a name: the noise of every drive follows from the robot's name and stays the same.
         spawn_robot(robot, _SNAPSHOT_POSE)
         camera, height_m = robot.get_camera_and_height()
         detector = make_detector(

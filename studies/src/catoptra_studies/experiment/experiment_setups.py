@@ -1,7 +1,7 @@
 """The paper's two set-ups, and the filters that are compared on their drives.
 
-Both filters of the paper have the same parameters, which it does not give. These were chosen to
-reproduce its findings: odometry above 1 m, the gate's lock-out, the re-lock near step 23.
+Both filters of the paper have the same parameters, which are not given. These were chosen to
+reproduce the findings: odometry above 1 m, the gate's lock-out, the re-lock near step 23.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class FilterSettings:
     gate: ValidationGate = PAPER_GATE
 
 
-# Farther landmarks are a few pixels wide; neither set-up uses them.
+# Farther landmarks are a few pixels wide; neither set-up uses these.
 MAX_RANGE_M = 2.5
 
 SIM = ExperimentSetup(

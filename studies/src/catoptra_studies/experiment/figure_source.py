@@ -3,9 +3,8 @@
 Where the server is not installed, as in the client's container, another program draws the figures
 into the output folder. figures.json is written last and is the sign that all figures are there.
 
-The paper's Figure 11 shows a recorded image beside a simulated one. No recorded image exists here:
-the robot p2at_omni_real, which simulates what the paper says that real cameras suffer from, stands
-for it.
+The paper's Figure 11 shows a recorded and a simulated image. No recorded image exists here: the
+robot p2at_omni_real, which simulates what the paper says that real cameras suffer from, stands in.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ class CameraFigures:
     figures: tuple[ReportFigure, ...] = ()
 
     metrics: Mapping[str, Any] = field(default_factory=dict)
-    """Numbers of each figure, by its file name without suffix."""
+    """Numbers of each figure, by file name without suffix."""
 
     timings: Mapping[str, Any] = field(default_factory=dict)
     """Measured times in the same form, which differ from run to run."""
@@ -58,12 +57,12 @@ class FigureSource(Enum):
 
 def default_figure_source() -> FigureSource:
     """LOCAL where a server is installed, otherwise NONE."""
-    # With remote servers only, the report lacks the section on the camera and nothing else.
+    # With remote servers only, the report is complete but for the section on the camera.
     return FigureSource.LOCAL if can_start_server() else FigureSource.NONE
 
 
 def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> CameraFigures:
-    """Have the figures drawn into the output folder, or wait for them there.
+    """Have the figures drawn into the output folder, or wait for another program's.
 
     Raises:
         CatoptraError: The figures could not be drawn, or did not appear within the timeout.
@@ -129,7 +128,7 @@ def _wait_for_file(
 _DEGRADED_ROBOT_FILE = "p2at_omni_real.ini"
 # Near the first corner of the simulated drive.
 _START = Waypoint(1.6, -1.2, 2.6)
-# A turn to the left at about a radian a second, as an operator drives: it shows as motion blur.
+# A turn to the left at about a radian a second, as an operator drives: visible as motion blur.
 _WHEEL_SPEEDS_RAD_S = (-2.5, 2.5)
 _DURATION_S = 0.5
 

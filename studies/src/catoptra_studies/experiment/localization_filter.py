@@ -1,4 +1,4 @@
-"""The experiment's filter over a drive: its steps, its results, and its note for viewers.
+"""The experiment's filter over a drive: steps, results, and a note for viewers.
 
 A drive is followed while the robot drives, or replayed from its log, by the same functions: first
 odometry, then every landmark. All are pure. The note shows a belief to the viewers of the robot,
@@ -238,7 +238,7 @@ def belief_entries(belief: Belief) -> dict[str, object]:
 
 
 def _describe_filter_step(step: FilterStep) -> str:
-    """Error of the belief, its standard deviations, and what the gate decided."""
+    """Error of the belief, standard deviations, and the decisions of the gate."""
     truth, mean = step.drive_step.truth, step.belief.mean
     error_m = math.hypot(mean[0] - truth.x_m, mean[1] - truth.y_m)
     sigma_x, sigma_y, sigma_yaw = np.sqrt(np.diagonal(step.belief.covariance))

@@ -23,7 +23,7 @@ from catoptra_studies.experiment.localization_filter import (
 )
 from catoptra_studies.paper_values import PAPER_ODOMETRY_ERROR_M
 
-# The paper counts steps from 1, and row 0 of a run is the start, so its step k is row k. The robot
+# The paper counts steps from 1, and row 0 of a run is the start, so step k is row k. The robot
 # reaches the first corner at the end of step 23; steps 85 to 100 are the diagonal.
 _DIAGONAL_STEPS = slice(85, 101)
 _FIRST_STEPS = slice(1, 6)
@@ -74,7 +74,7 @@ class RunMetrics:
     """Smallest number of landmarks measured in any step after the start."""
 
     ekf_worse_in_first_5_steps: bool
-    """Whether the filter's mean error exceeds that of odometry in steps 1 to 5."""
+    """Whether the filter's mean error exceeds odometry's in steps 1 to 5."""
 
 
 def compute_run_metrics(filter_run: FilterRun) -> RunMetrics:
@@ -190,7 +190,7 @@ def compute_measurement_metrics(
         "measurements": len(errors),
         "range_error_m": _quantiles(range_errors_m),
         "bearing_error_deg": _quantiles(np.degrees(bearing_errors_rad)),
-        "beacons_measured_by_distance": detection_rates_by_distance(drive_logs, landmarks),
+        "beacons_measured_by_distance": _detection_rates_by_distance(drive_logs, landmarks),
     }
 
 
@@ -222,7 +222,7 @@ def detection_rate(
     return num_measured / num_near if num_near else math.nan
 
 
-def detection_rates_by_distance(
+def _detection_rates_by_distance(
     drive_logs: Sequence[DriveLog], landmarks: Sequence[Landmark]
 ) -> list[dict[str, float]]:
     """Detection rate of the beacons in each interval of true distance that has any."""

@@ -1,12 +1,12 @@
 """The paper's findings as statements about a run, and how many runs of an experiment satisfy them.
 
-The paper has one run of each set-up, so a finding of it is confirmed where the typical run shows
-it, too: in more than half of the runs. What the typical run does not show is no claim but a
-difference, with its own numbers and the likely reason.
+The paper has one run of each set-up, so a finding is confirmed where the typical run shows the
+same: in more than half of the runs. What the typical run does not show is no claim but a
+difference, with numbers and the likely reason.
 
 A share of runs has an interval of 95 %: Wilson's score interval (Wilson 1927, JASA 22, p. 209).
-Unlike p ± 1.96 s it stays within [0, 1] and keeps a width where all runs agree. Newcombe 1998
-(Statistics in Medicine 17, p. 857) compares it with six others.
+Unlike p ± 1.96 s this one stays within [0, 1] and keeps a width where all runs agree. Newcombe 1998
+(Statistics in Medicine 17, p. 857) compares seven intervals.
 """
 
 from __future__ import annotations
@@ -60,12 +60,6 @@ class RunShare:
         return f"{self.num_satisfying} of {self.num_runs} runs ({low:.0%} to {high:.0%})"
 
 
-def count_runs(satisfied: Iterable[bool]) -> RunShare:
-    """Share of the runs for which a statement is true."""
-    truths = list(satisfied)
-    return RunShare(sum(truths), len(truths))
-
-
 def pool_shares(shares: Iterable[RunShare]) -> RunShare:
     """Share of all runs of several experiments together."""
     listed = list(shares)
@@ -84,7 +78,7 @@ class Statement:
     """Name in tables and files."""
 
     setup: str
-    """Name of the set-up that it is about."""
+    """Name of the set-up in question."""
 
     text: str
 
@@ -96,7 +90,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A statement, with the runs of one experiment that satisfy it."""
+    """A statement, with the satisfying runs of one experiment."""
 
     key: str
     text: str
@@ -126,11 +120,16 @@ def evaluate_statements(statements: Iterable[Statement], setups: Mapping[str, An
             statement.key,
             f"{statement.setup}: {statement.text}",
             statement.criterion,
-            count_runs(map(statement.is_satisfied, _runs_by_filter(setups[statement.setup]))),
+            _count_runs(statement, setups[statement.setup]),
         )
         for statement in statements
         if statement.setup in setups
     ]
+
+
+def _count_runs(statement: Statement, setup: Mapping[str, Any]) -> RunShare:
+    truths = [statement.is_satisfied(run) for run in _runs_by_filter(setup)]
+    return RunShare(sum(truths), len(truths))
 
 
 def _runs_by_filter(setup: Mapping[str, Any]) -> list[_RunByFilter]:
@@ -221,13 +220,13 @@ STATEMENTS = (
 )
 
 
-# Half of the paper's bound: what a reader of its Figure 13 would see as a growth.
+# Half of the paper's bound: a growth that a reader of Figure 13 would see.
 _VISIBLE_ERROR_M = 0.5 * PAPER_EKF_ERROR_M
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One difference between the paper's results and those of an experiment."""
+    """One difference between the paper's results and an experiment's."""
 
     paper: str
     """The paper's finding."""
@@ -236,7 +235,7 @@ class Difference:
     """The corresponding numbers of this experiment."""
 
     reason: str
-    """The likely reason, as far as it is known."""
+    """The likely reason, as far as known."""
 
 
 def list_differences(setups: Mapping[str, Any]) -> list[Difference]:
@@ -304,7 +303,7 @@ def _paper_filter(setup: Mapping[str, Any]) -> Mapping[str, Any]:
 def _describe_lock_out(real: Mapping[str, Any], shares: Mapping[str, RunShare]) -> Difference:
     steps = [run["relock_step"] for run in _paper_filter(real)["runs"]]
     found = [step for step in steps if step is not None]
-    # A range, since in few runs a median would be that of two or three.
+    # A range, since few runs would leave a median of two or three.
     when = f"; landmarks pass again in step {min(found)} to {max(found)}" if found else ""
     return Difference(
         "real: the gate discards the landmarks ahead until they pass in step "

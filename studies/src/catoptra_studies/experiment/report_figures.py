@@ -1,7 +1,7 @@
 """Figures of the drives and of the detector, each written to one PNG file.
 
-Trajectories are the paper's Figure 12, position errors its Figure 13, of one run and of all. The
-detector is shown in its stages: frame, cylinder, colour labels, landmarks found.
+Trajectories are the paper's Figure 12, position errors Figure 13, of one run and of all. The
+detector is shown in stages: frame, cylinder, colour labels, landmarks found.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def _draw_direction_of_travel(axes: plot_style.Axes, truth: Positions) -> None:
 
 
 def _draw_field(axes: plot_style.Axes, landmarks: Sequence[Landmark]) -> None:
-    """Draw the field from above: its lines, and every landmark in its colours."""
+    """Draw the field from above: lines, and every landmark in two colours."""
     # The pitch of the 2006 four-legged league: 5.4 x 3.6 m.
     axes.plot([-1.8, 1.8, 1.8, -1.8, -1.8], [-2.7, -2.7, 2.7, 2.7, -2.7], color=_LINE_COLOUR, lw=1)
     axes.plot([-1.8, 1.8], [0, 0], color=_LINE_COLOUR, lw=1)
@@ -118,7 +118,7 @@ def _widen_to_path(axes: plot_style.Axes, odometry: Floats) -> None:
 
 
 def _first_label(landmark: Landmark, landmarks: Sequence[Landmark]) -> str | None:
-    """Entry of the legend for the first landmark of its kind; None for the others."""
+    """Entry of the legend for the first landmark of a kind; None for the others."""
     first = next(other for other in landmarks if other.kind == landmark.kind)
     texts = {"goal": "goal", "beacon": "beacon: ring upper, disc lower colour"}
     return texts[landmark.kind] if landmark is first else None
@@ -172,7 +172,7 @@ def _draw_gate_bars(axes: plot_style.Axes, filter_run: FilterRun) -> None:
 
 
 def draw_error_ensemble(path: Path, panels: Sequence[tuple[str, Sequence[FilterRun]]]) -> None:
-    """Write the median error over the seeds with its band from 5 % to 95 %, for each panel."""
+    """Write the median error over the seeds with the band from 5 % to 95 %, for each panel."""
     with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 3.0)) as figure:
         row = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for axes, (title, filter_runs) in zip(row, panels, strict=True):
@@ -199,7 +199,7 @@ def _draw_paper_limits(axes: plot_style.Axes, title: str) -> None:
         (PAPER_ODOMETRY_ERROR_M, "1 m, exceeded by the paper's odometry", ":"),
     ):
         axes.axhline(error_m, color=plot_style.MUTED, lw=1, ls=line)
-        box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 0.5, "alpha": 0.8}
+        box = plot_style.label_box(0.5, alpha=0.8)
         axes.text(1, error_m + 0.03, text, color=plot_style.MUTED, fontsize=7, bbox=box, zorder=1)
     axes.set_title(title)
     # Half a step beyond the last, so that the bar of step 100 is drawn whole.
@@ -306,7 +306,7 @@ def draw_frame_pair(path: Path, panels: tuple[tuple[str, UInt8Array], ...]) -> N
 
 
 def _central_square(rgb: UInt8Array) -> UInt8Array:
-    """The largest square around the centre: the mirror's disc touches its sides."""
+    """The largest square around the centre: the mirror's disc touches the sides."""
     rows, columns = rgb.shape[:2]
     size = min(rows, columns)
     top, left = (rows - size) // 2, (columns - size) // 2
@@ -321,14 +321,14 @@ def draw_overview(
     stages: DetectionStages,
     logged_run: tuple[DriveLog, FilterRun],
 ) -> None:
-    """Write the frame with its bearings beside the map of a drive.
+    """Write the frame with bearings, and the map of a drive.
 
     Args:
         path: PNG file to write.
         rgb: (h, w, 3) frame.
         detector: Detector that was used.
         stages: Results of all stages for this frame.
-        logged_run: Drive for the map, and a filter's results over it.
+        logged_run: Drive for the map, and a filter's results.
     """
     drive_log, filter_run = logged_run
     with plot_style.open_chart(path, figsize=(plot_style.PAGE_WIDTH_IN, 4.2)) as figure:
@@ -339,7 +339,7 @@ def draw_overview(
         _draw_paths(right, drive_log, filter_run)
         _widen_to_path(right, filter_run.odometry)
         right.set_title("localized by them on a drive of 100 steps")
-        # The figure is shown small; the axes in metres are those of trajectories.png.
+        # The figure is shown small; trajectories.png has the axes in metres.
         right.set_xticks([])
         right.set_yticks([])
         right.spines[:].set_visible(False)

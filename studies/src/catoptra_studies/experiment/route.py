@@ -2,8 +2,8 @@
 
 A rectangle of 4.6 x 3.0 m in steps of 0.2 m, long side first, each corner in two turns of 45
 degrees; then a turn towards the opposite corner and the diagonal in 15 steps. World frame: SAE, x
-along the field, y to its right. The controller stands for the people who drove the paper's robots:
-it reads the true pose, which the filter never does.
+along the field, y to its right. The controller stands for the people who drove the paper's robots
+and reads the true pose, which the filter never does.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class WheelCommand:
 
 
 def wheel_command_towards(target: Waypoint, pose: Waypoint, chassis: Chassis) -> WheelCommand:
-    """Command for the arc to a waypoint, or for the turn to its heading where it is reached."""
+    """Command for the arc to a waypoint, or for the turn to the heading at a reached waypoint."""
     dx, dy = target.x_m - pose.x_m, target.y_m - pose.y_m
     chord_m = math.hypot(dx, dy)
     if chord_m < _POSITION_TOLERANCE_M:

@@ -1,7 +1,7 @@
 """The command `catoptra-studies seeds`: the claims of `demo` with many seeds, without pictures.
 
 Each seed trains, drives and filters as `demo --seed` does, and so has the same numbers; only live
-page and figures are left out. Seeds run in parallel processes, each with servers of its own. The
+page and figures are left out. Seeds run in parallel processes, each with separate servers. The
 report has the shares over all runs, and the status that `demo` ends with for each seed.
 """
 
@@ -52,7 +52,7 @@ class SeedResult:
     """The paper's statements that decide the status of `demo`."""
 
     untypical: tuple[Claim, ...]
-    """Statements of the paper that the typical run does not satisfy; they decide nothing."""
+    """Statements that the typical run does not satisfy; the status does not count these."""
 
     @property
     def status(self) -> int:
@@ -139,10 +139,10 @@ def _run(parsed: argparse.Namespace) -> int:
 
 
 def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
-    """Drive, filter and evaluate one seed, and write its summary.json into a folder of its own.
+    """Drive, filter and evaluate one seed, and write summary.json into a folder for this seed.
 
     Args:
-        config: Experiment, whose seed is replaced.
+        config: Experiment; the seed is replaced.
         seed: Seed to run.
     """
     folder = config.output_folder / f"seed_{seed}"
@@ -159,13 +159,13 @@ def evaluate_experiment(config: ExperimentConfig, seed: int) -> SeedResult:
 
 
 def _drive_all_setups(config: ExperimentConfig) -> list[SetupResult]:
-    """Train and drive as `demo` does, without its display."""
+    """Train and drive as `demo` does, without a display."""
     classifier, _ = train_classifier(config, _ignore_progress)
     return [run_setup(config, setup, classifier, _ignore_progress) for setup in config.setups]
 
 
 def _ignore_progress(name: str) -> None:
-    """Progress is that of whole seeds."""
+    """Progress counts whole seeds."""
 
 
 def _run_seeds(
@@ -185,7 +185,7 @@ def _run_seeds(
 
 
 def _end_by_signal() -> None:
-    """Let SIGTERM end a process with its servers; Ctrl-C is for the process that started it."""
+    """Let SIGTERM end a process and all servers of it; Ctrl-C is for the parent process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
 

@@ -1,4 +1,4 @@
 """The command `live`: a robot drives the paper's route and localizes itself, in real time.
 
-The server's page shows the robot, and its viewers may drive it.
+The server's page shows the robot, and viewers may drive.
 """

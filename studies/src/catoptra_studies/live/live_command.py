@@ -1,4 +1,4 @@
-"""The command `catoptra-studies live`: a server in real time, and a robot to watch in its page."""
+"""The command `catoptra-studies live`: a server in real time, and a robot to watch in the page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _EXIT_FAILURE = 1
 _EXIT_SIGNAL = 128
 
 _DEFAULT_VIEW_PORT = 5080
-# The server prints the link with its address.
+# The server prints the link with the address.
 _PAGE_TIMEOUT_S = 10.0
 _TEXT = """\
 A robot drives the paper's route and localizes itself by landmarks; Ctrl-C ends it.
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> int:
-    # The server's usual ports, so that other programs find it; port 0 takes free ones throughout.
+    # The server's usual ports, for other programs; port 0 takes free ones throughout.
     ports = ("--control-port", "0", "--image-port", "0") if parsed.view == 0 else ()
     server_arguments = (
         *("--robot", parsed.robot, "--world", parsed.world, "--seed", str(parsed.seed)),

@@ -1,8 +1,8 @@
-"""One robot on a server in real time: it drives the route, localizes itself, publishes its belief.
+"""One robot on a server in real time: driving the route, localization, and the published belief.
 
-The control connection owns the robot and receives its readings, five times a second with the robots
-of this repository. The stream has the wheel speeds by which viewers drive it and, in a thread of
-its own, the frames.
+The control connection owns the robot and receives the readings, five times a second with the robots
+of this repository. The stream has the wheel speeds by which viewers drive and, in another thread,
+the frames.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ from catoptra_studies.live.steering import (
 ROBOT_NAME = "Live"
 # The server may calibrate renderers; Ctrl-C waits for a frame at most so long.
 _TIMEOUT_S = 10.0
-# A server that is busy with the frames of its viewers is no lost one: the control connection ends
+# A server that is busy with the frames of viewers is no lost one: the control connection ends
 # with the server, and the stream's calls may be repeated.
 _STREAM_DELAYS = (ConnectionLostError, DeadlineExceededError)
 # Readings that have arrived are read at once; later ones belong to the next cycle.
 _DRAIN_S = 0.002
-# The interval of the readings: the next command follows with them.
+# The interval of the readings: the next command follows.
 _CYCLE_S = 0.2
 # 0.34 m/s: eyes and the motion blur of the camera follow.
 _SPEED_FRACTION = 0.6
@@ -68,7 +68,7 @@ _NUM_SKIPPED_WAYPOINTS = 8
 
 
 class LiveDrive:
-    """A spawned robot and its filter."""
+    """A spawned robot and a filter."""
 
     def __init__(
         self,
@@ -132,8 +132,8 @@ class LiveDrive:
 
     def _take_reading(self, timeout_s: float | None) -> None:
         odometry = self._robot.wait_for_report(OdometryReading, timeout_s)
-        # Of the same cycle: it follows in the robot files. Odometry itself has no time in UT2004's
-        # dialect.
+        # Of the same cycle: the next sensor in the robot files. Odometry itself has no time in the
+        # dialect of UT2004.
         time_s = self._robot.wait_for_report(GroundTruthReading).time_s
         pose = OdometryPose(odometry.x_m, odometry.y_m, odometry.yaw_rad)
         self._readings.append(TimedOdometry(time_s, pose))
@@ -165,7 +165,7 @@ class LiveDrive:
         return command.left_rad_s, command.right_rad_s
 
     def _is_stuck(self, now_s: float, pose: Waypoint) -> bool:
-        """Whether the robot stands although it is driven; asked once a cycle."""
+        """Whether the robot stands in spite of commands; asked once a cycle."""
         since_s, before = self._moved
         distance_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
         turn_rad = abs(angle_difference(pose.yaw_rad, before.yaw_rad))
@@ -191,7 +191,7 @@ class LiveDrive:
             frame = self._pending_frame.result()
             assert frame.time_s is not None, "frames of the stream carry a time"
             odometry = interpolate_odometry(self._readings, frame.time_s)
-            # Exposed after the newest reading: at its turn in the next cycle.
+            # Exposed after the newest reading: for the next cycle.
             if odometry is None:
                 return
             note = self._localizer.follow(frame, odometry, self._readings[-1].pose)
@@ -222,6 +222,6 @@ def open_live_drive(
     ):
         spawn_robot(robot, route[0], ROBOT_NAME)
         robot.wait_for_report(GroundTruthReading)
-        # A connection of its own, for one thread.
+        # A second connection, for one thread.
         get_frame = partial(frames.get_frame, robot=ROBOT_NAME, encoding=ImageEncoding.RAW)
         yield LiveDrive(robot, stream, route, request_frame=partial(pool.submit, get_frame))

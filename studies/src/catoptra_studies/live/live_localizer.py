@@ -1,9 +1,9 @@
-"""Localization of a robot from the frames of its camera, after a training on the first of them.
+"""Localization of a robot from a camera's frames, after a training on the first ones.
 
-Each frame carries the pose of its exposure. In the training it labels the pixels; afterwards it is
-the truth that the note compares the belief with, and no filter reads it.
+Each frame carries the pose of its exposure. In the training this pose labels the pixels; later
+the note compares the belief with this truth, which no filter reads.
 
-A frame arrives tens of milliseconds after its exposure, on a busy machine a second, and in the
+A frame arrives tens of milliseconds after the exposure, on a busy machine a second, and in the
 turns of the route 50 ms are 4 degrees. So odometry is interpolated to the time of the exposure.
 """
 

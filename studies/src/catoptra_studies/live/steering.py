@@ -1,9 +1,9 @@
-"""Driving the route round and round in real time, and whose turn it is to drive. Pure functions.
+"""Driving the route round and round in real time, in turn with viewers. Pure functions.
 
-The experiment's controller plans one arc a step and waits for its end. Here the pose is read a few
+The experiment's controller plans one arc a step and waits for the end. Here the pose is read a few
 times a second, each time a command is computed anew, and viewers may have moved the robot.
 
-The server executes the newest command of anyone. The wheel speeds in its reports are compared with
+The server executes the newest command of anyone. The reported wheel speeds are compared with
 those commanded here: other ones are a viewer's.
 """
 
@@ -23,7 +23,7 @@ from catoptra_studies.experiment.route import (
 
 # Half a step of the route: the arc to a nearer waypoint would begin with a sharp turn.
 _REACHED_M = 0.1
-# Beside a waypoint at this distance, the robot has passed it.
+# A waypoint behind the robot within this distance counts as passed.
 _PASSED_M = 0.3
 _REACHED_RAD = math.radians(4.0)
 # With a waypoint farther to the side the robot turns on the spot: an arc would swing out widely.

@@ -1,4 +1,4 @@
-"""`python -m catoptra_server.commands.doctor CHECK`: one check in this process, with its result as JSON.
+"""`python -m catoptra_server.commands.doctor CHECK`: one check in a process of its own, as JSON.
 
 The child side of `subprocess_check`; the command for users is `catoptra-server doctor`.
 """
