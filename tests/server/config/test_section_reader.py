@@ -1,14 +1,29 @@
-"""Typed values, and errors that name file, line, key, value and the expected form."""
+"""Typed values, and errors that name file, line, key, value and the expected form.
+
+Literals of numbers, and their ranges in words.
+
+Columns of numbers in files beside a robot's: separators, titles, and faults at their lines.
+
+Names that fit a line of the control protocol."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.section_reader import (
+    Columns,
+    SectionReader,
+    describe_range,
+    is_wire_name,
+    parse_number,
+    read_columns,
+)
 from catoptra_server.config.unreal_ini import parse_sections
 
 
@@ -157,3 +172,96 @@ def test_keys_when_ignored_are_not_reported() -> None:
 def test_number_when_beyond_all_bounds_is_rejected(text: str) -> None:
     with pytest.raises(ConfigError, match=r"K=.*a number, not beyond 1e\+09"):
         make_section(f"K={text}").get_float("K")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1", 1.0), ("-.4", -0.4), ("1e3", 1000.0), ("2.5f", 2.5)]
+)
+def test_number_when_written_as_in_real_files_is_read_of_number_values(
+    text: str, value: float
+) -> None:
+    assert parse_number(text) == value
+
+
+@pytest.mark.parametrize("text", ["", "abc", "nan", "inf", "-inf", "+inf", "1e999", "1,5", "f"])
+def test_number_when_malformed_or_not_finite_is_none(text: str) -> None:
+    assert parse_number(text) is None
+
+
+@pytest.mark.parametrize(
+    ("bounds", "text"),
+    [
+        ((-math.inf, math.inf), "a number"),
+        ((0.0, math.inf), "a number of at least 0"),
+        ((0.0, 2**31), "a number of at least 0"),
+        ((-math.inf, 1.0), "a number of at most 1"),
+        ((0.5, 10.0), "a number from 0.5 to 10"),
+    ],
+)
+def test_range_when_described_names_its_bounds(bounds: tuple[float, float], text: str) -> None:
+    assert describe_range("a number", *bounds) == text
+
+
+PROFILE = """# millimetres, of a measuring machine
+radius, height
+0, 5.0
+10, 5.8
+
+20, 8.2
+30; 12.2
+40\t17.8
+"""
+
+
+def read(folder: Path, content: str) -> Columns:
+    """Columns of a file that a section names."""
+    (folder / "ball.csv").write_text(content)
+    path = folder / "mirror.ini"
+    path.write_text("[M]\nProfile=ball.csv\n")
+    return read_columns(IniFile(path).get_section("M"), "Profile", ("Radii", "Sags"))
+
+
+def test_rows_have_any_separator_and_one_line_of_titles(tmp_path: Path) -> None:
+    assert read(tmp_path, PROFILE) == (
+        (0.0, 10.0, 20.0, 30.0, 40.0),
+        (5.0, 5.8, 8.2, 12.2, 17.8),
+    )
+
+
+def test_file_without_rows_has_empty_columns(tmp_path: Path) -> None:
+    assert read(tmp_path, "# nothing\n") == ((), ())
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (PROFILE.replace("20, 8.2", "20"), r"ball\.csv:6: Profile='20': expected 2 numbers, Radii"),
+        (PROFILE.replace("20, 8.2", "20, 8.2, 9"), r"ball\.csv:6: .*Radii and Sags"),
+        (PROFILE.replace("20, 8.2", "20, x"), r"ball\.csv:6: .*Radii and Sags"),
+        (PROFILE.replace("20, 8.2", "20, nan"), r"ball\.csv:6: .*Radii and Sags"),
+        (PROFILE.replace("20, 8.2", "x, y"), r"ball\.csv:6: .*Radii and Sags"),
+        (PROFILE.replace("20, 8.2", "10, 8.2"), r"ball\.csv:6: .*Radii above 10\.0"),
+        (PROFILE.replace("0, 5.0\n", "title\n", 1), r"ball\.csv:3: .*Radii and Sags"),
+        ("x" * 2**21, r"ball\.csv: .*a smaller table of numbers"),
+    ],
+)
+def test_fault_is_named_with_file_and_line(tmp_path: Path, content: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read(tmp_path, content)
+
+
+def test_missing_file_is_named_with_its_key(tmp_path: Path) -> None:
+    path = tmp_path / "mirror.ini"
+    path.write_text("[M]\nProfile=none.csv\n")
+    with pytest.raises(ConfigError, match=r"mirror\.ini:2: M\.Profile='none\.csv'"):
+        read_columns(IniFile(path).get_section("M"), "Profile", ("Radii", "Sags"))
+
+
+@pytest.mark.parametrize("name", ["P2AT", "R1_left", "naïve", "a|b~c", "x" * 256])
+def test_wire_name_when_valid_is_accepted(name: str) -> None:
+    assert is_wire_name(name)
+
+
+@pytest.mark.parametrize("name", ["", "two words", "a{b", "a}b", "a\tb", "€", "x" * 257])
+def test_wire_name_when_invalid_is_rejected_of_wire_name(name: str) -> None:
+    assert not is_wire_name(name)

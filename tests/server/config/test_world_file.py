@@ -1,7 +1,14 @@
-"""World files: the bundled ones, each kind of line, and the errors of broken ones."""
+"""World files: the bundled ones, each kind of line, and the errors of broken ones.
+
+Lengths, positions and colours of world files.
+
+Lights of world files.
+
+Items of world files: shapes, poses and materials."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +18,23 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.usarsim.reports import StartPose, StartPoses, line_from_report
-from catoptra_server.config.world_file import read_world
+from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.config.unreal_ini import parse_sections
+from catoptra_server.config.world_file import read_colour, read_length, read_position, read_world
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
+    Box,
+    Cylinder,
+    DirectionalLight,
     GpsOrigin,
+    HemisphereLight,
+    Material,
+    MeshFile,
+    PointLight,
+    Rectangle,
     RfidTag,
+    Ring,
+    SphereBand,
     StartPlace,
     Victim,
     World,
@@ -197,3 +216,115 @@ def test_targets_of_sensors_when_listed_are_read(tmp_path: Path) -> None:
     assert world.rfid_tags == (RfidTag(1001, (1.0, 2.0, -0.1)),)
     assert world.victims == (Victim("Head", (3.0, 0.0, -0.5)),)
     assert world.gps_origin == GpsOrigin(39.1339, -77.2166)
+
+
+def make_section(*lines: str) -> SectionReader:
+    (parsed,) = parse_sections("\n".join(("[A.B]", *lines)), file="x.ini")
+    return SectionReader(parsed.name, parsed.where, parsed.entries)
+
+
+def test_length_when_zero_is_rejected() -> None:
+    with pytest.raises(ConfigError, match="from 1e-06 to 100000"):
+        read_length(make_section("Radius=0"), "Radius")
+
+
+def test_position_when_beyond_100_km_is_rejected() -> None:
+    with pytest.raises(ConfigError, match="from -100000 to 100000"):
+        read_position(make_section("Position=(X=1,Y=2e5)"), "Position")
+
+
+def test_position_when_missing_is_its_default() -> None:
+    assert read_position(make_section(), "Position", (1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
+
+
+def test_colour_when_read_is_linear() -> None:
+    colour = read_colour(make_section("Colour=(R=255,G=188)"), "Colour", (0, 0, 0))
+    # IEC 61966-2-1: byte 188 is half of the light.
+    assert colour == pytest.approx((1.0, 0.503, 0.0), abs=1e-3)
+
+
+def test_lights_when_written_are_linear_light_times_brightness(tmp_path: Path) -> None:
+    world, _ = read_world(
+        write_small_world(
+            tmp_path,
+            "Lights=(Type=Hemisphere,Up=(R=255,G=255,B=255),Down=(R=0,G=0,B=0),Brightness=0.5)",
+            "Lights=(Type=Directional,Direction=(X=0,Y=0,Z=2))",
+            "Lights=(Type=Point,Position=(X=1,Y=2,Z=-3),Colour=(R=255,G=0,B=0),Brightness=4)",
+        )
+    )
+    assert world.lights == (
+        HemisphereLight((0.5, 0.5, 0.5), (0.0, 0.0, 0.0)),
+        DirectionalLight((0.0, 0.0, 1.0), (1.0, 1.0, 1.0)),
+        PointLight((1.0, 2.0, -3.0), (4.0, 0.0, 0.0)),
+    )
+
+
+def test_direction_when_zero_is_rejected(tmp_path: Path) -> None:
+    path = write_small_world(tmp_path, "Lights=(Type=Directional,Direction=(Z=0))")
+    with pytest.raises(ConfigError, match=r"Direction=.*a direction that is not zero"):
+        read_world(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "shape"),
+    [
+        ("Boxes=(Size=(X=1,Y=2,Z=3))", Box((1.0, 2.0, 3.0))),
+        ("Cylinders=(Radius=0.1,Height=2,Sectors=12)", Cylinder(0.1, 2.0, 12)),
+        ("Rectangles=(Size=(X=1,Y=2),Repeat=(X=3,Y=4))", Rectangle((1.0, 2.0), (3.0, 4.0))),
+        ("Rings=(InnerRadius=0,OuterRadius=1)", Ring(0.0, 1.0)),
+        (
+            "SphereBands=(Radius=2,From=90,To=180,Sectors=8,Rings=3)",
+            SphereBand(2.0, 0.5 * math.pi, math.pi, 8, 3),
+        ),
+    ],
+)
+def test_item_when_written_is_its_shape(tmp_path: Path, line: str, shape: object) -> None:
+    assert shape in [item.shape for item in read_world_text(tmp_path, line).items]
+
+
+def test_item_when_placed_has_pose_colour_and_name(tmp_path: Path) -> None:
+    line = (
+        'Cylinders=(Name="Post",Radius=1,Height=1,Position=(X=1,Y=2,Z=-3),'
+        "Direction=(Z=1.5),Colour=(R=255,B=0),Unlit=true,CastShadow=false)"
+    )
+    item = read_world_text(tmp_path, line).items[-1]
+    assert item.name == "Post"
+    assert item.world_from_item.translation.tolist() == [1.0, 2.0, -3.0]
+    assert item.world_from_item.to_rpy() == pytest.approx((0.0, 0.0, 1.5))
+    assert item.material == Material((1.0, 0.0, 0.0), unlit=True)
+    assert not item.casts_shadows
+
+
+def test_mesh_when_no_material_is_stated_keeps_its_own(tmp_path: Path) -> None:
+    (tmp_path / "m.stl").touch()
+    item = read_world_text(tmp_path, "Meshes=(File=m.stl,Scale=0.01,Up=Y)").items[-1]
+    assert item.shape == MeshFile(tmp_path / "m.stl", 0.01, "y")
+    assert item.material is None
+    assert item.unlit is None
+
+
+@pytest.mark.parametrize("unlit", [True, False])
+def test_lights_of_a_mesh_with_its_own_material_are_switched_by_the_world(
+    tmp_path: Path, unlit: bool
+) -> None:
+    (tmp_path / "m.stl").touch()
+    path = write_small_world(tmp_path, f"Meshes=(File=m.stl,Unlit={unlit})")
+    world, file = read_world(path)
+    assert world.items[-1].material is None
+    assert world.items[-1].unlit is unlit
+    assert file.unknown_names() == []
+
+
+def test_unlit_beside_a_colour_belongs_to_the_material(tmp_path: Path) -> None:
+    (tmp_path / "m.stl").touch()
+    item = read_world_text(tmp_path, "Meshes=(File=m.stl,Colour=(R=0,G=0,B=0),Unlit=true)").items[
+        -1
+    ]
+    assert item.material == Material((0.0, 0.0, 0.0), unlit=True)
+    assert item.unlit is None
+
+
+def test_class_of_an_item_is_that_of_its_line(tmp_path: Path) -> None:
+    line = 'Boxes=(Size=(X=1,Y=2,Z=3),Name="door",Class="furniture")'
+    world = read_world_text(tmp_path, line, "Boxes=(Size=(X=1,Y=1,Z=1))")
+    assert [item.class_name for item in world.items[-2:]] == ["furniture", ""]

@@ -1,26 +1,43 @@
-"""Folders of data sets: begun, resumed, refused, finished."""
+"""Folders of data sets: begun, resumed, refused, finished.
+
+The Parquet index, where pyarrow is installed.
+
+Calibrations, trajectories and further files beside the shards.
+
+Data sets read back: every kind of damage is found."""
 
 from __future__ import annotations
 
+import builtins
+import io
 import json
 from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets import dataset_folder
 from catoptra_server.datasets.dataset_folder import (
     DatasetIdentity,
+    describe_cameras,
     find_finished_shards,
     finish_folder,
+    iterate_metadata,
     min_sample_bytes,
     open_folder,
+    require_pyarrow,
     require_space,
+    verify_dataset,
+    write_parquet_index,
+    write_summaries,
 )
+from catoptra_server.datasets.png_files import encode_png
 from catoptra_server.datasets.recipe_file import read_recipe
-from catoptra_server.datasets.shards import write_shard
+from catoptra_server.datasets.shards import ShardArtist, write_shard
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 
 IDENTITY = DatasetIdentity("tour", "d" * 64, {"numpy": "2.4"}, "[Catoptra.Dataset]")
@@ -97,3 +114,178 @@ def test_disk_without_room_is_refused_before_anything_is_drawn(
     require_space(tmp_path, stage, 1000)
     with pytest.raises(CatoptraError, match=r"1001 samples take at least 0.1 GB"):
         require_space(tmp_path, stage, 1001)
+
+
+def metadata(index: int) -> dict[str, Any]:
+    """Metadata of a sample."""
+    return {
+        "key": f"{index:06d}",
+        "index": index,
+        "sequence": 0,
+        "step": index,
+        "time_s": 0.2 * index,
+        "world": "field",
+        "camera": "paper",
+        "robot": "USARBot.OmniP2AT",
+        "brightness": 1.0,
+        "world_from_camera": {
+            "position_m": [float(index), 0.0, -0.6],
+            "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0],
+        },
+    }
+
+
+def test_index_has_a_row_for_each_sample(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra [parquet]")
+    write_parquet_index(tmp_path, map(metadata, range(3)))
+    table = parquet.read_table(tmp_path / "index.parquet")
+    assert table.column("key").to_pylist() == ["000000", "000001", "000002"]
+    assert table.column("x_m").to_pylist() == [0.0, 1.0, 2.0]
+
+
+def test_missing_package_is_an_error_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = builtins.__import__
+
+    def refuse(name: str, *args: Any, **kwargs: Any) -> Any:
+        if name.startswith("pyarrow"):
+            raise ImportError(name)
+        return original(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(CatoptraError, match=r"catoptra-server\[parquet\]"):
+        require_pyarrow()
+
+
+def test_trajectory_has_the_poses_of_each_drive_in_tum_s_order(tmp_path: Path) -> None:
+    stage = stage_recipe(write_drive(tmp_path, lines=("Formats=tum",)))
+    artist = ShardArtist(stage)
+    for number in range(3):
+        artist.draw_shard(tmp_path, number)
+    artist.close()
+    write_summaries(tmp_path, stage)
+    metadata = [*iterate_metadata(tmp_path, stage.recipe)]
+    assert [one["index"] for one in metadata] == list(range(6))
+    files = sorted((tmp_path / "trajectories").iterdir())
+    assert [path.name for path in files] == ["000000.txt", "000001.txt", "000002.txt"]
+    rows = np.loadtxt(files[1])
+    assert rows.shape == (2, 8)
+    pose = metadata[3]["world_from_camera"]
+    expected = [metadata[3]["time_s"], *pose["position_m"], *pose["quaternion_xyzw"]]
+    np.testing.assert_allclose(rows[1], expected, atol=1e-8)
+    np.testing.assert_allclose(np.linalg.norm(rows[:, 4:], axis=1), 1.0, atol=1e-8)
+    cameras = describe_cameras(tmp_path, stage)
+    assert set(cameras) == {"p2at_omni.OmniCamPillar_Link4", "equidistant_220"}
+    assert "calibration/equidistant_220/ray_table.npz" in cameras["equidistant_220"]["calibration"]
+
+
+def test_missing_shard_is_an_error(tmp_path: Path) -> None:
+    stage = stage_recipe(write_drive(tmp_path))
+    with pytest.raises(CatoptraError, match=r"000000\.tar"):
+        list(iterate_metadata(tmp_path, stage.recipe))
+
+
+def draw(folder: Path, *lines: str) -> None:
+    """Draw a drive and write its summaries."""
+    stage = stage_recipe(write_drive(folder, lines=lines))
+    artist = ShardArtist(stage)
+    for number in range(3):
+        artist.draw_shard(folder, number)
+    artist.close()
+    write_summaries(folder, stage)
+
+
+def test_coco_file_has_all_pictures_and_their_objects(tmp_path: Path) -> None:
+    draw(tmp_path, "Formats=coco")
+    content = json.loads((tmp_path / "annotations.json").read_text(encoding="utf-8"))
+    assert [image["file_name"] for image in content["images"]] == [
+        f"00000{number}.rgb.png" for number in range(6)
+    ]
+    assert {(image["width"], image["height"]) for image in content["images"]} == {(64, 64)}
+    assert {one["image_id"] for one in content["annotations"]} == set(range(1, 7))
+
+
+# pycocotools 2.0 has the warning in its own conversion of masks.
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
+def test_pycocotools_loads_the_file(tmp_path: Path) -> None:
+    coco = pytest.importorskip("pycocotools.coco", reason="needs the package pycocotools")
+    draw(tmp_path, "Formats=coco")
+    loaded = coco.COCO(tmp_path / "annotations.json")
+    for annotation in loaded.loadAnns(loaded.getAnnIds()):
+        assert loaded.annToMask(annotation).sum() == annotation["area"]
+
+
+IDENTITY_VERIFICATION = DatasetIdentity("tour", "d" * 64, {}, "")
+PICTURE = encode_png(np.arange(60, dtype=np.uint8).reshape(4, 5, 3))
+RANGE_FILE = io.BytesIO()
+np.save(RANGE_FILE, np.ones((4, 5), np.float32))
+RANGE = RANGE_FILE.getvalue()
+
+
+def sample(key: str, **files: bytes | None) -> tuple[str, dict[str, bytes]]:
+    """Sample of a picture and its ranges; None leaves a file out."""
+    metadata = json.dumps({"key": key}).encode()
+    all_files = {"json": metadata, "range.npy": RANGE, "rgb.png": PICTURE}
+    all_files |= {name.replace("_", "."): content for name, content in files.items()}
+    return key, {name: content for name, content in all_files.items() if content is not None}
+
+
+def write_dataset(folder: Path, *samples: tuple[str, dict[str, bytes]], number: int = 2) -> None:
+    """Write a data set of one shard."""
+    open_folder(folder, IDENTITY_VERIFICATION)
+    record = write_shard(folder, 0, samples)
+    finish_folder(
+        folder, IDENTITY_VERIFICATION, [record], {"samples": number, "channels": ["range"]}
+    )
+
+
+def test_whole_data_set_passes(tmp_path: Path) -> None:
+    write_dataset(tmp_path, sample("000000"), sample("000001"))
+    assert list(verify_dataset(tmp_path))[-1].endswith("all 2 samples are as they were written")
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        (sample("000001", range_npy=None), r"sample 000001: range\.npy is missing"),
+        (sample("000001", flow_npy=RANGE), r"flow\.npy is missing or new"),
+        (sample("000001", rgb_png=PICTURE[:-9]), "sample 000001 cannot be read"),
+        (sample("000001", range_npy=RANGE[:40]), "sample 000001 cannot be read"),
+        (sample("000001", json=b"{"), "sample 000001 cannot be read"),
+        (sample("000001", json=b'{"key":"000007"}'), "do not belong together"),
+        (sample("000001", rgb_png=encode_png(np.zeros((3, 5, 3), np.uint8))), "do not belong"),
+        (sample("000000"), "has 1 samples instead of 2"),
+    ],
+)
+def test_damaged_sample_is_named(
+    tmp_path: Path, second: tuple[str, dict[str, bytes]], message: str
+) -> None:
+    write_dataset(tmp_path, sample("000000"), second)
+    with pytest.raises(CatoptraError, match=message):
+        list(verify_dataset(tmp_path))
+
+
+def test_changed_byte_is_found_by_the_hash(tmp_path: Path) -> None:
+    write_dataset(tmp_path, sample("000000"), sample("000001"))
+    path = tmp_path / "shards/000000.tar"
+    content = bytearray(path.read_bytes())
+    content[-1] = 1
+    path.write_bytes(bytes(content))
+    with pytest.raises(CatoptraError, match="another hash"):
+        list(verify_dataset(tmp_path))
+
+
+def test_missing_samples_and_shards_are_found(tmp_path: Path) -> None:
+    write_dataset(tmp_path, sample("000000"), number=2)
+    with pytest.raises(CatoptraError, match="has 1 of 2 samples"):
+        list(verify_dataset(tmp_path))
+    (tmp_path / "shards/000000.tar").unlink()
+    with pytest.raises(CatoptraError, match=r"000000\.tar cannot be read"):
+        list(verify_dataset(tmp_path))
+
+
+def test_unfinished_data_set_is_told_apart(tmp_path: Path) -> None:
+    open_folder(tmp_path, IDENTITY_VERIFICATION)
+    with pytest.raises(CatoptraError, match="is not finished"):
+        list(verify_dataset(tmp_path))
+    with pytest.raises(CatoptraError, match="no manifest"):
+        list(verify_dataset(tmp_path / "none"))

@@ -1,4 +1,6 @@
-"""Shards drawn by processes: the same bytes by any number of them, and after deaths."""
+"""Shards drawn by processes: the same bytes by any number of them, and after deaths.
+
+Functions in pinned processes: results, errors, deaths."""
 
 from __future__ import annotations
 
@@ -15,6 +17,7 @@ from catoptra_server.datasets.local_workers import (
     MAX_ATTEMPTS,
     DatasetInterruptedError,
     LocalWorkers,
+    run_in_pinned_process,
 )
 from catoptra_server.datasets.shards import ShardJob
 from helpers.dataset_recipes import write_drive, write_recipe
@@ -102,3 +105,34 @@ def test_interruption_ends_the_workers(job: ShardJob) -> None:
         list(workers.draw([0, 1, 2]))
     assert pids
     assert not workers.pids
+
+
+def read_variable(name: str) -> str | None:
+    """Variable of this process."""
+    return os.environ.get(name)
+
+
+def fail() -> None:
+    """Raise an error of ours."""
+    raise CatoptraError("recipe.ini:3: wrong")
+
+
+def die() -> None:
+    """End as a killed process does."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_process_has_the_variables_and_this_one_has_not() -> None:
+    before = os.environ.get("OPENBLAS_CORETYPE")
+    assert run_in_pinned_process("avx2", read_variable, "OPENBLAS_CORETYPE") == "Haswell"
+    assert os.environ.get("OPENBLAS_CORETYPE") == before
+
+
+def test_error_of_the_function_is_raised_here() -> None:
+    with pytest.raises(CatoptraError, match=r"recipe.ini:3: wrong"):
+        run_in_pinned_process("avx2", fail)
+
+
+def test_death_is_an_error() -> None:
+    with pytest.raises(CatoptraError, match="has ended: exit status -9"):
+        run_in_pinned_process("avx2", die)

@@ -1,14 +1,34 @@
-"""Samples drawn: the picture of a served frame, labels, and no trace of other samples."""
+"""Samples drawn: the picture of a served frame, labels, and no trace of other samples.
+
+Lights scaled by a factor.
+
+What bytes depend on beside the recipe, and workers that differ."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_server.datasets.local_workers import run_in_pinned_process
 from catoptra_server.datasets.sample import RenderedSample, SampleDescriber, encode_sample
-from catoptra_server.datasets.sample_renderer import SampleRenderer
+from catoptra_server.datasets.sample_renderer import (
+    SampleRenderer,
+    describe_environment,
+    find_environment_error,
+    find_processor_error,
+    pinning_variables,
+    scale_lights,
+)
+from catoptra_server.render.trace.kernel.library import available_instruction_sets
+from catoptra_server.world.world_description import (
+    DirectionalLight,
+    HemisphereLight,
+    PointLight,
+    World,
+)
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 
 
@@ -69,3 +89,81 @@ def test_worlds_that_come_again_after_others_have_the_same_bytes(tmp_path: Path)
     samples = render(path, *range(8), *range(8))
     for first, again in zip(samples[:8], samples[8:], strict=True):
         assert encode_sample(first) == encode_sample(again)
+
+
+def test_all_lights_are_brighter_by_the_factor_and_nothing_else_changes() -> None:
+    lights = (
+        HemisphereLight((0.5, 0.25, 0.125), (0.0, 1.0, 2.0)),
+        DirectionalLight((0.0, 0.0, 1.0), (1.0, 2.0, 4.0)),
+        PointLight((1.0, 2.0, -3.0), (8.0, 0.0, 1.0)),
+    )
+    world = World("w", (), lights=lights, background=(0.5, 0.5, 0.5))
+    scaled = scale_lights(world, 2.0)
+    assert scaled.lights == (
+        HemisphereLight((1.0, 0.5, 0.25), (0.0, 2.0, 4.0)),
+        DirectionalLight((0.0, 0.0, 1.0), (2.0, 4.0, 8.0)),
+        PointLight((1.0, 2.0, -3.0), (16.0, 0.0, 2.0)),
+    )
+    assert scaled.background == world.background
+    assert scale_lights(world, 1.0) is world
+
+
+def test_factor_zero_is_darkness() -> None:
+    world = World("w", (), lights=(DirectionalLight((0.0, 0.0, 1.0), (1.0, 1.0, 1.0)),))
+    (light,) = scale_lights(world, 0.0).lights
+    assert isinstance(light, DirectionalLight)
+    assert light.irradiance == pytest.approx((0.0, 0.0, 0.0))
+
+
+HAS_AVX2 = "avx2" in available_instruction_sets()
+needs_avx2 = pytest.mark.skipif(not HAS_AVX2, reason="needs a processor with AVX2")
+
+
+def test_environment_names_code_and_libraries() -> None:
+    environment = describe_environment("avx2")
+    assert {"code_version", "code_sha256", "kernel_sha256", "numpy", "png_encoder", "libc"} <= {
+        *environment
+    }
+    assert all(environment.values())
+
+
+def test_variables_disable_what_is_beyond_the_instruction_set() -> None:
+    disabled = {
+        name: set(pinning_variables(name)["NPY_DISABLE_CPU_FEATURES"].split())
+        for name in ("avx512", "avx2", "sse4.2")
+    }
+    assert not disabled["avx512"]
+    assert disabled["avx2"] <= disabled["sse4.2"]
+    assert not {"AVX2", "X86_V3"} & disabled["avx2"]
+
+
+@needs_avx2
+def test_pinned_process_may_draw() -> None:
+    assert run_in_pinned_process("avx2", find_processor_error, "avx2") == ""
+
+
+@pytest.mark.skipif(
+    "avx512" not in available_instruction_sets(), reason="needs a processor with AVX-512"
+)
+def test_process_that_uses_more_is_refused_with_the_remedy() -> None:
+    fault = run_in_pinned_process("avx512", find_processor_error, "avx2")
+    assert "beyond avx2" in fault
+    assert "NPY_DISABLE_CPU_FEATURES=" in fault
+
+
+@needs_avx2
+def test_worker_with_another_version_is_refused_by_name() -> None:
+    environment = describe_environment("avx2")
+    assert not run_in_pinned_process("avx2", find_environment_error, environment, "avx2")
+    other = {**environment, "numpy": "1.0"}
+    fault = run_in_pinned_process("avx2", find_environment_error, other, "avx2")
+    assert fault.startswith("this worker differs: numpy ")
+    assert fault.endswith(" instead of 1.0")
+
+
+def test_processor_without_the_instruction_set_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "catoptra_server.render.trace.kernel.library.available_instruction_sets",
+        lambda: ("sse4.2",),
+    )
+    assert "this processor has no avx2" in find_processor_error("avx2")

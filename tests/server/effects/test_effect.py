@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -10,13 +11,16 @@ import pytest
 
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import (
+    EMPTY_CONTEXT,
+    NUM_RINGS,
     EffectMode,
     EffectSetting,
     EffectSettings,
+    SceneSummary,
     is_image_effect,
     is_scene_effect,
 )
-from catoptra_server.world.camera_state import NoiseSeed
+from catoptra_server.world.camera_state import ZERO_SEED, NoiseSeed
 from helpers.configs import REPOSITORY
 from helpers.effect_measurement import (
     CAMERA,
@@ -96,3 +100,21 @@ def test_effect_when_in_the_folder_scene_changes_the_scene(name: str) -> None:
     effect = make_any_effect(name)
     assert effect.changes_scene == (".effects.scene." in type(effect).__module__)
     assert is_scene_effect(effect) is not is_image_effect(effect)
+
+
+def test_capture_when_nothing_is_known_has_no_ranges() -> None:
+    assert EMPTY_CONTEXT.noise_seed == ZERO_SEED
+    assert EMPTY_CONTEXT.range_m is None
+
+
+NEAR = (0.5, *(2.0,) * (NUM_RINGS - 1))
+EGO_BODY_DISTANCES_M = (*(0.3,) * 2, *(math.inf,) * (NUM_RINGS - 2))
+
+
+def test_visible_distance_is_the_nearer_of_scene_and_what_the_camera_carries() -> None:
+    summary = SceneSummary(1.0, min_distances_m=NEAR, attached_min_distances_m=EGO_BODY_DISTANCES_M)
+    assert summary.visible_min_distances_m == (0.3, 0.3, *(2.0,) * (NUM_RINGS - 2))
+
+
+def test_visible_distance_when_nothing_is_carried_is_the_scene() -> None:
+    assert SceneSummary(1.0, min_distances_m=NEAR).visible_min_distances_m == NEAR

@@ -1,18 +1,37 @@
-"""Payloads of a frame: each encoding computed once, whatever the number of connections."""
+"""Payloads of a frame: each encoding computed once, whatever the number of connections.
+
+Differences in grey levels, beside the picture.
+
+Channels: equal by value, and which of them show a variant.
+
+Labels of a frame: the other hand, objects in view, payloads."""
 
 from __future__ import annotations
 
 import asyncio
+import math
+import zlib
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_protocol.labels.channels import GroundTruth, LabelledObject
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.stream.requests import ChannelEncoding, ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.frames import encode as encode_module
-from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame import (
+    IMAGE_PORT,
+    CameraChannel,
+    Frame,
+    FrameLabels,
+    ImagePortChannel,
+    append_difference,
+    is_variant,
+)
+from catoptra_server.frames.plan.camera import CameraVariant
 from helpers.loopback import run_scenario
 
 
@@ -79,3 +98,68 @@ def test_png_and_raw_of_the_stream_when_decoded_are_the_image() -> None:
         np.testing.assert_array_equal(raw, rgb)
 
     run_scenario(scenario())
+
+
+def test_difference_is_absolute_and_to_the_right_of_the_picture() -> None:
+    rgb = np.array([[[10, 0, 255], [5, 5, 5]]], dtype=np.uint8)
+    reference = np.array([[[0, 255, 255], [5, 5, 5]]], dtype=np.uint8)
+    image, difference = append_difference(rgb, reference, "exact")
+    assert image[:, :2].tolist() == rgb.tolist()
+    assert image[:, 2:].tolist() == [[[10, 255, 0], [0, 0, 0]]]
+    assert (difference.reference_plan, difference.max_levels) == ("exact", 255)
+    assert difference.rms_levels == pytest.approx(math.sqrt((10**2 + 255**2) / 6))
+    assert difference.changed_fraction == 0.5
+    assert not image.flags.writeable
+
+
+def test_equal_images_do_not_differ() -> None:
+    rgb = np.full((2, 3, 3), 7, dtype=np.uint8)
+    _, difference = append_difference(rgb, rgb, "")
+    numbers = (difference.max_levels, difference.rms_levels, difference.changed_fraction)
+    assert numbers == (0, 0.0, 0.0)
+
+
+def test_channels_are_equal_by_value() -> None:
+    assert ImagePortChannel() == IMAGE_PORT
+    first, second = (CameraChannel("R", "", CameraVariant(samples=1)) for _ in range(2))
+    assert len({first, second, CameraChannel("R", "")}) == 2
+
+
+def test_variant_is_a_camera_by_other_settings() -> None:
+    assert is_variant(CameraChannel("R", "Omni", CameraVariant()))
+    assert not is_variant(CameraChannel("R", "Omni"))
+    assert not is_variant(IMAGE_PORT)
+
+
+IDS = np.array(((0, 2, 2), (0, 0, 5)), dtype=np.uint16)
+FLOW = np.arange(12, dtype=np.float32).reshape(2, 3, 2)
+OBJECTS = tuple(
+    LabelledObject(number, f"o{number}", "object", 1, Pose.identity(), np.ones(3))
+    for number in range(1, 6)
+)
+LABELS = FrameLabels(GroundTruth({"ids": IDS, "flow": FLOW}, OBJECTS), flow_to_time_s=0.5)
+
+
+def test_turned_labels_are_those_of_the_turned_picture() -> None:
+    turned = LABELS.turn().truth.channels
+    np.testing.assert_array_equal(turned["ids"], ((2, 2, 0), (5, 0, 0)))
+    # A displacement to the right leads to the left in the other hand.
+    np.testing.assert_array_equal(turned["flow"][0, 0], (-4.0, 5.0))
+    np.testing.assert_array_equal(FLOW[0, 2], (4.0, 5.0))
+
+
+def test_objects_in_view_are_those_of_the_ids() -> None:
+    assert [one.number for one in LABELS.objects_in_view()] == [2, 5]
+    assert FrameLabels(GroundTruth({}, OBJECTS)).objects_in_view() == ()
+
+
+def test_payloads_are_encoded_once() -> None:
+    async def encode_twice() -> None:
+        for encoding in ChannelEncoding:
+            first = await LABELS.encode(encoding)
+            assert await LABELS.encode(encoding) is first
+        raw, packed = [await LABELS.encode(encoding) for encoding in ChannelEncoding]
+        assert bytes(raw["ids"]) == IDS.tobytes() == zlib.decompress(packed["ids"])
+        assert bytes(raw["flow"]) == FLOW.tobytes()
+
+    asyncio.run(encode_twice())

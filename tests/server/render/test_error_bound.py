@@ -298,7 +298,7 @@ def test_bound_of_faces_with_four_samples_holds_and_is_smaller(
     one = make_bound_plan(camera, PerPixel(), RendererKind.RASTER)
     four = replace(one, face_samples=4)
     # Edges that rise by a third of their length are the worst for the pattern of four: that it
-    # displaces them as far as said is searched in tests/server/planning/test_face_lookup_error.py.
+    # displaces them as far as said is searched in tests/server/frames/plan/test_error_bound.py.
     seen_px = max_measured_px(device, camera, four, 15)
     bound_px = error_bound(camera, four).geometric.max_px
     assert seen_px <= bound_px < 0.7 * error_bound(camera, one).geometric.max_px

@@ -1,4 +1,6 @@
-"""Effects by their own formulas: stages, changes and encoding."""
+"""Effects by their own formulas: stages, changes and encoding.
+
+The table of sRGB greys against the formula in float64."""
 
 from __future__ import annotations
 
@@ -8,11 +10,14 @@ import pytest
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.render.image_changer import (
+    MAX_LEVEL,
     ExposedImage,
     NumpyImageChanger,
     encode_srgb,
     measure_change,
+    srgb_table,
 )
+from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, make_test_pattern
 
 PATTERN = make_test_pattern().astype(np.float32)
@@ -45,3 +50,28 @@ def test_change_is_in_encoded_levels_of_the_pixel_that_changes_most() -> None:
     # sRGB of 0.5 is 187.5 of 255.
     assert measure_change(before, after) == pytest.approx(255.0 - 187.52, abs=0.01)
     assert measure_change(before, before) == 0.0
+
+
+def test_encode_srgb_is_within_a_tenth_of_a_level_of_float64() -> None:
+    light = np.linspace(-0.2, 1.4, 20001, dtype=np.float32)
+    exact = 255.0 * srgb_from_linear(light.astype(np.float64))
+    assert np.abs(encode_srgb(light) - exact).max() < 0.5 + 0.1
+
+
+def test_encode_srgb_of_an_image_keeps_its_shape() -> None:
+    assert encode_srgb(np.ones((2, 5, 3), dtype=np.float32)).shape == (2, 5, 3)
+
+
+def test_table_rises_from_black_to_white_and_is_shared() -> None:
+    table = srgb_table()
+    assert len(table) == MAX_LEVEL + 1
+    assert (table[0], table[-1]) == (0, 255)
+    assert (np.diff(table.astype(np.int64)) >= 0).all()
+    assert set(table) == set(range(256))
+    assert table is srgb_table()
+    assert not table.flags.writeable
+
+
+def test_light_that_is_no_number_is_black() -> None:
+    light = np.array([np.nan, -np.inf, np.inf], dtype=np.float32)
+    assert encode_srgb(light).tolist() == [0, 0, 255]

@@ -24,7 +24,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.candidates import generate_candidate_plans
-from catoptra_server.frames.plan.plans import can_follow_settings, choose_by_settings
+from catoptra_server.frames.plan.plans import choose_by_settings
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
@@ -133,13 +133,15 @@ def spec(camera: OmniCamera, renderer: str = "") -> OmniCameraSpec:
 
 def test_raster_is_replaced_by_trace_and_says_from_which_distance() -> None:
     camera = make_camera(BALL, 360)
-    choice = choose_by_settings(
-        spec(camera), RendererKind.RASTER, "", usable=[RendererKind.TRACE, RendererKind.RASTER]
+    central, choice = (
+        choose_by_settings(
+            spec(one), RendererKind.RASTER, "", usable=[RendererKind.TRACE, RendererKind.RASTER]
+        )
+        for one in (replace(camera, is_approximated=True), camera)
     )
+    assert central.plan.renderer is RendererKind.RASTER
     assert choice.plan.renderer is RendererKind.TRACE
     assert f"nearer than {near_limit_m(camera):.3g} m" in choice.plan.reason
-    assert not can_follow_settings(spec(camera), RendererKind.RASTER)
-    assert can_follow_settings(spec(replace(camera, is_approximated=True)), RendererKind.RASTER)
 
 
 def test_limit_of_raster_is_that_of_the_configured_error() -> None:

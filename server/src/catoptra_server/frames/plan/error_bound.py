@@ -91,7 +91,7 @@ from catoptra_server.world.mirror_mesh import Tessellation
 # Largest displacement in texels by samples a texel. 1: one half, and 1 / (8 * 2) by which an arc of
 # radius two departs from a chord of one texel. More: the worst of arcs from radius two to straight,
 # in the standard sample patterns of drivers, and a twentieth in reserve; searched in
-# tests/server/planning/test_face_lookup_error.py.
+# tests/server/frames/plan/test_error_bound.py.
 MAX_EDGE_DISPLACEMENT_TEXELS = {1: 0.5 + 1.0 / 16.0, 2: 0.50, 4: 0.38, 8: 0.32, 16: 0.29}
 # Hardware holds triangle corners and texture coordinates in 256ths, rounded by half a step along
 # both sides: twice sqrt(2) / 512.
@@ -219,7 +219,7 @@ def corner_error(camera: OmniCamera, samples: int) -> GeometricError:
 
 
 # Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
-# samples; less for larger discs. Searched in tests/server/planning/test_sampling_error.py.
+# samples; less for larger discs. Searched in tests/server/frames/plan/test_error_bound.py.
 PIXEL_CENTROID_ERROR_PX = 0.07
 
 

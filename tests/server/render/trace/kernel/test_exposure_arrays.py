@@ -1,4 +1,10 @@
-"""Exposures as the kernel's structure, and the table of objects' meshes."""
+"""Exposures as the kernel's structure, and the table of objects' meshes.
+
+Boxes around the parts of a dynamic object.
+
+Flow as the kernel's structure: motions about the scene's centre, numbers without a place.
+
+Arrays that the kernel writes labels into, and tiles of rays that belong together."""
 
 from __future__ import annotations
 
@@ -8,18 +14,39 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.frames.labels.labels import build_label_rays, make_ray_source
 from catoptra_server.render.trace.kernel.exposure_arrays import (
+    CentreMatch,
     ObjectTable,
+    enclose_parts,
     exposure_arrays,
+    flow_arrays,
+    label_arrays,
+    match_centres,
     ray_table_struct,
 )
 from catoptra_server.render.trace.kernel.kernel_structs import FrameStruct, MeshArrays
-from catoptra_server.render.trace.trace_engine import MovingExposure, TracedExposure
+from catoptra_server.render.trace.kernel.library import KernelDevice, KernelUnavailableError
+from catoptra_server.render.trace.ray_table import RayTable
+from catoptra_server.render.trace.trace_engine import (
+    FlowTables,
+    LabelRequest,
+    LabelTables,
+    MovingExposure,
+    TracedExposure,
+)
 from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.objects import ObjectMesh, build_object_mesh
+from catoptra_server.world.shapes import Patch
+from catoptra_server.world.world_description import Material
 from helpers.dynamic_objects import TWO_ROBOTS, place_cube
+from helpers.labelled_rooms import CAMERAS, SIDE_PX
 from helpers.trace_kernels import make_omni_table
+from measurements.scenes import ROBOT
 
 FAR = np.array((20e3, -15e3, 300.0))
 MIRROR = Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3))
@@ -152,3 +179,151 @@ def test_rays_are_the_table_s_own_arrays() -> None:
     times = np.zeros((*table.valid.shape, 16), dtype=np.float32)
     moving = ray_table_struct(replace(table, origins=table.directions, times=times))
     assert (moving.origins, moving.times) == (table.directions.ctypes.data, times.ctypes.data)
+
+
+def make_mesh(corners: Floats) -> ObjectMesh:
+    """Mesh of (n, 3, 3) corners."""
+    return build_object_mesh(
+        [(Patch(corners, np.zeros((len(corners), 3, 2))), Material((1.0, 1.0, 1.0)))]
+    )
+
+
+def surface(boxes: Floats) -> float:
+    """Surface of all boxes together."""
+    x, y, z = 2.0 * boxes[:, 3:].T
+    return float((2.0 * (x * y + y * z + z * x)).sum())
+
+
+def holds(boxes: Floats, mesh: ObjectMesh) -> bool:
+    """Whether each triangle lies in one of the boxes."""
+    offsets = np.abs(mesh.corners[:, :, None] - boxes[:, :3])
+    return bool((offsets <= boxes[:, 3:] + 1e-12).all(axis=(1, 3)).any(axis=1).all())
+
+
+def test_robot_with_a_tower_has_boxes_with_much_less_surface_than_one() -> None:
+    boxes = enclose_parts(ROBOT)
+    assert holds(boxes, ROBOT)
+    one = np.concatenate([ROBOT.centre, ROBOT.half_size_m])[None]
+    assert 1 < len(boxes) <= 8
+    assert surface(boxes) < 0.75 * surface(one)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_boxes_of_random_triangles_hold_all(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    centres = rng.choice(rng.uniform(-1.0, 1.0, (4, 3)), 60)
+    mesh = make_mesh(centres[:, None] + rng.uniform(-0.1, 0.1, (60, 3, 3)))
+    boxes = enclose_parts(mesh)
+    assert holds(boxes, mesh)
+    assert 2 <= len(boxes) <= 8
+
+
+def test_box_of_one_triangle_is_its_own() -> None:
+    corners = np.array([[[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 4.0, 0.0]]])
+    np.testing.assert_allclose(enclose_parts(make_mesh(corners)), [[1.0, 2.0, 0.0, 1.0, 2.0, 0.0]])
+
+
+def test_triangles_that_all_overlap_have_one_box() -> None:
+    rng = np.random.default_rng(1)
+    corners = rng.uniform(-1.0, 1.0, (1, 3, 3)) + 1e-3 * rng.uniform(-1.0, 1.0, (20, 1, 1))
+    assert len(enclose_parts(make_mesh(corners))) == 1
+
+
+CENTRE = np.array((100.0, -50.0, 2.0))
+TURN = Pose.from_rpy((0.5, 0.0, 0.0), (0.0, 0.0, 0.3))
+TABLES = FlowTables(
+    points=np.zeros((4, 6, 3), dtype=np.float32),
+    ids=np.zeros((4, 6), dtype=np.uint16),
+    motions={7: TURN},
+    gone={9},
+    places=np.linspace(0.1, 0.575, 20),
+    radius_px=np.linspace(0.0, 300.0, 20),
+    axes=np.eye(2),
+    centre_px=(3.0, 2.0),
+)
+
+
+def test_motions_are_about_the_centre_of_the_scene() -> None:
+    flow, owned = flow_arrays(TABLES, CENTRE)
+    assert flow.shape == (4, 6, 2)
+    motion_of = (ctypes.c_int32 * 2**16).from_address(owned.struct.motion_of)
+    assert [motion_of[number] for number in (0, 7, 8, 9)] == [-1, 0, -1, -2]
+    motion = np.array((ctypes.c_float * 12).from_address(owned.struct.motions))
+    point = np.array((101.0, -48.0, 1.0))
+    moved = motion[:9].reshape(3, 3) @ (point - CENTRE) + motion[9:] + CENTRE
+    np.testing.assert_allclose(moved, TURN.transform_points(point), atol=1e-4)
+
+
+def test_tables_have_even_steps_and_central_cameras_no_origins() -> None:
+    _, owned = flow_arrays(TABLES, CENTRE)
+    assert owned.struct.num_nodes == 20
+    np.testing.assert_allclose(owned.struct.nodes_per_unit, 40.0, rtol=1e-6)
+    assert owned.struct.origin_r is None
+
+
+SOURCE = make_ray_source(CAMERAS["paper"], None, None)
+CENTRES = build_label_rays(SOURCE, 1)
+TABLES_LABEL_ARRAYS = LabelTables(*(np.zeros(4, dtype=np.uint16) for _ in range(3)))
+
+
+def match(table: RayTable, centres: RayTable) -> CentreMatch:
+    """Match the centres of pixels with the samples of a view."""
+    try:
+        device = KernelDevice("avx2", 1)
+    except KernelUnavailableError as error:
+        pytest.skip(str(error))
+    view = device.prepare(ray_table_struct(table))
+    try:
+        return match_centres(device, view, table, centres)
+    finally:
+        device.release_view(view)
+        device.close()
+
+
+def test_only_wanted_channels_have_an_address() -> None:
+    whole = CentreMatch(CENTRES, np.zeros(4, dtype=np.int32), np.zeros(4, dtype=np.uint8))
+    request = LabelRequest(frozenset({"range", "ids"}), TABLES_LABEL_ARRAYS, CENTRES)
+    arrays, owned = label_arrays(whole, request)
+    assert list(arrays) == ["range", "ids"]
+    assert arrays["range"].shape == arrays["ids"].shape == (SIDE_PX, SIDE_PX)
+    assert owned.struct.range_m == arrays["range"].ctypes.data
+    assert owned.struct.normal is None
+
+
+@pytest.mark.parametrize("samples", [2, 3, 4])
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+def test_proofs_of_whole_tiles_hold_for_the_centres_of_their_pixels(
+    camera: OmniCamera, samples: int
+) -> None:
+    source = make_ray_source(camera, None, None)
+    table, centres = build_label_rays(source, samples), build_label_rays(source, 1)
+    found = match(table, centres)
+    at = found.centre_tile
+    assert (centres.tiles[at[at >= 0]] == table.tiles[at >= 0]).all()
+    # Every tile of the centres is that of a tile of samples.
+    assert set(at[at >= 0]) == set(range(len(centres.tiles)))
+    is_whole = (table.valid == 0xFFFF).all(axis=1)
+    # All but tiles around the axis of a mirror, whose rays are too wide for a beam.
+    assert np.mean(found.is_held[is_whole]) > 0.98
+
+
+def test_proof_of_a_tile_does_not_hold_for_a_centre_beyond_its_samples() -> None:
+    samples = build_label_rays(SOURCE, 2)
+    tile = int(np.flatnonzero((samples.valid == 0xFFFF).all(axis=1))[0])
+    valid = samples.valid.copy()
+    valid[tile] = [1, 0, 0, 0]  # the sample of a corner alone
+    whole, part = match(samples, CENTRES), match(replace(samples, valid=valid), CENTRES)
+    assert whole.is_held[tile]
+    assert not part.is_held[tile]
+
+
+def test_tiles_without_a_sample_are_an_error() -> None:
+    samples = build_label_rays(SOURCE, 2)
+    part = replace(
+        samples,
+        tiles=samples.tiles[:-3],
+        directions=samples.directions[:-3],
+        valid=samples.valid[:-3],
+    )
+    with pytest.raises(DomainError, match=r"[123] tiles of pixels' centres have no sample"):
+        match(part, CENTRES)

@@ -1,4 +1,12 @@
-"""Baked factors against brute force, the analytic corner, and the open floor."""
+"""Baked factors against brute force, the analytic corner, and the open floor.
+
+The atlas of bytes: nodes inside solids filled from beside, sets of rays mixed, grids apart.
+
+Nodes near casters: all that could be occluded, and hardly any other.
+
+Directions to the sky: distributed by the cosine, and stratified in every set.
+
+Grids over surfaces: nodes no farther apart than asked, none shared in the atlas."""
 
 from __future__ import annotations
 
@@ -9,9 +17,25 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.occlusion.baking import RADIUS_M, bake_occlusion, occluder_weights
+from catoptra_server.render.trace.kernel.scene_arrays import FlatSurfaces, find_flat_surfaces
+from catoptra_server.render.trace.occlusion.baking import (
+    NUM_SETS,
+    RADIUS_M,
+    RAYS_PER_NODE,
+    GridLayout,
+    SurfaceFrames,
+    bake_occlusion,
+    enclose_casters,
+    filter_factors,
+    find_near_pairs,
+    frame_surfaces,
+    lay_out,
+    occluder_weights,
+    sky_directions,
+)
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
-from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.occlusion_map import BLOCK, OPEN
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
 from helpers.standing_things import FLOOR, SKY, bake_scene, integrate_factor, make_box_world
 
@@ -108,3 +132,150 @@ def test_threads_and_casters_give_the_same_bytes() -> None:
     maps = [bake_occlusion(scene, caster, threads=n) for caster in casters for n in (1, 2)]
     assert all(found is not None for found in maps)
     assert len({found.texels.tobytes() for found in maps if found is not None}) == 1
+
+
+def make_layout(columns: int, rows: int) -> GridLayout:
+    """Two equal grids, side by side without a gap."""
+    both = np.ones(2, dtype=np.int32)
+    left = np.array([0, columns], dtype=np.int32)
+    return GridLayout(columns * both, rows * both, left, 0 * both, 2 * columns, rows)
+
+
+def run_filter(
+    values: np.ndarray[tuple[int, int], np.dtype[np.float64]],
+    inside: np.ndarray[tuple[int, int], np.dtype[np.bool_]] | None = None,
+) -> list[list[int]]:
+    rows, columns = values.shape
+    inside = np.zeros(values.shape, dtype=bool) if inside is None else inside
+    near = np.zeros((rows, 2 * columns), dtype=bool)
+    near[:, :columns] = True
+    texels = filter_factors(
+        make_layout(columns, rows), near, values[near[:, :columns]], inside[near[:, :columns]]
+    )
+    assert (texels[:, columns:] == OPEN).all()
+    return texels[:, :columns].tolist()
+
+
+def test_four_sets_of_rays_are_weighed_alike() -> None:
+    pattern = np.tile([[0.2, 0.4], [0.6, 0.8]], (4, 4))
+    texels = np.array(run_filter(pattern))
+    assert (texels[1:-1, 1:-1] == round(0.5 * OPEN)).all()
+
+
+def test_small_grid_is_left_as_it_is() -> None:
+    assert run_filter(np.array([[0.0, 0.2], [0.4, 1.0]])) == [[0, 51], [102, 255]]
+
+
+def test_nodes_inside_a_solid_take_their_neighbours_factors() -> None:
+    values, inside = np.full((8, 8), 0.6), np.zeros((8, 8), dtype=bool)
+    values[:, 4:], inside[:, 4:] = 0.0, True
+    texels = np.array(run_filter(values, inside))
+    assert (texels[:, :5] == round(0.6 * OPEN)).all()
+    # Farther inside nobody looks: open, so that tiles there need no factors.
+    assert (texels[:, 7] == OPEN).all()
+
+
+SCENE = build_scene(make_box_world())
+FRAMES = frame_surfaces(SCENE, find_flat_surfaces(SCENE))
+LAYOUT = lay_out(FRAMES, 0.1)
+
+
+def find_floor(radius_m: float) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    """Near nodes of the floor, row by row."""
+    near = find_near_pairs(FRAMES, enclose_casters(SCENE.corners), radius_m).find_nodes(LAYOUT)
+    left, top, right, bottom = LAYOUT.bounds()[FRAMES.patch_of[0]].tolist()
+    return near[top : bottom + 1, left : right + 1]
+
+
+def test_all_nodes_within_the_radius_of_the_box_are_near() -> None:
+    near = find_floor(0.5)
+    x, y = np.meshgrid(np.linspace(-4, 4, near.shape[1]), np.linspace(-4, 4, near.shape[0]))
+    outside_x, outside_y = np.maximum(np.abs(x) - 0.25, 0), np.maximum(np.abs(y) - 0.2, 0)
+    assert near[np.hypot(outside_x, outside_y) <= 0.5].all()
+    # The square around the circle, and whole steps.
+    assert not near[np.maximum(outside_x, outside_y) > 0.5 + 0.2].any()
+
+
+def test_floor_is_not_near_itself() -> None:
+    low = enclose_casters(SCENE.corners[:2])
+    assert not find_near_pairs(FRAMES, low, 0.5).find_nodes(LAYOUT)[LAYOUT.grid_at() == 0].any()
+
+
+def test_boxes_enclose_every_caster() -> None:
+    boxes = enclose_casters(SCENE.corners)
+    for corners in SCENE.corners:
+        offset = np.abs(corners - boxes.centre[:, None])
+        assert (offset <= boxes.half[:, None] + 1e-12).all(axis=(1, 2)).any()
+
+
+def test_directions_are_unit_and_above_the_surface() -> None:
+    directions = sky_directions()
+    assert directions.shape == (NUM_SETS, RAYS_PER_NODE, 3)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1.0, atol=1e-12)
+    assert directions[..., 2].min() > 0.01
+
+
+def test_every_set_is_distributed_by_the_cosine() -> None:
+    # Under the cosine law the mean height is 2/3, and the horizontal parts cancel.
+    means = sky_directions().mean(axis=1)
+    np.testing.assert_allclose(means[:, 2], 2.0 / 3.0, atol=0.02)
+    np.testing.assert_allclose(means[:, :2], 0.0, atol=0.06)
+
+
+def test_sets_hold_equally_many_directions_in_every_sector() -> None:
+    directions = sky_directions()
+    sector = np.floor((np.arctan2(directions[..., 1], directions[..., 0]) + np.pi) / (np.pi / 4))
+    for row in sector.astype(int):
+        assert np.bincount(row, minlength=8).tolist() == [RAYS_PER_NODE // 8] * 8
+
+
+def test_weight_falls_from_one_at_the_surface_to_zero_at_the_radius() -> None:
+    distances = np.array([0.0, 0.5 * RADIUS_M, RADIUS_M, 2.0 * RADIUS_M, np.inf])
+    assert occluder_weights(distances).tolist() == [1.0, 0.25, 0.0, 0.0, 0.0]
+
+
+def frame(scene: SceneMesh = SCENE) -> SurfaceFrames:
+    return frame_surfaces(scene, find_flat_surfaces(scene))
+
+
+def test_every_corner_of_a_triangle_lies_in_its_surface_s_rectangle() -> None:
+    frames = frame()
+    assert len(frames.origin) == 7  # the floor and six sides
+    for corners, patch in zip(SCENE.corners, frames.patch_of, strict=True):
+        sides = np.stack((frames.side_x[patch], frames.side_y[patch]))
+        at = (corners - frames.origin[patch]) @ np.linalg.pinv(sides)
+        assert (at > -1e-9).all()
+        assert (at < 1.0 + 1e-9).all()
+        np.testing.assert_allclose(at @ sides + frames.origin[patch], corners, atol=1e-9)
+
+
+def test_small_triangles_have_grids_between_their_corners() -> None:
+    flat = find_flat_surfaces(SCENE)
+    none = flat.triangles[:0]
+    frames = frame_surfaces(
+        SCENE, FlatSurfaces(none, none, flat.outer_edges[:0], none, flat.clusters)
+    )
+    assert sorted(frames.patch_of.tolist()) == list(range(len(SCENE)))
+    third = (frames.origin + frames.side_y)[frames.patch_of]
+    np.testing.assert_allclose(third, SCENE.corners[:, 2], atol=1e-12)
+
+
+@pytest.mark.parametrize("distance_m", [0.03, 0.2, 50.0])
+def test_grids_share_no_block_of_the_atlas(distance_m: float) -> None:
+    layout = lay_out(frame(), distance_m)
+    used = np.zeros((layout.height, layout.width), dtype=int)
+    for x, y, w, h in zip(layout.left, layout.top, layout.columns, layout.rows, strict=True):
+        assert x % BLOCK == y % BLOCK == 0
+        assert min(w, h) >= 2
+        used[y : y + -(-h // BLOCK) * BLOCK, x : x + -(-w // BLOCK) * BLOCK] += 1
+    assert used.max() == 1
+    grid = layout.grid_at()
+    for number, (left, top, right, bottom) in enumerate(layout.bounds().tolist()):
+        assert (grid[top : bottom + 1, left : right + 1] == number).all()
+
+
+def test_nodes_are_at_most_as_far_apart_as_asked() -> None:
+    frames = frame()
+    layout = lay_out(frames, 0.07)
+    for sides, count in ((frames.side_x, layout.columns), (frames.side_y, layout.rows)):
+        assert (np.linalg.norm(sides, axis=-1) / (count - 1)).max() <= 0.07 + 1e-9

@@ -1,0 +1,240 @@
+"""Findings: one line each with its remedy, and the exit status of several.
+
+Packages and versions, against metadata of distributions that a test writes.
+
+Occupied and free ports, and servers that greet or do not.
+
+Processors, and the limits of containers."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from catoptra_server.commands.doctor import machine as ports
+from catoptra_server.commands.doctor.machine import (
+    Finding,
+    Level,
+    Requirement,
+    check_packages,
+    check_ports,
+    check_processors,
+    check_python,
+    check_running_server,
+    check_system,
+    check_view_port,
+    exit_status,
+    fault,
+    finding_from_dict,
+    ok,
+    parse_release,
+    read_cpu_limit,
+    read_requirements,
+    warning,
+)
+from catoptra_server.commands.server import VIEW_PORT
+from client.scripted_server import serve_script
+
+FACT = ok("python", "3.11")
+WARNING = warning("opengl", "none", remedy="install it")
+FAULT = fault("ports", "taken", remedy="take another")
+
+
+@pytest.mark.parametrize(
+    ("found", "status"),
+    [((), 0), ((FACT,), 0), ((FACT, WARNING), 1), ((WARNING, FAULT, FACT), 2)],
+    ids=["nothing", "facts", "warning", "fault"],
+)
+def test_status_when_findings_are_summed_is_the_worst(
+    found: tuple[Finding, ...], status: int
+) -> None:
+    assert exit_status(found) == status
+
+
+def test_problem_when_printed_is_one_line_with_its_remedy() -> None:
+    assert str(FAULT) == "fault    ports: taken. Remedy: take another"
+    assert str(FACT) == "ok       python: 3.11"
+
+
+def test_finding_when_sent_as_a_dictionary_comes_back() -> None:
+    assert finding_from_dict(WARNING.as_dict()) == WARNING
+
+
+def install_package(folder: Path, name: str, version: str, *requires: str) -> None:
+    """Write the metadata of a distribution."""
+    info = folder / f"{name}-{version}.dist-info"
+    info.mkdir()
+    lines = [f"Name: {name}", f"Version: {version}", *(f"Requires-Dist: {r}" for r in requires)]
+    (info / "METADATA").write_text("\n".join(["Metadata-Version: 2.1", *lines, ""]))
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folder of distributions that Python searches first."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def problems(distribution: str) -> list[Finding]:
+    """Problems of a distribution's requirements."""
+    return [f for f in check_packages(distribution) if f.level is not Level.OK]
+
+
+def test_package_when_too_old_is_named_with_the_required_version(site: Path) -> None:
+    install_package(site, "whole", "1.0", "part>=2.1")
+    install_package(site, "part", "2.0.9")
+    (problem,) = problems("whole")
+    assert problem.message == "part is 2.0.9, part>=2.1 is required"
+    assert problem.remedy == "pip install 'part>=2.1'"
+
+
+def test_package_of_some_systems_when_missing_is_a_warning_with_what_is_lost(site: Path) -> None:
+    marker = "; platform_machine == 'x86_64' or sys_platform == 'darwin'"
+    install_package(site, "whole", "1.0", f"never-there>=2.1{marker}")
+    (problem,) = problems("whole")
+    assert problem.level is Level.WARNING
+    assert problem.message.startswith("never-there is not installed: ")
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "level", "words"),
+    [
+        ("Linux", "x86_64", Level.OK, "trace by its native kernel, and raster; tested"),
+        ("Linux", "aarch64", Level.WARNING, "raster alone"),
+        ("Darwin", "arm64", Level.WARNING, "no raster"),
+        ("Plan9", "mips", Level.WARNING, "unknown to the server"),
+    ],
+)
+def test_system_is_named_with_what_is_supported_on_it(
+    system: str, machine: str, level: Level, words: str
+) -> None:
+    (found,) = check_system(system, machine)
+    assert found.level is level
+    assert f"{system} on {machine}: " in found.message
+    assert words in found.message
+
+
+def test_package_when_missing_is_named(site: Path) -> None:
+    install_package(site, "whole", "1.0", "never-there>=2.1")
+    (problem,) = problems("whole")
+    assert problem.message == "never-there is not installed"
+
+
+def test_packages_when_all_satisfy_are_listed(site: Path) -> None:
+    install_package(site, "whole", "1.0", "part>=2.1", "exact==3.0", 'never; extra == "more"')
+    install_package(site, "part", "10.0")
+    install_package(site, "exact", "3.0")
+    assert [f.message for f in check_packages("whole")] == ["whole 1.0 with part 10.0, exact 3.0"]
+
+
+def test_distribution_when_not_installed_is_a_fault() -> None:
+    assert exit_status(check_packages("never-there")) == 2
+
+
+def test_this_installation_when_checked_has_no_problem() -> None:
+    assert exit_status(check_packages()) == 0
+    assert Requirement("numpy", ">=", "2.0") in read_requirements("catoptra-server")
+
+
+@pytest.mark.parametrize(
+    ("version", "numbers"), [("5.0", (5,)), ("4.4.0.post1", (4, 4)), ("13", (13,)), ("x", ())]
+)
+def test_release_when_read_is_its_numbers(version: str, numbers: tuple[int, ...]) -> None:
+    assert parse_release(version) == numbers
+
+
+@pytest.mark.parametrize(
+    ("version", "status"), [((3, 10, 9), 2), ((3, 11, 0), 0), ((3, 13, 1), 0), ((4, 0, 0), 0)]
+)
+def test_python_when_too_old_is_a_fault(version: tuple[int, ...], status: int) -> None:
+    assert exit_status(check_python(version)) == status
+
+
+HOST = "127.0.0.1"
+
+
+@pytest.fixture
+def occupied_port() -> Iterator[int]:
+    """A port on which a silent program listens."""
+    with socket.create_server((HOST, 0)) as listener:
+        yield listener.getsockname()[1]
+
+
+def test_ports_when_any_free_ones_will_do_have_no_problem() -> None:
+    (found,) = check_ports(HOST, {"control": 0, "image": 0})
+    assert found.level is Level.OK
+
+
+def test_port_when_taken_is_a_fault_that_names_the_option(occupied_port: int) -> None:
+    (found,) = check_ports(HOST, {"control": 0, "image": occupied_port})
+    assert found.level is Level.FAULT
+    assert f"image port {occupied_port}" in found.message
+    assert "--image-port" in found.remedy
+
+
+def test_address_when_not_of_this_machine_is_a_fault_that_names_the_option() -> None:
+    (found,) = check_ports("192.0.2.1", {"control": 0})  # RFC 5737: no machine's
+    assert "--host" in found.remedy
+
+
+def test_server_when_it_greets_is_found() -> None:
+    with serve_script(lambda connection: connection.sendall(b"NFO {Gametype x}\r\n")) as port:
+        (found,) = check_running_server(HOST, {"control": port})
+    assert found.level is Level.OK
+
+
+def test_server_when_its_greeting_is_of_another_protocol_is_a_fault() -> None:
+    with serve_script(lambda connection: connection.sendall(b"SSH-2.0\r\n")) as port:
+        (found,) = check_running_server(HOST, {"control": port})
+    assert found.level is Level.FAULT
+
+
+def test_server_when_no_program_listens_is_a_fault() -> None:
+    with socket.socket() as unused:
+        unused.bind((HOST, 0))
+        port = unused.getsockname()[1]
+        assert exit_status(check_running_server(HOST, {"control": port, "image": port})) == 2
+
+
+def test_view_port_when_taken_is_a_fault_only_if_it_was_requested(
+    occupied_port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ports, "_DEFAULT_VIEW_PORT", occupied_port)
+    (requested,) = check_view_port(HOST, occupied_port)
+    (default,) = check_view_port(HOST, None)
+    (free,) = check_view_port(HOST, 0)
+    assert (requested.level, default.level, free.level) == (Level.FAULT, Level.WARNING, Level.OK)
+    assert "--view 0" in requested.remedy
+
+
+def test_default_view_port_is_that_of_the_server() -> None:
+    assert ports._DEFAULT_VIEW_PORT == VIEW_PORT
+
+
+@pytest.mark.parametrize(
+    ("text", "limit"),
+    [("200000 100000", 2.0), ("50000 100000", 0.5), ("max 100000", None), ("", None)],
+)
+def test_limit_when_a_container_sets_one_is_read(
+    tmp_path: Path, text: str, limit: float | None
+) -> None:
+    (tmp_path / "cpu.max").write_text(text)
+    assert read_cpu_limit(tmp_path / "cpu.max") == limit
+
+
+def test_limit_when_there_is_no_file_is_none(tmp_path: Path) -> None:
+    assert read_cpu_limit(tmp_path / "none") is None
+
+
+def test_threads_when_more_than_the_limit_are_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "cpu.max").write_text("150000 100000")
+    (found,) = check_processors(8, tmp_path / "cpu.max")
+    assert (found.level, found.remedy) == (Level.WARNING, "--threads 1")
+
+
+def test_threads_when_unlimited_are_no_problem(tmp_path: Path) -> None:
+    (found,) = check_processors(8, tmp_path / "none")
+    assert (found.level, found.message) == (Level.OK, "8 processors")

@@ -1,0 +1,114 @@
+"""The list of names: every bundled file is described, every class can be spawned from its file.
+
+The line of --version names the kernel's instruction set, or why there is no kernel."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from catoptra_server.commands.list import (
+    KINDS,
+    describe_version,
+    list_entries,
+    main,
+    read_first_sentence,
+)
+from catoptra_server.config.known_names import find_configuration
+from catoptra_server.config.robot_file import read_robots
+from catoptra_server.render.trace.kernel.library import INSTRUCTION_SETS
+from helpers.trace_kernels import open_kernel
+from helpers.worlds import make_test_world
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_entry_of_each_kind_has_a_description_and_a_file(kind: str) -> None:
+    entries = list(list_entries([kind]))
+    assert entries
+    for entry in entries:
+        assert entry.kind == kind
+        assert entry.description
+        assert Path(entry.path).is_file()
+
+
+@pytest.mark.parametrize("kind", ["robots", "worlds"])
+def test_name_that_is_listed_is_found_by_the_server(kind: str) -> None:
+    for entry in list_entries([kind]):
+        assert find_configuration(kind, entry.name) == Path(entry.path)  # type: ignore[arg-type]
+
+
+def test_class_is_listed_with_every_file_that_serves_it() -> None:
+    listed = {(entry.name, entry.path) for entry in list_entries(["classes"])}
+    served = {
+        (robot.class_name, entry.path)
+        for entry in list_entries(["robots"])
+        for robot in read_robots(Path(entry.path))[0]
+    }
+    assert listed == served
+
+
+def test_class_is_described_by_cameras_and_sensors() -> None:
+    described = {entry.description for entry in list_entries(["classes"])}
+    assert (
+        "--robot p2at_omni: mirror camera OmniCamPillar_Link4 360 x 360 px, Odometry, GroundTruth"
+        in described
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("; A robot, in the manner of USARBot.ini: with\n; a mirror. Metres.\n[X]\n",
+         "A robot, in the manner of USARBot.ini: with a mirror."),
+        ("# Landmarks of a field. World frame\nname,kind\n", "Landmarks of a field."),
+        ("; No full stop\n\n; another comment\n", "No full stop"),
+        ("[X]\n; later\n", ""),
+    ],
+)  # fmt: skip
+def test_first_sentence_is_that_of_the_comment_at_the_head(
+    tmp_path: Path, content: str, sentence: str
+) -> None:
+    path = tmp_path / "file.ini"
+    path.write_text(content)
+    assert read_first_sentence(path) == sentence
+
+
+def test_list_prints_a_heading_for_each_kind(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.rstrip(":") for line in lines if not line.startswith(" ")] == [*KINDS]
+
+
+def test_list_as_json_has_the_entries(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["landmarks", "--json"]) == 0
+    (entry,) = json.loads(capsys.readouterr().out)
+    assert (entry["kind"], entry["name"]) == ("landmarks", "four_legged_2006")
+
+
+def test_list_to_a_reader_that_has_left_ends_without_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w", encoding="utf-8") as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        assert main(["robots"]) == 0
+
+
+def test_version_with_a_kernel_names_the_instruction_set() -> None:
+    with open_kernel(make_test_world()):
+        line = describe_version()
+    assert line.startswith(f"catoptra-server {metadata.version('catoptra-server')} (Python 3.")
+    assert line.rpartition("kernel: ")[2].rstrip(")") in INSTRUCTION_SETS
+
+
+def test_version_without_a_kernel_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CATOPTRA_KERNEL", "off")
+    line = describe_version()
+    assert "no native kernel: CATOPTRA_KERNEL=off" in line
+    assert "\n" not in line

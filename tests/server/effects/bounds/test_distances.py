@@ -1,0 +1,262 @@
+""""""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import pixel_from_direction
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects.bounds.distances import (
+    DistanceBoundCache,
+    RingDistanceBvh,
+    ViewpointBox,
+    box_distance_bounds,
+    image_rings,
+    mirror_axis,
+    plane_distance_bounds,
+    rotation_to_axis,
+)
+from catoptra_server.effects.effect import NUM_RINGS
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import World
+from helpers.effect_measurement import CAMERA
+from helpers.range_images import FLOOR
+from helpers.worlds import CAMERA_STATE, make_omni_camera, make_test_world
+
+CAMERA_IMAGE_RINGS = make_omni_camera()
+RING = image_rings(CAMERA_IMAGE_RINGS)
+EDGES = RING.edges_rad
+
+metres = st.floats(-5.0, 5.0)
+points = st.tuples(metres, metres, metres)
+
+
+def ring_of(directions: Floats) -> Floats:
+    """Ring of each (n, 3) direction; NUM_RINGS outside the mirror's view."""
+    theta = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
+    return np.searchsorted(EDGES[1:], theta)
+
+
+def test_rings_have_equal_widths_in_the_image() -> None:
+    directions = np.stack((np.sin(EDGES), 0.0 * EDGES, np.cos(EDGES)), axis=-1)
+    directions[-1] = (math.sin(EDGES[-1] - 1e-9), 0.0, math.cos(EDGES[-1] - 1e-9))
+    pixels, _ = pixel_from_direction(CAMERA_IMAGE_RINGS, directions)
+    radius = np.linalg.norm(pixels - CAMERA_IMAGE_RINGS.centre_px, axis=-1)
+    assert np.diff(radius) == pytest.approx(np.full(NUM_RINGS, 100.0 / NUM_RINGS), abs=1e-6)
+
+
+@given(points, points, st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=150)
+def test_no_point_of_a_box_is_nearer_than_its_ring_bound(
+    one: tuple[float, ...], other: tuple[float, ...], seed: int
+) -> None:
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    inside = np.random.default_rng(seed).uniform(low, high, (200, 3))
+    bounds = np.append(box_distance_bounds(low[None], high[None], RING)[0], 0.0)
+    assert (np.linalg.norm(inside, axis=-1) >= bounds[ring_of(inside)] - 1e-12).all()
+
+
+@given(points, st.floats(0.01, 4.0), st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=150)
+def test_no_point_behind_a_plane_is_nearer_than_its_ring_bound(
+    normal: tuple[float, ...], distance: float, seed: int
+) -> None:
+    length = float(np.linalg.norm(normal))
+    unit = np.array(normal) / length if length > 1e-3 else np.array((0.0, 0.0, 1.0))
+    directions = np.random.default_rng(seed).normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    reached = directions @ unit
+    seen = directions[reached > 1e-6]
+    bounds = plane_distance_bounds(np.array([distance]), unit[2:], RING)[0]
+    ring = ring_of(seen)
+    seen_m = distance / reached[reached > 1e-6]
+    assert (seen_m >= np.append(bounds, 0.0)[ring] * (1.0 - 1e-12)).all()
+
+
+def test_floor_distance_follows_the_ring_angle() -> None:
+    floor = np.array([[-50.0, -50.0, 0.6]]), np.array([[50.0, 50.0, 0.6]])
+    bounds = box_distance_bounds(*floor, RING)[0]
+    down = np.cos(EDGES[:-1])
+    expected = np.where(down > 0.0, 0.6 / np.maximum(down, 1e-9), np.inf)
+    # A box grows by 1e-5 of its farthest corner, which for this floor is 0.7 mm.
+    assert bounds == pytest.approx(expected, rel=2e-3)
+
+
+def test_small_box_is_bounded_in_its_own_ring_only() -> None:
+    theta = 0.5 * (EDGES[3] + EDGES[4])
+    point = 2.0 * np.array([[0.0, math.sin(theta), math.cos(theta)]])
+    bounds = box_distance_bounds(point - 0.01, point + 0.01, RING)[0]
+    assert np.flatnonzero(np.isfinite(bounds)).tolist() == [3]
+    assert bounds[3] == pytest.approx(1.99, abs=0.01)
+
+
+def test_box_around_the_viewpoint_has_distance_zero_in_every_ring() -> None:
+    bounds = box_distance_bounds(np.array([[-1.0, -1.0, -1.0]]), np.array([[1.0, 2.0, 0.5]]), RING)
+    assert bounds.tolist() == [[0.0] * NUM_RINGS]
+
+
+def test_plane_perhaps_behind_the_viewpoint_bounds_nothing() -> None:
+    assert plane_distance_bounds(np.zeros(1), np.zeros(1), RING).tolist() == [[0.0] * NUM_RINGS]
+
+
+def test_floor_as_a_plane_is_infinitely_far_above_the_horizon() -> None:
+    bounds = plane_distance_bounds(np.array([0.6]), np.array([1.0]), RING)[0]
+    assert np.isinf(bounds[EDGES[:-1] > 0.5 * math.pi + 1e-3]).all()
+    assert bounds[0] == pytest.approx(0.6, rel=1e-4)
+
+
+RING_RING_DISTANCE_BVH = image_rings(make_omni_camera())
+HERE = ViewpointBox(np.zeros(3), np.zeros(3), np.eye(3))
+
+
+def soup(count: int, *, seed: int = 0, size_m: float = 0.3) -> tuple[Floats, Floats]:
+    """Corners and normals of small triangles all around."""
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-4.0, 4.0, (count, 1, 3)) + rng.uniform(-size_m, size_m, (count, 3, 3))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return corners, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
+def min_point_distances(corners: Floats, viewpoint: Floats, turn: Floats) -> Floats:
+    """(NUM_RINGS,) smallest distances of many points of triangles, by ring."""
+    shares = np.random.default_rng(1).dirichlet((0.5, 0.5, 0.5), 300)
+    points = ((shares @ corners).reshape(-1, 3) - viewpoint) @ turn.T
+    theta = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
+    ring, distance = (
+        np.searchsorted(RING_RING_DISTANCE_BVH.edges_rad[1:], theta),
+        np.linalg.norm(points, axis=-1),
+    )
+    return np.array([distance[ring == index].min(initial=np.inf) for index in range(NUM_RINGS)])
+
+
+@pytest.mark.parametrize("count", [1, 40, 1500])
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.0, -0.8, -0.6)])
+def test_no_point_of_any_triangle_is_nearer_than_its_ring_bound(
+    count: int, axis: tuple[float, float, float]
+) -> None:
+    corners, normals = soup(count)
+    turn = rotation_to_axis(axis)
+    bounds = RingDistanceBvh(corners, normals).bounds(
+        ViewpointBox(np.zeros(3), np.zeros(3), turn), RING_RING_DISTANCE_BVH
+    )
+    assert (bounds <= min_point_distances(corners, np.zeros(3), turn)).all()
+
+
+def test_bounds_of_many_triangles_are_those_of_the_nearest() -> None:
+    corners, normals = soup(1500, size_m=0.05)
+    bounds = RingDistanceBvh(corners, normals).bounds(HERE, RING_RING_DISTANCE_BVH)
+    shares = bounds / min_point_distances(corners, np.zeros(3), np.eye(3))
+    # A box may reach into a ring that its triangle just misses.
+    assert np.median(shares) > 0.95
+
+
+def test_bounds_of_a_box_of_viewpoints_hold_for_each() -> None:
+    corners, normals = soup(400)
+    half = np.array((0.2, 0.1, 0.05))
+    bvh = RingDistanceBvh(corners, normals)
+    of_box = bvh.bounds(ViewpointBox(np.zeros(3), half, np.eye(3)), RING_RING_DISTANCE_BVH)
+    for point in np.random.default_rng(2).uniform(-half, half, (20, 3)):
+        assert (of_box <= min_point_distances(corners, point, np.eye(3))).all()
+
+
+def test_bounds_with_few_triangles_are_looser_and_hold() -> None:
+    corners, normals = soup(1500)
+    bvh = RingDistanceBvh(corners, normals)
+    hasty, patient = (
+        bvh.bounds(HERE, RING_RING_DISTANCE_BVH, max_triangles=0),
+        bvh.bounds(HERE, RING_RING_DISTANCE_BVH),
+    )
+    assert (hasty <= patient).all()
+    assert (hasty < patient).any()
+
+
+def test_bounds_with_a_cutoff_reach_the_cutoff_or_hold() -> None:
+    corners, normals = soup(1500)
+    bvh = RingDistanceBvh(corners, normals)
+    whole = bvh.bounds(HERE, RING_RING_DISTANCE_BVH)
+    enough = bvh.bounds(HERE, RING_RING_DISTANCE_BVH, cutoff=0.5 * whole)
+    assert (enough >= 0.5 * whole).all()
+    assert (enough <= whole).all()
+
+
+def test_oblique_wall_is_as_far_as_its_plane() -> None:
+    c, s = np.cos(0.7), np.sin(0.7)
+    along, up, out = np.array((-s, c, 0.0)), np.array((0.0, 0.0, 1.0)), np.array((c, s, 0.0))
+    corners = (out + np.array([[-5 * along - up, 5 * along - up, 5 * along + up]]))[0][None]
+    bounds = RingDistanceBvh(corners, out[None]).bounds(HERE, RING_RING_DISTANCE_BVH)
+    level = int(np.searchsorted(RING_RING_DISTANCE_BVH.edges_rad, 0.5 * np.pi)) - 1
+    assert bounds[level] == pytest.approx(1.0, rel=1e-4)
+
+
+def test_triangle_without_area_has_its_own_distance() -> None:
+    corners = np.array([[[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]]])
+    bounds = RingDistanceBvh(corners, np.zeros((1, 3))).bounds(HERE, RING_RING_DISTANCE_BVH)
+    assert bounds[np.isfinite(bounds)] == pytest.approx(1.0, rel=1e-3)
+
+
+def test_empty_set_is_infinitely_far() -> None:
+    nothing = RingDistanceBvh(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+    assert np.isinf(nothing.bounds(HERE, RING_RING_DISTANCE_BVH)).all()
+
+
+ROOM = build_scene(make_test_world())
+
+
+@pytest.mark.parametrize(
+    "axis", [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.48, -0.6, -0.64)]
+)
+def test_rotation_takes_the_axis_to_z(axis: tuple[float, float, float]) -> None:
+    turn = rotation_to_axis(axis)
+    assert turn @ np.array(axis) == pytest.approx([0.0, 0.0, 1.0])
+    assert turn @ turn.T == pytest.approx(np.eye(3))
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+def test_axis_of_upright_robots_does_not_depend_on_heading() -> None:
+    axes = {
+        mirror_axis(Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, yaw))) for yaw in (0.0, 1.0, -2.5)
+    }
+    assert axes == {(0.0, 0.0, 1.0)}
+
+
+def test_distances_do_not_depend_on_earlier_queries() -> None:
+    rng = np.random.default_rng(3)
+    poses = [Pose.from_rpy((*rng.uniform(-1.5, 1.5, 2), -0.5)) for _ in range(10)]
+    known = DistanceBoundCache(ROOM)
+    forth = [known.min_distances_m(pose, CAMERA) for pose in poses]
+    assert forth == [DistanceBoundCache(ROOM).min_distances_m(pose, CAMERA) for pose in poses]
+
+
+def test_distances_along_a_short_drive_are_evaluated_once() -> None:
+    surroundings = DistanceBoundCache(ROOM)
+    begin = surroundings.min_distances_m(CAMERA_STATE.world_from_mirror, CAMERA)
+    found = surroundings.num_evaluations
+    aside = np.array((0.002, 0.001, 0.0))
+    near = replace(
+        CAMERA_STATE.world_from_mirror,
+        translation=CAMERA_STATE.world_from_mirror.translation + aside,
+    )
+    assert surroundings.min_distances_m(near, CAMERA) == begin
+    assert surroundings.num_evaluations == found
+
+
+def test_open_floor_shares_large_cells() -> None:
+    surroundings = DistanceBoundCache(build_scene(FLOOR))
+    for x in np.linspace(0.0, 10.0, 101):
+        nearest = surroundings.min_distances_m(Pose.from_rpy((x, 0.0, -0.6)), CAMERA)
+        assert 0.5 < nearest[0] <= 0.6
+    assert surroundings.num_evaluations < 30
+
+
+def test_empty_world_is_infinitely_far() -> None:
+    nearest = DistanceBoundCache(build_scene(World("empty", ()))).min_distances_m(
+        Pose.identity(), CAMERA
+    )
+    assert set(nearest) == {math.inf}

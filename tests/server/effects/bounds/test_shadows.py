@@ -1,0 +1,288 @@
+"""Hidden triangles by planes, against shadow rays from many of their points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects.bounds.light import grey_level_change
+from catoptra_server.effects.bounds.shadows import (
+    AxisAlignedBox,
+    LightShafts,
+    ShadowBounds,
+    make_bound,
+    shadow_candidates,
+)
+from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
+from catoptra_server.world import shading
+from catoptra_server.world.objects import DynamicObject, build_object_mesh
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.shapes import box
+from catoptra_server.world.world_description import (
+    Box,
+    DirectionalLight,
+    HemisphereLight,
+    Item,
+    Light,
+    Material,
+    PointLight,
+    World,
+    srgb_from_linear,
+)
+from helpers.shadows import (
+    DIM_HEMISPHERE_LIGHT,
+    DIRECTIONAL_LIGHT,
+    GREY,
+    POINT_LIGHT,
+    box_item,
+    floor_item,
+    make_inward_facing_room,
+    make_world,
+    reference_radiance,
+)
+from helpers.standing_things import bake_scene, make_box_world
+
+NUM_POINTS = 200
+
+
+def make_random_light(rng: np.random.Generator) -> PointLight | DirectionalLight:
+    if rng.uniform() < 0.5:
+        place = rng.uniform((-1.5, -1.5, -1.5), (1.5, 1.5, -0.05))
+        return PointLight(tuple(place), tuple(rng.uniform(0.05, 0.8, 3)))
+    direction = rng.normal(size=3)
+    direction[2] = abs(direction[2])
+    return DirectionalLight(tuple(direction / np.linalg.norm(direction)), (0.5, 0.4, 0.3))
+
+
+def make_random_world(seed: int) -> World:
+    """Boxes that stand on a floor, touch or hover, some around a lamp, some letting light pass."""
+    rng = np.random.default_rng(seed)
+    lights = tuple(make_random_light(rng) for _ in range(rng.integers(1, 3)))
+    items = [floor_item(3.0)]
+    for number in range(rng.integers(0, 4)):
+        size = rng.uniform(0.05, 0.8, 3)
+        x, y, z = rng.uniform((-1.0, -1.0, -1.2), (1.0, 1.0, 0.0))
+        z = -0.5 * size[2] if rng.uniform() < 0.5 else z
+        pose = Pose.from_rpy((x, y, z), tuple(rng.uniform(-0.5, 0.5, 3) * (rng.uniform() < 0.3)))
+        material = Material(tuple(rng.uniform(0.1, 1.0, 3)), unlit=bool(rng.uniform() < 0.1))
+        casts = bool(rng.uniform() < 0.9)
+        items.append(Item(f"b{number}", Box(tuple(size)), pose, material, casts_shadows=casts))
+    return make_world(*items, lights=(DIM_HEMISPHERE_LIGHT, *lights))
+
+
+def sample_points(scene: SceneMesh, rng: np.random.Generator) -> tuple[np.ndarray, Floats]:
+    """(k,) triangles and (k, 3) points on them, many of them near an edge."""
+    triangle = np.repeat(np.arange(len(scene)), NUM_POINTS)
+    weights = rng.dirichlet((0.5, 0.5, 0.5), len(triangle))
+    return triangle, np.einsum("nc,nci->ni", weights, scene.corners[triangle])
+
+
+def find_hidden(world: World, scene: SceneMesh, light: Light, rng: np.random.Generator) -> Bools:
+    """(n,) triangles that lose the light at some of their points, by shadow rays."""
+    alone = World(world.name, world.items, lights=(light,))
+    triangle, points = sample_points(scene, rng)
+    dark, is_certain = reference_radiance(scene, alone, triangle, points)
+    normals = scene.normals[triangle]
+    full = scene.albedo[triangle] * shading.unshadowed_irradiance(light, points, normals)
+    lost = ((full - dark).max(axis=-1) > 1e-9) & is_certain & ~scene.unlit[triangle]
+    hidden: Bools = lost.reshape(-1, NUM_POINTS).any(axis=1)
+    return hidden
+
+
+@pytest.mark.parametrize("first", range(0, 60, 10))
+def test_no_triangle_of_random_worlds_is_hidden_that_counts_as_lit(first: int) -> None:
+    num_hidden = num_suspected = 0
+    for seed in range(first, first + 10):
+        world, rng = make_random_world(seed), np.random.default_rng(seed + 1000)
+        scene = build_scene(world)
+        for light in shading.shadow_casting_lights(world.lights):
+            shafts = LightShafts(scene, light)
+            hidden = find_hidden(world, scene, light, rng)
+            suspected = np.array([shafts.can_be_hidden(i) for i in range(len(scene))])
+            facing = shading.unshadowed_irradiance(
+                light, scene.corners.mean(axis=1), scene.normals
+            ).any(axis=-1)
+            assert not (hidden & ~suspected).any(), seed
+            num_hidden += int(hidden.sum())
+            num_suspected += int((suspected & facing & ~scene.unlit).sum())
+    # What only points between the samples lose, or only a sliver.
+    assert num_hidden > 20
+    assert num_suspected < 1.25 * num_hidden
+
+
+@pytest.mark.parametrize("first", range(0, 60, 10))
+def test_bound_of_random_worlds_is_never_below_the_largest_change(first: int) -> None:
+    for seed in range(first, first + 10):
+        world, rng = make_random_world(seed), np.random.default_rng(seed + 2000)
+        scene = build_scene(world)
+        triangle, points = sample_points(scene, rng)
+        dark, is_certain = reference_radiance(scene, world, triangle, points)
+        irradiance = shading.facet_irradiance(
+            shading.hemisphere_lights(world.lights), scene.normals[triangle]
+        )
+        for light in shading.shadow_casting_lights(world.lights):
+            irradiance += shading.unshadowed_irradiance(light, points, scene.normals[triangle])
+        bright = scene.albedo[triangle] * np.where(scene.unlit[triangle, None], 1.0, irradiance)
+        levels = [255.0 * srgb_from_linear(np.minimum(x, 1.0)) for x in (bright, dark)]
+        change = np.where(is_certain[:, None], levels[0] - levels[1], 0.0).max()
+        bound = grey_level_change(ShadowBounds(scene, world).darkest_shadow(()))
+        assert bound >= change - 1e-9, seed
+        assert bound == 0.0 or change > 0.0, seed
+
+
+def test_convex_room_around_its_lamp_and_a_box_alone_lose_nothing() -> None:
+    lamp = PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
+    worlds = [
+        make_inward_facing_room(lamp),
+        make_world(box_item(0.0, 0.0, -0.2, (0.3, 0.3, 0.3)), lights=(lamp,)),
+    ]
+    for world in worlds:
+        loss = ShadowBounds(build_scene(world), world).darkest_shadow(())
+        assert grey_level_change(loss) == 0.0
+
+
+def test_room_of_walls_with_backs_around_its_lamp_loses_nothing() -> None:
+    # Slabs that touch along edges: planes of their other sides lie between lamp and walls.
+    lamp = PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
+    slabs = (
+        ((0.0, 0.0, 0.05), (4.0, 4.0, 0.1)),
+        ((0.0, 0.0, -2.05), (4.0, 4.0, 0.1)),
+        ((2.05, 0.0, -1.0), (0.1, 4.0, 2.0)),
+        ((-2.05, 0.0, -1.0), (0.1, 4.0, 2.0)),
+        ((0.0, 2.05, -1.0), (4.0, 0.1, 2.0)),
+        ((0.0, -2.05, -1.0), (4.0, 0.1, 2.0)),
+    )
+    items = [
+        Item(f"slab{n}", Box(size), Pose.from_rpy(place), GREY)
+        for n, (place, size) in enumerate(slabs)
+    ]
+    world = make_world(*items, lights=(DIM_HEMISPHERE_LIGHT, lamp))
+    assert grey_level_change(ShadowBounds(build_scene(world), world).darkest_shadow(())) == 0.0
+
+
+def test_shadow_of_a_box_on_a_floor_away_from_all_others_is_found() -> None:
+    world = make_world(floor_item(), box_item(0.5, 0.0, -0.15, (0.2, 0.2, 0.3)))
+    scene = build_scene(world)
+    light = shading.shadow_casting_lights(world.lights)[0]
+    shafts = LightShafts(scene, light)
+    assert len(shafts) == len(scene)
+    names = {scene.item_names[scene.item_index[i]] for i in range(14) if shafts.can_be_hidden(i)}
+    assert "floor" in names
+
+
+INSIDE = PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
+
+
+def names(world: World, light: DirectionalLight | PointLight) -> set[str]:
+    """Names of the items with candidates for a shadow."""
+    scene = build_scene(world)
+    return {
+        scene.item_names[i] for i in np.unique(scene.item_index[shadow_candidates(scene, light)])
+    }
+
+
+@pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
+def test_floor_alone_or_from_below_is_no_candidate(
+    light: DirectionalLight | PointLight,
+) -> None:
+    assert names(make_world(floor_item()), light) == set()
+    assert names(make_world(floor_item(), box_item(0, 0, 0.5, (0.2, 0.2, 0.2))), light) == {"box"}
+
+
+@pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
+def test_floor_under_a_box_is_a_candidate(light: DirectionalLight | PointLight) -> None:
+    assert "floor" in names(make_world(floor_item(), box_item(0, 0, -0.1, (0.2, 0.2, 0.2))), light)
+
+
+def test_empty_convex_room_has_no_candidates() -> None:
+    assert names(make_inward_facing_room(INSIDE), INSIDE) == set()
+
+
+def test_single_box_has_no_candidates() -> None:
+    assert names(make_world(box_item(0, 0, -0.1, (0.2, 0.2, 0.2))), DIRECTIONAL_LIGHT) == set()
+
+
+def test_scene_without_triangles_has_no_candidates() -> None:
+    assert names(World("empty", ()), DIRECTIONAL_LIGHT) == set()
+
+
+def test_bound_of_many_corners_is_their_box() -> None:
+    rng = np.random.default_rng(3)
+    corners = rng.normal(size=(400, 3, 3))
+    normals = rng.normal(size=(50, 3))
+    exact = make_bound(corners, num_planes=50).support(normals)
+    boxed = make_bound(corners, num_planes=10**6)
+    np.testing.assert_allclose(exact, (corners.reshape(-1, 3) @ normals.T).max(axis=0))
+    assert isinstance(boxed, AxisAlignedBox)
+    assert (boxed.support(normals) >= exact).all()
+
+
+SKY = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
+NOON = DirectionalLight((0.0, 0.0, 1.0), (0.5, 0.5, 0.5))
+MESH = build_object_mesh([(box(Box((0.2, 0.2, 0.2))), GREY)])
+BOX = box_item(0.0, 0.0, -0.2, (0.2, 0.2, 0.2))
+
+
+def bound(world: World, *bodies: DynamicObject) -> ShadowLoss:
+    return ShadowBounds(build_scene(world), world).darkest_shadow(bodies)
+
+
+def test_floor_under_a_box_loses_the_directional_light_and_keeps_the_sky() -> None:
+    shade = bound(make_world(floor_item(), BOX, lights=(SKY, NOON)))
+    assert shade.lost_radiance == pytest.approx(0.5 * 0.5)
+    assert shade.remaining_radiance == pytest.approx(0.5 * 0.3)
+
+
+def test_brightest_corner_of_a_triangle_counts() -> None:
+    world = make_world(floor_item(), BOX, lights=(SKY, NOON))
+    scene = build_scene(world)
+    corners = np.repeat(scene.albedo[:, None], 3, axis=1)
+    corners[:, 1] = 0.8
+    shade = ShadowBounds(replace(scene, corner_albedo=corners), world).darkest_shadow(())
+    assert shade.lost_radiance == pytest.approx(0.8 * 0.5)
+    assert shade.remaining_radiance == pytest.approx(0.8 * 0.3)
+
+
+def test_floor_keeps_a_directional_light_that_nothing_occludes() -> None:
+    away = DirectionalLight((0.0, 0.0, -1.0), (0.4, 0.4, 0.4))
+    shade = bound(make_world(floor_item(), BOX, lights=(SKY, NOON, away)))
+    assert (shade.lost_radiance, shade.remaining_radiance) == pytest.approx((0.25, 0.15))
+
+
+def test_floor_alone_loses_nothing_until_an_object_comes() -> None:
+    world = make_world(floor_item(), lights=(SKY, NOON))
+    assert bound(world) == NO_SHADOW_LOSS
+    # White, facing the directional light, in the dimmer half of the sky.
+    shade = bound(world, DynamicObject(MESH, Pose.identity()))
+    assert (shade.lost_radiance, shade.remaining_radiance) == pytest.approx(
+        (0.5 / 0.7, 0.2 / 0.7)
+    ) or (
+        shade.lost_radiance,
+        shade.remaining_radiance,
+    ) == pytest.approx((0.5, 0.2))
+
+
+def test_object_near_a_point_light_may_lose_more_than_the_floor() -> None:
+    point_light = PointLight((0.0, 0.0, -2.0), (0.1, 0.1, 0.1))
+    world = make_world(floor_item(), lights=(SKY, point_light))
+    far, near = (bound(world, DynamicObject(MESH, Pose.from_rpy((0, 0, -z)))) for z in (0.2, 1.5))
+    assert near.lost_radiance > 2.0 * far.lost_radiance
+
+
+def test_world_with_a_hemisphere_light_alone_loses_nothing() -> None:
+    assert (
+        bound(make_world(floor_item(), BOX, lights=(SKY,)), DynamicObject(MESH, Pose.identity()))
+        == NO_SHADOW_LOSS
+    )
+
+
+def test_hidden_sky_makes_a_shadow_more_visible() -> None:
+    world = make_box_world(lights=(SKY, NOON))
+    hidden = bake_scene(world)
+    whole = ShadowBounds(build_scene(world), world).darkest_shadow(())
+    dim = ShadowBounds(hidden, world).darkest_shadow(())
+    assert grey_level_change(dim) > grey_level_change(whole)

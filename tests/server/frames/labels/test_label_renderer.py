@@ -1,0 +1,473 @@
+"""Channels against rays cast without any of the renderer's code, for three kinds of cameras.
+
+Hidden fractions of objects, against counts of pixels with and without what hides them.
+
+Pixels of points, and visibility of moved ones; the flow as a whole is in test_label_renderer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.labels.channels import LABEL_CHANNELS
+from catoptra_protocol.optics.camera_rays import pixel_from_point, ray_from_pixel
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects.medium.misalignment import Misalignment, lookup_offset_map
+from catoptra_server.effects.medium.vignetting import Vignetting
+from catoptra_server.frames.labels import label_renderer as occluded_fraction
+from catoptra_server.frames.labels.label_renderer import project_points
+from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.plan.plans import plan_from_settings
+from catoptra_server.render.render_settings import RenderSettings
+from catoptra_server.render.renderer import advance
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.kernel.library import available_instruction_sets
+from catoptra_server.world.camera_state import INSTANTANEOUS, FogMedium
+from catoptra_server.world.world_description import Box, Item, Material, Twist
+from helpers.labelled_rooms import (
+    CAMERAS,
+    FISH_EYE,
+    ROBOTS,
+    SCENE,
+    STATE,
+    WORLD,
+    CastRays,
+    cast_image,
+    open_labels,
+)
+from helpers.long_cases import quick_cases
+
+ALL = tuple(LABEL_CHANNELS)
+
+
+@pytest.fixture(params=CAMERAS)
+def camera(request: pytest.FixtureRequest) -> OmniCamera:
+    return CAMERAS[request.param]
+
+
+@cache
+def cast_still(camera: OmniCamera) -> CastRays:
+    """Rays of the still scene, of which both engines are compared with the same."""
+    return cast_image(camera, STATE)
+
+
+@pytest.mark.parametrize("engine", ["kernel", "reference"])
+def test_channels_are_those_of_an_independent_caster(camera: OmniCamera, engine) -> None:
+    cast = cast_still(camera)
+    with open_labels(engine) as labels:
+        found = labels.render(DrawnExposure(camera, STATE), ALL).channels
+    sure = cast.is_certain
+    assert sure.mean() > 0.5 * found["valid"].mean()
+    seen = sure & np.isfinite(cast.range_m)
+    assert seen.sum() > 1500
+    np.testing.assert_array_equal(found["ids"][sure], cast.ids[sure])
+    # Robots and things are in view, not the floor alone.
+    assert len(np.unique(cast.ids[seen])) >= 6
+    np.testing.assert_array_equal(np.isinf(found["range"][sure]), np.isinf(cast.range_m[sure]))
+    np.testing.assert_allclose(found["range"][seen], cast.range_m[seen], rtol=1e-4)
+    np.testing.assert_allclose(found["point"][seen], cast.point[seen], atol=1e-3)
+    cosine = np.einsum("ni,ni->n", found["normal"][seen], cast.normal[seen])
+    assert np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).max() < 0.1
+
+
+def test_ids_beside_edges_are_the_majority_of_samples(camera: OmniCamera) -> None:
+    """Pixels that edges cross have the id of most of 16 x 16 rays, where most agree clearly."""
+    side = 16
+    offsets = (np.arange(side) + 0.5) / side
+    with open_labels() as labels:
+        found = labels.render(
+            DrawnExposure(camera, STATE, samples=4), ("ids", "agreement")
+        ).channels
+    mixed = (found["agreement"] > 0) & (found["agreement"] < 255) & (found["ids"] > 0)
+    rows, columns = np.nonzero(mixed)
+    assert len(rows) > 100
+    chosen = np.random.default_rng(7).choice(len(rows), 40, replace=False)
+    decided = 0
+    corners = np.column_stack((columns[chosen], rows[chosen]))
+    inside = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
+    cast = cast_image(camera, STATE, corners[:, None] + inside)
+    for row, column, ids in zip(rows[chosen], columns[chosen], cast.ids, strict=True):
+        values, counts = np.unique(ids, return_counts=True)
+        agreement = (ids == found["ids"][row, column]).mean()
+        # 4 x 4 samples of the 16 x 16: an edge through the pixel moves the fraction by so much.
+        assert found["agreement"][row, column] / 255.0 == pytest.approx(agreement, abs=0.17)
+        if counts.max() > 0.67 * side * side:
+            assert found["ids"][row, column] == values[counts.argmax()]
+            decided += 1
+    assert decided > 5
+
+
+def test_agreement_is_whole_where_a_pixel_shows_one_object() -> None:
+    camera = CAMERAS["paper"]
+    with open_labels() as labels:
+        found = labels.render(
+            DrawnExposure(camera, STATE, samples=2), ("ids", "agreement")
+        ).channels
+    ids = found["ids"].astype(int)
+    inner = np.zeros(ids.shape, dtype=bool)
+    inner[1:-1, 1:-1] = True
+    for axis in (0, 1):
+        for step in (-1, 1):
+            inner &= np.roll(ids, step, axis=axis) == ids
+    inner &= ids > 0
+    assert (found["agreement"][inner] == 255).mean() > 0.98
+
+
+def test_classes_are_those_of_the_ids() -> None:
+    with open_labels() as labels:
+        truth = labels.render(DrawnExposure(CAMERAS["paper"], STATE), ("ids", "classes"))
+        classes = {one.number: one.class_number for one in truth.objects}
+        names = {one.number: one.class_name for one in truth.objects}
+    ids = truth.channels["ids"]
+    for number in np.unique(ids[ids > 0]):
+        assert (truth.channels["classes"][ids == number] == classes[number]).all()
+    assert names[6] == names[7] == "robot"
+    assert (truth.channels["classes"][ids == 0] == 0).all()
+
+
+def test_ranges_of_two_poses_make_one_cloud(camera: OmniCamera) -> None:
+    """Back-projected points lie on the planes that the other pose saw, at the rim as in the
+    middle."""
+    other = replace(STATE, world_from_mirror=Pose.from_rpy((0.1, -0.3, -0.75), (0.05, 0.1, -1.1)))
+    with open_labels() as labels:
+        clouds = [
+            labels.render(DrawnExposure(camera, state), ("point", "normal", "ids")).channels
+            for state in (STATE, other)
+        ]
+    first, second = clouds
+    planes = 0
+    for number in np.unique(second["ids"]):
+        if number == 0 or number > 5:
+            continue
+        here, there = first["ids"] == number, second["ids"] == number
+        normals = second["normal"][there] @ other.world_from_mirror.rotation.T
+        offsets = np.einsum("ni,ni->n", normals, second["point"][there])
+        # Facets of the same object: each plane once.
+        facets = np.column_stack((normals, offsets))
+        _, once = np.unique(facets.round(2), axis=0, return_index=True)
+        facets = facets[once]
+        own = first["normal"][here] @ STATE.world_from_mirror.rotation.T
+        distance = np.abs(first["point"][here] @ facets[:, :3].T - facets[:, 3])
+        # Of those facets that have the direction of the point's own.
+        distance[own @ facets[:, :3].T < 0.9999] = np.inf
+        nearest = distance.min(axis=1)
+        if np.isfinite(nearest).sum() > 20:
+            planes += 1
+            assert nearest[np.isfinite(nearest)].max() < 1e-3
+    assert planes >= 3
+
+
+def test_rows_of_a_rolling_shutter_are_labelled_at_their_own_times() -> None:
+    camera = CAMERAS["paper"]
+    moving = replace(
+        STATE,
+        twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.0)),
+        objects=tuple(replace(robot, twist=Twist((0.0, 1.0, 0.0))) for robot in ROBOTS),
+        shutter=INSTANTANEOUS.with_exposure(0.02, 3.0).with_readout(0.06, 9.0),
+    )
+    with open_labels() as labels:
+        found = labels.render(DrawnExposure(camera, moving), ("range", "ids")).channels
+    for row in (10, 48, 80):
+        time_s = 0.06 * ((row + 0.5) / camera.height_px - 0.5)
+        pixels = np.column_stack(
+            (np.arange(camera.width_px) + 0.5, np.full(camera.width_px, row + 0.5))
+        )
+        cast = cast_image(camera, advance(moving, time_s), pixels[None])
+        sure, ids, range_m = cast.is_certain[0], cast.ids[0], cast.range_m[0]
+        # Poses between two states are interpolated entry by entry: a few pixels at edges.
+        assert (found["ids"][row] == ids)[sure].mean() > 0.97
+        same = sure & (found["ids"][row] == ids) & np.isfinite(range_m)
+        np.testing.assert_allclose(found["range"][row][same], range_m[same], rtol=5e-3)
+
+
+def test_global_shutter_is_labelled_at_the_middle_of_the_exposure() -> None:
+    camera = CAMERAS["paper"]
+    moving = replace(
+        STATE,
+        twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.0)),
+        shutter=INSTANTANEOUS.with_exposure(0.05, 3.0),
+    )
+    with open_labels() as labels:
+        blurred = labels.render(DrawnExposure(camera, moving), ("ids",)).channels
+        still = labels.render(DrawnExposure(camera, STATE), ("ids",)).channels
+    np.testing.assert_array_equal(blurred["ids"], still["ids"])
+
+
+def test_displaced_camera_is_labelled_as_its_picture_shows() -> None:
+    camera = CAMERAS["paper"]
+    displaced = Misalignment(x_m=0.004, pitch_rad=0.01)
+    drawn = DrawnExposure(camera, STATE, image_effects=(displaced,))
+    with open_labels() as labels:
+        found = labels.render(drawn, ("ids", "valid")).channels
+        aligned = labels.render(DrawnExposure(camera, STATE), ("ids",)).channels
+    lookup = lookup_offset_map(displaced, camera)
+    assert np.hypot(lookup[..., 0], lookup[..., 1])[lookup[..., 2] > 0].max() > 1.0
+    u, v = np.meshgrid(np.arange(96) + 0.5, np.arange(96) + 0.5)
+    cast = cast_image(camera, STATE, np.stack((u, v), axis=-1) + lookup[..., :2])
+    sure = cast.is_certain & (lookup[..., 2] > 0.0)
+    np.testing.assert_array_equal(found["ids"][sure], cast.ids[sure])
+    assert (found["ids"] != aligned["ids"]).sum() > 50
+
+
+def test_flow_leads_to_the_point_in_the_other_image_and_back(camera: OmniCamera) -> None:
+    here = STATE
+    there = replace(
+        STATE,
+        world_from_mirror=Pose.from_rpy((0.36, 0.2, -0.61), (0.01, -0.02, 0.36)),
+        objects=tuple(
+            replace(robot, world_from_object=robot.world_from_object @ Pose.from_rpy((0.05, 0, 0)))
+            for robot in ROBOTS
+        ),
+    )
+    with open_labels() as labels:
+        forward = labels.render(
+            DrawnExposure(camera, here), ("flow", "ids", "point"), there
+        ).channels
+        backward = labels.render(DrawnExposure(camera, there), ("flow", "ids"), here).channels
+    flow = forward["flow"]
+    known = np.isfinite(flow).all(axis=-1)
+    assert 0.5 < known[forward["ids"] > 0].mean() < 1.0
+    rows, columns = np.nonzero(known)
+    ends = np.column_stack((columns, rows)) + 0.5 + flow[known]
+    # The ray of the end point meets the same object at the same, moved, point.
+    cast = cast_image(camera, there, ends[:, None])
+    sure = cast.is_certain[:, 0]
+    np.testing.assert_array_equal(cast.ids[sure, 0], forward["ids"][known][sure])
+    still = sure & (forward["ids"][known] <= 5)
+    miss = np.linalg.norm(cast.point[still, 0] - forward["point"][known][still], axis=-1)
+    # As an angle at the point's distance, 0.02 px of the coarsest part of the image.
+    assert np.quantile(miss / cast.range_m[still, 0], 0.99) < 0.02 / 20.0
+    # Forward and backward cancel where the flow varies little over a pixel.
+    column, row = np.floor(ends).astype(int).T
+    back = backward["flow"][row, column]
+    alike = np.isfinite(back).all(axis=-1)
+    alike &= backward["ids"][row, column] == forward["ids"][known]
+    total = np.linalg.norm(back + flow[known], axis=-1)[alike]
+    assert np.median(total) < 0.05
+
+
+def test_flow_is_unknown_without_another_frame_and_of_what_is_gone() -> None:
+    camera = CAMERAS["paper"]
+    with open_labels() as labels:
+        none = labels.render(DrawnExposure(camera, STATE), ("flow",)).channels["flow"]
+        found = labels.render(
+            DrawnExposure(camera, STATE), ("flow", "ids"), replace(STATE, objects=())
+        ).channels
+    assert np.isnan(none).all()
+    assert np.isnan(found["flow"][found["ids"] > 5]).all()
+    assert np.isfinite(found["flow"][found["ids"] == 1]).all(axis=-1).mean() > 0.9
+
+
+def test_still_scene_has_no_flow(camera: OmniCamera) -> None:
+    with open_labels() as labels:
+        found = labels.render(DrawnExposure(camera, STATE), ("flow", "ids"), STATE).channels
+    flow = found["flow"]
+    known = np.isfinite(flow).all(axis=-1)
+    assert known[found["ids"] > 0].mean() > 0.98
+    assert np.abs(flow[known]).max() < 0.02
+
+
+def test_perspective_cameras_have_the_same_channels() -> None:
+    camera = PerspectiveCamera(64, 48, 1.2)
+    with open_labels() as labels:
+        found = labels.render(DrawnExposure(camera, STATE, samples=2), ALL).channels
+    assert found["range"].shape == (48, 64)
+    assert found["valid"].all()
+    assert len(np.unique(found["ids"])) > 2
+
+
+def test_only_requested_channels_are_rendered() -> None:
+    with open_labels() as labels:
+        assert list(labels.render(DrawnExposure(FISH_EYE, STATE), ("valid",)).channels) == ["valid"]
+        assert labels.render(DrawnExposure(FISH_EYE, STATE), ()).channels == {}
+
+
+@pytest.mark.parametrize("engine", ["kernel", "reference"])
+def test_flow_ends_at_the_pixel_that_the_camera_model_gives(camera: OmniCamera, engine) -> None:
+    there = replace(
+        STATE,
+        world_from_mirror=Pose.from_rpy((0.41, 0.12, -0.62), (0.03, -0.02, 0.42)),
+        objects=tuple(
+            replace(robot, world_from_object=robot.world_from_object @ Pose.from_rpy((0.05, 0, 0)))
+            for robot in ROBOTS
+        ),
+    )
+    with open_labels(engine) as labels:
+        found = labels.render(
+            DrawnExposure(camera, STATE), ("flow", "ids", "point"), there
+        ).channels
+        robots = {labels.labels.number_of(one): index for index, one in enumerate(ROBOTS)}
+    known = np.isfinite(found["flow"]).all(axis=-1)
+    points, ids = found["point"][known].astype(float), found["ids"][known]
+    for number, index in robots.items():
+        here, moved = (state.objects[index].world_from_object for state in (STATE, there))
+        those = ids == number
+        points[those] = (moved @ here.inverse()).transform_points(points[those])
+    in_mirror = there.world_from_mirror.inverse().transform_points(points)
+    expected, valid = pixel_from_point(camera, in_mirror)
+    assert valid.mean() > 0.999
+    rows, columns = np.nonzero(known)
+    ends = np.column_stack((columns, rows)) + 0.5 + found["flow"][known]
+    assert np.abs(ends - expected)[valid].max() < 0.02
+    assert np.linalg.norm(found["flow"][known], axis=-1).max() > 3.0
+
+
+@pytest.mark.parametrize(
+    ("name", "samples"), quick_cases(product(CAMERAS, (1, 2, 3)), 1, 3, 8), ids=str
+)
+def test_labels_beside_a_picture_are_those_alone_and_leave_the_picture(
+    name: str, samples: int
+) -> None:
+    camera = CAMERAS[name]
+    state = replace(STATE, has_shadows=True, fog=FogMedium(0.05, (0.6, 0.6, 0.6)))
+    drawn = DrawnExposure(camera, state, samples=samples)
+    channels = tuple(name for name in ALL if name != "flow")
+    plan = plan_from_settings(
+        RenderSettings(samples=samples), camera, kind=RendererKind.TRACE, reason="a test"
+    )
+    with open_labels() as labels:
+        renderer = TraceRenderer(SCENE, WORLD, threads=1)
+        alone = labels.render(drawn, channels).channels
+        request = labels.request(drawn, channels)
+        view = renderer.prepare(camera, plan)
+        for effects in ((), (Vignetting(),)):
+            plain = view.render(state, effects)
+            picture, found = view.render_with_labels(state, effects, {}, request)
+            beside = labels.render(drawn, channels, found_beside=found).channels
+            assert picture.rgb.tobytes() == plain.rgb.tobytes()
+            for each in ("ids", "classes", "agreement", "valid"):
+                np.testing.assert_array_equal(beside[each], alone[each], err_msg=each)
+            # The same rays; proofs of planes, which differ, change the last bits.
+            np.testing.assert_allclose(beside["range"], alone["range"], rtol=3e-6)
+            np.testing.assert_allclose(beside["point"], alone["point"], atol=3e-5)
+            np.testing.assert_allclose(beside["normal"], alone["normal"], atol=2e-6)
+        view.close()
+        renderer.close()
+
+
+@pytest.mark.parametrize(
+    "drawn",
+    [
+        DrawnExposure(FISH_EYE, replace(STATE, shutter=replace(INSTANTANEOUS, exposure_s=0.01))),
+        DrawnExposure(CAMERAS["paper"], STATE, (Misalignment(x_m=0.004),)),
+    ],
+    ids=["exposed for a while", "displaced"],
+)
+def test_labels_of_other_rays_than_the_picture_are_not_found_beside_it(
+    drawn: DrawnExposure,
+) -> None:
+    with open_labels() as labels:
+        assert labels.request(drawn, ("ids",)) is None
+
+
+def test_mask_alone_takes_no_ray() -> None:
+    with open_labels() as labels:
+        assert labels.request(DrawnExposure(FISH_EYE, STATE), ("valid",)) is None
+
+
+CHANNELS = ("ids", "valid")
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_screen_hides_the_pixels_that_it_takes(name: str) -> None:
+    camera = CAMERAS[name]
+    screen = Item(
+        "screen",
+        Box((0.02, 0.3, 0.6)),
+        Pose.from_rpy((-0.25, -0.45, -0.35), (0.0, 0.0, 0.8)),
+        Material((0.5, 0.5, 0.5)),
+    )
+    with open_labels() as labels:
+        alone = labels.render(DrawnExposure(camera, STATE), CHANNELS).channels["ids"]
+    world = replace(WORLD, items=(*WORLD.items, screen))
+    with open_labels(world=world) as labels:
+        drawn = DrawnExposure(camera, STATE)
+        truth = labels.render(drawn, CHANNELS)
+        found = labels.measure_occlusion(drawn, truth)
+    ids = truth.channels["ids"]
+    assert set(found) == set(np.unique(ids).tolist()) - {0}
+    # Objects that nothing hid before.
+    (crate,) = [one.number for one in truth.objects if one.name == "crate"]
+    before, after = (alone == crate).sum(), (ids == crate).sum()
+    assert 0 < after < 0.9 * before
+    assert found[crate] == pytest.approx(1.0 - after / before, abs=0.03)
+    (number,) = [one.number for one in truth.objects if one.name == "screen"]
+    assert found[number] < 0.02
+
+
+def test_robot_behind_the_crate_is_partly_hidden() -> None:
+    camera = CAMERAS["paper"]
+    drawn = DrawnExposure(camera, STATE)
+    with open_labels() as labels:
+        truth = labels.render(drawn, CHANNELS)
+        found = labels.measure_occlusion(drawn, truth)
+        alone = DrawnExposure(camera, replace(STATE, objects=ROBOTS[:1]))
+        ids = labels.render(alone, CHANNELS).channels["ids"]
+    first = labels.labels.number_of(ROBOTS[0])
+    seen = (truth.channels["ids"] == first).sum()
+    assert (ids == first).sum() == seen
+    assert found[first] < 0.1
+    assert 0.02 < found[labels.labels.number_of(ROBOTS[1])] < 0.95
+
+
+def test_fewer_rays_estimate_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = DrawnExposure(CAMERAS["fish-eye"], STATE)
+    found = []
+    for limit in (4096, 1000):
+        monkeypatch.setattr(occluded_fraction, "MAX_RAYS", limit)
+        with open_labels() as labels:
+            found.append(labels.measure_occlusion(drawn, labels.render(drawn, CHANNELS)))
+    for number, fraction in found[0].items():
+        assert found[1][number] == pytest.approx(fraction, abs=0.1)
+
+
+def test_pinned_instruction_set_measures_the_same() -> None:
+    drawn = DrawnExposure(CAMERAS["fish-eye"], STATE)
+    found = []
+    for instruction_set in ("auto", available_instruction_sets()[-1]):
+        with open_labels(instruction_set=instruction_set) as labels:
+            found.append(labels.measure_occlusion(drawn, labels.render(drawn, CHANNELS)))
+    assert found[0].keys() == found[1].keys()
+    for number, fraction in found[0].items():
+        # Rays along edges alone may differ.
+        assert found[1][number] == pytest.approx(fraction, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_points_on_rays_have_the_pixels_of_the_rays(name: str) -> None:
+    camera = CAMERAS[name]
+    rng = np.random.default_rng(3)
+    pixels = rng.uniform(8.0, 88.0, (200, 2))
+    origins, directions, valid = ray_from_pixel(camera, pixels)
+    points = origins + rng.uniform(0.3, 20.0, (200, 1)) * directions
+    found, shown = project_points(camera, points)
+    assert valid.sum() > 100
+    assert shown[valid].all()
+    np.testing.assert_allclose(found[valid], pixels[valid], atol=2e-3)
+
+
+def test_points_beside_the_image_are_invalid() -> None:
+    camera = PerspectiveCamera(64, 48, 1.0)
+    _, shown = project_points(
+        camera, np.array(((1.0, 0.0, 0.0), (1.0, 2.0, 0.0), (-1.0, 0.0, 0.0)))
+    )
+    assert shown.tolist() == [True, False, False]
+
+
+def test_points_near_a_mirror_without_a_viewpoint_have_the_pixels_of_the_exact_root() -> None:
+    camera = CAMERAS["ball"]
+    rng = np.random.default_rng(5)
+    pixels = rng.uniform(8.0, 88.0, (400, 2))
+    origins, directions, valid = ray_from_pixel(camera, pixels)
+    points = (origins + rng.uniform(0.15, 0.4, (400, 1)) * directions)[valid]
+    found, shown = project_points(camera, points)
+    expected, _ = pixel_from_point(camera, points)
+    assert shown.all()
+    np.testing.assert_allclose(found, expected, atol=2e-3)

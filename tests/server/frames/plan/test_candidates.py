@@ -1,0 +1,256 @@
+"""Candidates: every renderer, sample count and texel density, one surface.
+
+Times of the calibration plans, with a fake clock and fake views.
+
+Candidate tables: all candidates with bounds and times, of the renderers that can be measured."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import RendererUnavailableError
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.candidates import (
+    FACE_SAMPLE_COUNTS,
+    OTHER_STAGES,
+    SAMPLE_COUNTS,
+    TEXELS_PER_PX,
+    RendererCalibration,
+    generate_calibration_plans,
+    generate_candidate_plans,
+    measure_costs,
+)
+from catoptra_server.frames.plan.costs import CostCache, PlanTiming, cost_group, fit_cost_model
+from catoptra_server.frames.plan.error_bound import error_bound
+from catoptra_server.frames.plan.plans import plan_view_size
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
+from catoptra_server.render.renderer import RenderedImage, RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.scene_mesh import build_scene
+from helpers.worlds import make_omni_camera, make_test_world
+
+CAMERA = make_omni_camera(width_px=64)
+TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
+
+
+def candidate_plans(
+    surface: MirrorSurface, *kinds: RendererKind, width_px: int = 64
+) -> list[RenderPlan]:
+    return list(generate_candidate_plans(surface, make_omni_camera(width_px=width_px), kinds))
+
+
+def test_candidates_of_both_renderers_are_all_combinations() -> None:
+    assert len(candidate_plans(PerPixel(), TRACE)) == len(SAMPLE_COUNTS)
+    count = len(SAMPLE_COUNTS) * len(TEXELS_PER_PX) * len(FACE_SAMPLE_COUNTS)
+    assert len(candidate_plans(PerPixel(), RASTER)) == count
+    assert len(candidate_plans(PerPixel(), TRACE, RASTER)) == len(SAMPLE_COUNTS) + count
+
+
+def test_candidates_of_an_exact_mirror_have_no_mesh() -> None:
+    assert {plan.surface for plan in candidate_plans(PerPixel(), TRACE, RASTER)} == {PerPixel()}
+
+
+def test_candidates_of_a_mesh_keep_the_mesh() -> None:
+    mesh = Tessellation(16, 16)
+    assert {plan.surface for plan in candidate_plans(mesh, TRACE)} == {mesh}
+
+
+def test_candidates_of_a_large_image_stay_within_memory_but_for_one_sample() -> None:
+    assert {plan.samples for plan in candidate_plans(PerPixel(), TRACE, width_px=2048)} == {1, 2}
+    assert {plan.samples for plan in candidate_plans(PerPixel(), TRACE, width_px=8192)} == {1}
+
+
+def test_candidates_of_a_large_image_keep_faces_within_memory_but_for_one_sample() -> None:
+    plans = candidate_plans(PerPixel(), RASTER, width_px=2048)
+    camera = make_omni_camera(width_px=2048)
+    large = [p for p in plans if plan_view_size(camera, p).num_bytes > DEFAULT_LIMIT_BYTES]
+    # 2048 px at 4 texels a pixel would be 0.8 GB of texels, four times as much with 4 samples each.
+    assert {(plan.samples, plan.face_samples) for plan in large} <= {(1, 1)}
+    assert {plan.face_samples for plan in plans} == {1, 4}
+
+
+@pytest.mark.parametrize("kind", RendererKind)
+def test_calibration_plans_cover_every_cost_group(kind: RendererKind) -> None:
+    plans = list(generate_calibration_plans(kind, CAMERA, PerPixel()))
+    assert len({cost_group(plan) for plan in plans}) == 1
+    assert len({plan.samples for plan in plans}) > 1
+
+
+def test_calibration_plans_of_a_large_image_stay_within_memory() -> None:
+    camera = make_omni_camera(width_px=2048)
+    for kind in RendererKind:
+        plans = list(generate_calibration_plans(kind, camera, PerPixel()))
+        assert {1, 2} <= {plan.samples for plan in plans}
+        large = [p for p in plans if plan_view_size(camera, p).num_bytes > DEFAULT_LIMIT_BYTES]
+        assert {(plan.samples, plan.face_samples) for plan in large} <= {(1, 1)}
+
+
+TRACE_COST_CALIBRATION = RendererKind.TRACE
+STATES = (CameraState(Pose.identity()), CameraState(Pose.from_rpy((1.0, 0.0, 0.0))))
+
+
+class _FakeRenderer:
+    """A renderer whose frames take a millisecond a sample of a pixel, by a clock of its own."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.num_closed = 0
+        self.camera_states: list[CameraState] = []
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+        renderer = self
+
+        class FakeView:
+            def render(self, camera_state: CameraState) -> RenderedImage:
+                renderer.camera_states.append(camera_state)
+                renderer.now_s += 1e-3 * (plan.samples**2 + 0.5)
+                stages = {"trace": float(plan.samples**2)}
+                return RenderedImage(np.zeros((1, 1, 3), dtype=np.uint8), stages)
+
+            def close(self) -> None:
+                renderer.num_closed += 1
+
+        return FakeView()
+
+    def clock(self) -> float:
+        return self.now_s
+
+
+def test_calibration_has_medians_of_all_stages_and_of_the_time_between() -> None:
+    renderer = _FakeRenderer()
+    found = measure_costs(
+        renderer, TRACE_COST_CALIBRATION, CAMERA, PerPixel(), STATES, clock=renderer.clock
+    )  # type: ignore[arg-type]
+    assert [one.plan.samples for one in found] == [1, 2, 5]
+    assert [one.stage_ms["trace"] for one in found] == [1.0, 4.0, 25.0]
+    assert all(one.stage_ms[OTHER_STAGES] == pytest.approx(0.5) for one in found)
+    assert renderer.num_closed == 3
+    assert set(renderer.camera_states) == set(STATES)
+
+
+def test_calibration_when_fitted_reproduces_the_measured_times() -> None:
+    renderer = _FakeRenderer()
+    found = measure_costs(
+        renderer, TRACE_COST_CALIBRATION, CAMERA, PerPixel(), STATES, clock=renderer.clock
+    )  # type: ignore[arg-type]
+    model = fit_cost_model(CAMERA, found)
+    assert model.predict_frame_ms(found[1].plan) == pytest.approx(4.5)
+
+
+TRACE_CANDIDATE_TABLE = RendererKind.TRACE
+CAMERA_CANDIDATE_TABLE = OmniCameraSpec(make_omni_camera(width_px=64), RenderSettings())
+STATES_CANDIDATE_TABLE = (CameraState(Pose.identity()),)
+
+
+def make_calibration(measure: Any) -> RendererCalibration:
+    renderer: Any = object()
+    return RendererCalibration(
+        RendererPool(RendererChoice(renderer, TRACE_CANDIDATE_TABLE, "test")), None, measure
+    )
+
+
+def test_options_have_the_bound_and_the_time_of_their_plan() -> None:
+    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
+        plans = generate_calibration_plans(kind, camera, others[0])
+        return [PlanTiming(plan, {"trace": 2.0 * plan.samples**2}) for plan in plans]
+
+    table = make_calibration(measure).make_table(CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE)
+    assert {option.plan.samples for option in table.options} == set(range(1, 9))
+    for option in table.options:
+        bound = error_bound(CAMERA_CANDIDATE_TABLE.camera, option.plan)
+        assert option.error_bound_px == bound.outline_error_px
+        assert option.predicted_ms == pytest.approx(2.0 * option.plan.samples**2)
+
+
+def test_table_without_a_renderer_that_can_be_measured_is_refused() -> None:
+    def fail(*_: Any) -> list[PlanTiming]:
+        raise RuntimeError("lost device")
+
+    with pytest.raises(RendererUnavailableError, match="no renderer could be measured"):
+        make_calibration(fail).make_table(CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE)
+
+
+def test_costs_that_do_not_grow_are_measured_again_and_never_stored(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    times = iter((12.6, 12.6, 12.6))
+
+    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
+        plans = generate_calibration_plans(kind, camera, others[0])
+        ms = next(times)
+        return [PlanTiming(plan, {"trace": ms}) for plan in plans]
+
+    class Described:
+        def describe(self) -> str:
+            return "trace"
+
+    pool = RendererPool(RendererChoice(Described(), TRACE_CANDIDATE_TABLE, "test"))  # type: ignore[arg-type]
+    cache = CostCache(tmp_path, build_scene(make_test_world()))
+    RendererCalibration(pool, cache, measure).make_table(
+        CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE
+    )
+    assert next(times, None) is None
+    assert not list(tmp_path.iterdir())
+    assert "not stored" in caplog.text
+
+
+def test_second_measurement_that_grows_is_stored(tmp_path: Path) -> None:
+    per_sample = iter((0.0, 2.0))
+
+    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
+        plans = generate_calibration_plans(kind, camera, others[0])
+        rate = next(per_sample)
+        return [PlanTiming(plan, {"trace": 9.0 + rate * plan.samples**2}) for plan in plans]
+
+    class Described:
+        def describe(self) -> str:
+            return "trace"
+
+    pool = RendererPool(RendererChoice(Described(), TRACE_CANDIDATE_TABLE, "test"))  # type: ignore[arg-type]
+    cache = CostCache(tmp_path, build_scene(make_test_world()))
+    RendererCalibration(pool, cache, measure).make_table(
+        CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE
+    )
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("rates", [(12.6, 0.0, 0.0), (1.0, math.nan, 2.0), (0.0, math.inf, 1.0)])
+def test_stored_costs_that_mean_nothing_are_measured_anew(
+    tmp_path: Path, rates: tuple[float, ...]
+) -> None:
+    measured = []
+
+    def measure(renderer: Any, kind: RendererKind, camera: Any, *others: Any) -> list[PlanTiming]:
+        measured.append(kind)
+        plans = generate_calibration_plans(kind, camera, others[0])
+        return [PlanTiming(plan, {"trace": 2.0 * plan.samples**2}) for plan in plans]
+
+    class Described:
+        def describe(self) -> str:
+            return "trace"
+
+    pool = RendererPool(RendererChoice(Described(), TRACE_CANDIDATE_TABLE, "test"))  # type: ignore[arg-type]
+    cache = CostCache(tmp_path, build_scene(make_test_world()))
+    key = cache.make_key(
+        "trace", CAMERA_CANDIDATE_TABLE.camera, CAMERA_CANDIDATE_TABLE.render_settings.surface
+    )
+    cache.write(key, {"trace": {"trace": rates}})
+    RendererCalibration(pool, cache, measure).make_table(
+        CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE
+    )
+    assert measured == [TRACE_CANDIDATE_TABLE]
+    RendererCalibration(pool, cache, measure).make_table(
+        CAMERA_CANDIDATE_TABLE, STATES_CANDIDATE_TABLE
+    )
+    assert measured == [TRACE_CANDIDATE_TABLE]

@@ -1,0 +1,378 @@
+"""When a plan is chosen anew: after enough frames, and without oscillation.
+
+Plans by settings and by targets: costs are measured once and corrected by real frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from catoptra_protocol.errors import RendererUnavailableError
+from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.frames.plan import candidates as candidate_table
+from catoptra_server.frames.plan import plans as explicit_choice
+from catoptra_server.frames.plan.camera import OmniCameraSpec
+from catoptra_server.frames.plan.candidates import generate_calibration_plans
+from catoptra_server.frames.plan.costs import CostCache, PlanTiming
+from catoptra_server.frames.plan.planner import (
+    HYSTERESIS_FRAMES,
+    WINDOW_FRAMES,
+    BudgetMonitor,
+    BudgetStatus,
+    RenderPlanner,
+)
+from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
+from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.mirror_mesh import Tessellation
+from catoptra_server.world.scene_mesh import build_scene
+from helpers.worlds import make_omni_camera, make_test_world
+
+
+def record_frames(
+    monitor: BudgetMonitor, ms: float, frames: int, *, better_ms: float | None = None
+) -> list[BudgetStatus]:
+    return [monitor.record_frame(ms, better_plan_ms=better_ms) for _ in range(frames)]
+
+
+def test_overrun_within_a_fifth_stays_within_budget() -> None:
+    assert set(record_frames(BudgetMonitor(10.0), 11.9, 1000, better_ms=14.0)) == {
+        BudgetStatus.WITHIN_BUDGET
+    }
+
+
+def test_larger_overrun_is_reported_after_thirty_frames() -> None:
+    found = record_frames(BudgetMonitor(10.0), 12.1, WINDOW_FRAMES)
+    assert found == [BudgetStatus.WITHIN_BUDGET] * (WINDOW_FRAMES - 1) + [BudgetStatus.OVER_BUDGET]
+
+
+def test_few_slow_frames_stay_within_budget() -> None:
+    watch = BudgetMonitor(10.0)
+    record_frames(watch, 9.0, 20)
+    assert set(record_frames(watch, 50.0, 14)) == {BudgetStatus.WITHIN_BUDGET}
+
+
+def test_lasting_headroom_is_reported() -> None:
+    found = record_frames(
+        BudgetMonitor(10.0), 4.0, WINDOW_FRAMES - 1 + HYSTERESIS_FRAMES, better_ms=8.0
+    )
+    assert set(found[:-1]) == {BudgetStatus.WITHIN_BUDGET}
+    assert found[-1] is BudgetStatus.HEADROOM
+
+
+def test_better_plan_that_nearly_fills_the_budget_is_no_headroom() -> None:
+    assert BudgetStatus.HEADROOM not in record_frames(BudgetMonitor(10.0), 4.0, 2000, better_ms=8.6)
+
+
+def test_wait_for_headroom_doubles_after_a_mistake() -> None:
+    watch = BudgetMonitor(10.0)
+    watch.reset(BudgetStatus.HEADROOM)
+    record_frames(watch, 20.0, WINDOW_FRAMES)
+    watch.reset(BudgetStatus.OVER_BUDGET)
+    found = record_frames(watch, 4.0, WINDOW_FRAMES - 1 + 2 * HYSTERESIS_FRAMES, better_ms=8.0)
+    assert found.index(BudgetStatus.HEADROOM) == len(found) - 1
+
+
+def test_monitor_without_a_budget_has_a_median() -> None:
+    watch = BudgetMonitor(0.0)
+    assert watch.median_ms is None
+    assert set(record_frames(watch, 99.0, WINDOW_FRAMES)) == {BudgetStatus.WITHIN_BUDGET}
+    assert watch.median_ms == 99.0
+
+
+def test_added_times_have_a_median_of_their_own() -> None:
+    monitor = BudgetMonitor(10.0)
+    assert monitor.median_added_ms == 0.0
+    for added_ms in (1.0, 2.0, 9.0):
+        monitor.record_frame(20.0, better_plan_ms=None, added_ms=added_ms)
+    assert monitor.median_added_ms == 2.0
+    monitor.reset(BudgetStatus.WITHIN_BUDGET)
+    assert monitor.median_added_ms == 0.0
+
+
+CAMERA = make_omni_camera(width_px=100)
+CAMERA_STATES = (CameraState(Pose.identity()),)
+TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
+MS_PER_SAMPLE = {TRACE: 5.0, RASTER: 1.0}
+
+
+class _NamedRenderer:
+    """Renderer with a description only."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.closed = name, False
+
+    def describe(self) -> str:
+        return self.name
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class FakeCostMeasurement:
+    """Invented measurement: milliseconds in proportion to the samples."""
+
+    def __init__(self) -> None:
+        self.measured_kinds: list[RendererKind] = []
+        self.created: list[Any] = []
+
+    def __call__(
+        self,
+        renderer: Renderer,
+        kind: RendererKind,
+        camera: OmniCamera,
+        surface: MirrorSurface,
+        camera_states: Sequence[CameraState],
+    ) -> list[PlanTiming]:
+        self.measured_kinds.append(kind)
+        plans = generate_calibration_plans(kind, camera, surface)
+        return [PlanTiming(p, {"all": MS_PER_SAMPLE[kind] * p.samples**2}) for p in plans]
+
+    def create_raster(self) -> Any:
+        self.created.append(_NamedRenderer("raster"))
+        return self.created[-1]
+
+    def create_planner(self, cache: CostCache | None = None) -> RenderPlanner:
+        renderer: Any = _NamedRenderer("trace")
+        choice = RendererChoice(renderer, TRACE, "test", {RASTER: self.create_raster})
+        return RenderPlanner(RendererPool(choice), cache, measure=self)
+
+
+def camera_spec(target: AccuracyTarget = AccuracyTarget(), **numbers: Any) -> OmniCameraSpec:  # noqa: B008 - frozen
+    return OmniCameraSpec(CAMERA, RenderSettings(accuracy_target=target, **numbers))
+
+
+def test_plan_without_a_target_follows_the_settings_and_measures_nothing() -> None:
+    measurement = FakeCostMeasurement()
+    choice = measurement.create_planner().choose_plan(camera_spec(samples=3), CAMERA_STATES)
+    assert (choice.plan.samples, choice.plan.renderer, choice.plan.reason) == (
+        3,
+        TRACE,
+        "test; trace",
+    )
+    assert choice.bound is not None
+    assert (
+        choice.predicted_ms,
+        choice.more_accurate,
+        measurement.measured_kinds,
+        measurement.created,
+    ) == (
+        None,
+        None,
+        [],
+        [],
+    )
+
+
+def test_target_measures_every_renderer_once() -> None:
+    measurement = FakeCostMeasurement()
+    planner = measurement.create_planner()
+    coarse, fine = (
+        planner.choose_plan(camera_spec(AccuracyTarget(px)), CAMERA_STATES) for px in (2.0, 0.1)
+    )
+    assert measurement.measured_kinds == [TRACE, RASTER]
+    assert coarse.plan.renderer is RASTER
+    assert (fine.plan.renderer, fine.plan.samples, fine.predicted_ms) == (
+        TRACE,
+        8,
+        pytest.approx(320.0),
+    )
+
+
+def test_settings_are_ignored_with_a_target() -> None:
+    choice = (
+        FakeCostMeasurement()
+        .create_planner()
+        .choose_plan(camera_spec(AccuracyTarget(0.1), samples=3), CAMERA_STATES)
+    )
+    assert choice.plan.samples == 8
+
+
+def test_renderer_that_cannot_be_created_is_no_candidate() -> None:
+    class Absent(FakeCostMeasurement):
+        def create_raster(self) -> Any:
+            raise RendererUnavailableError("no OpenGL", "install it")
+
+    measurement = Absent()
+    assert (
+        measurement.create_planner()
+        .choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
+        .plan.renderer
+        is TRACE
+    )
+    assert measurement.measured_kinds == [TRACE]
+
+
+def test_stored_costs_are_not_measured_again(tmp_path: Path) -> None:
+    cache = CostCache(tmp_path, build_scene(make_test_world()))
+    first, second = FakeCostMeasurement(), FakeCostMeasurement()
+    chosen = [
+        measurement.create_planner(cache).choose_plan(
+            camera_spec(AccuracyTarget(0.4)), CAMERA_STATES
+        )
+        for measurement in (first, second)
+    ]
+    assert (first.measured_kinds, second.measured_kinds) == ([TRACE, RASTER], [])
+    assert chosen[0].plan == chosen[1].plan
+
+
+def test_frames_twice_as_slow_double_the_predictions_of_that_renderer() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    camera = camera_spec(AccuracyTarget(0.1))
+    plan = planner.choose_plan(camera, CAMERA_STATES).plan
+    assert (plan.renderer, plan.samples) == (TRACE, 8)
+    assert planner.predict_frame_ms(camera, plan) == pytest.approx(320.0)
+    planner.update_correction(camera, plan, 640.0)
+    assert planner.predict_frame_ms(camera, plan) == pytest.approx(640.0)
+    assert (
+        planner.predict_frame_ms(
+            OmniCameraSpec(make_omni_camera(width_px=99), RenderSettings()), plan
+        )
+        is None
+    )
+
+
+def test_target_without_an_error_bound_falls_back_to_the_settings_and_reports_so() -> None:
+    camera = make_omni_camera(mirror=ParabolicMirror(0.03))
+    settings = RenderSettings(Tessellation(8, 8), accuracy_target=AccuracyTarget(0.5))
+    choice = (
+        FakeCostMeasurement()
+        .create_planner()
+        .choose_plan(OmniCameraSpec(camera, settings), CAMERA_STATES)
+    )
+    assert (choice.bound, choice.target_met) == (None, False)
+    assert "no bound" in choice.plan.reason
+
+
+def test_close_closes_all_created_renderers() -> None:
+    measurement = FakeCostMeasurement()
+    planner = measurement.create_planner()
+    planner.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
+    planner.close()
+    assert [renderer.closed for renderer in measurement.created] == [True]
+
+
+def test_candidates_are_bounded_once_for_all_targets_of_a_camera(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    planner = FakeCostMeasurement().create_planner()
+    first = planner.choose_plan(camera_spec(AccuracyTarget(budget_ms=5.0)), CAMERA_STATES)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("candidates, bounds of candidates and costs do not depend on targets")
+
+    for module, name in (
+        (candidate_table, "generate_candidate_plans"),
+        (candidate_table, "error_bound"),
+        (explicit_choice, "plan_from_settings"),
+        (explicit_choice, "error_bound"),
+    ):
+        monkeypatch.setattr(module, name, refuse)
+    budgets = [planner.choose_plan(camera_spec(AccuracyTarget(budget_ms=ms)), CAMERA_STATES)
+               for ms in (0.5, 5.0, 500.0)]  # fmt: skip
+    assert budgets[1] == first
+    assert len({choice.plan for choice in budgets}) == 3
+
+
+def test_corrections_change_the_choice_without_new_bounds() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    camera = camera_spec(AccuracyTarget(budget_ms=20.0))
+    before = planner.choose_plan(camera, CAMERA_STATES)
+    planner.update_correction(camera, before.plan, 4.0 * (before.predicted_ms or 0.0))
+    after = planner.choose_plan(camera, CAMERA_STATES)
+    assert before.plan != after.plan
+    assert after.bound is not None
+    assert before.bound is not None
+    assert after.bound.outline_error_px > before.bound.outline_error_px
+
+
+def test_cameras_with_costs_are_limited() -> None:
+    measurement = FakeCostMeasurement()
+    planner = measurement.create_planner()
+    for width_px in (*range(40, 60), 59, 40):
+        camera = make_omni_camera(width_px=width_px)
+        settings = RenderSettings(accuracy_target=AccuracyTarget(1.0))
+        planner.choose_plan(OmniCameraSpec(camera, settings), CAMERA_STATES)
+    # The last camera is still known, the first one of 20 is not.
+    assert measurement.measured_kinds == 21 * [TRACE, RASTER]
+
+
+def test_renderer_that_fails_in_a_measurement_is_no_candidate_and_made_anew() -> None:
+    class Failing(FakeCostMeasurement):
+        def __call__(
+            self, renderer: Renderer, kind: RendererKind, *others: Any
+        ) -> list[PlanTiming]:
+            if kind is RASTER:
+                raise RuntimeError("lost device")
+            return super().__call__(renderer, kind, *others)
+
+    measurement = Failing()
+    planner = measurement.create_planner()
+    for _ in range(2):
+        choice = planner.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
+        assert choice.plan.renderer is TRACE
+    assert [renderer.closed for renderer in measurement.created] == [True]
+    planner.renderers.get(RASTER)
+    assert len(measurement.created) == 2
+
+
+def test_plan_names_the_renderer_that_was_replaced() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    planner.renderers.replace(RASTER, TRACE)
+    choice = planner.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
+    assert choice.plan.renderer is TRACE
+    assert choice.plan.reason.endswith("; trace in place of raster, which failed; trace")
+
+
+def test_times_of_a_choice_follow_the_drawn_frames() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    camera = camera_spec(AccuracyTarget(budget_ms=20.0))
+    before = planner.choose_plan(camera, CAMERA_STATES)
+    assert before.predicted_ms is not None
+    assert planner.update_times(camera, before) == before
+    planner.update_correction(camera, before.plan, 2.0 * before.predicted_ms + 3.0, added_ms=3.0)
+    after = planner.update_times(camera, before)
+    assert after.predicted_ms == pytest.approx(2.0 * before.predicted_ms + 3.0)
+    assert after.faster is not None
+    assert before.faster is not None
+    # The renderer's factor is its own, effects count for every renderer.
+    factor = 2.0 if before.faster.plan.renderer is before.plan.renderer else 1.0
+    assert after.faster.predicted_ms == pytest.approx(factor * before.faster.predicted_ms + 3.0)
+
+
+def test_times_of_a_choice_without_costs_stay_unknown() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    choice = planner.choose_plan(camera_spec(), CAMERA_STATES)
+    assert planner.update_times(camera_spec(), choice) is choice
+    assert planner.added_ms(camera_spec(), choice.plan, {"Fog": 1.0}) == 0.0
+
+
+def test_stages_without_rates_are_added() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    camera = camera_spec(AccuracyTarget(1.0))
+    plan = planner.choose_plan(camera, CAMERA_STATES).plan
+    assert planner.added_ms(camera, plan, {"all": 5.0, "Fog": 1.0, "encode": 0.5}) == 1.5
+
+
+def test_requested_renderer_draws() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    choice = planner.choose_plan(camera_spec(renderer="raster"), CAMERA_STATES)
+    assert choice.plan.renderer is RASTER
+    assert choice.plan.reason == "as requested; raster"
+
+
+def test_requested_renderer_limits_the_candidates_of_a_target() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    target = AccuracyTarget(2.0)
+    assert planner.choose_plan(camera_spec(target), CAMERA_STATES).plan.renderer is RASTER
+    choice = planner.choose_plan(camera_spec(target, renderer="trace"), CAMERA_STATES)
+    assert choice.plan.renderer is TRACE
+    neighbours = [one.plan.renderer for one in (choice.faster, choice.more_accurate) if one]
+    assert set(neighbours) == {TRACE}

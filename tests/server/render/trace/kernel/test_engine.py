@@ -1,0 +1,212 @@
+"""The kernel's outputs: the same bytes for all threads and packets, nearly so for all sets.
+
+The rays of a camera: labels beside a picture where its rays can find them."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.world_file import read_world
+from catoptra_server.frames.labels.labels import build_label_rays, make_ray_source
+from catoptra_server.render.trace.kernel.library import available_instruction_sets
+from catoptra_server.render.trace.ray_table import RayTable
+from catoptra_server.render.trace.trace_engine import (
+    LabelRequest,
+    LabelTables,
+    MovingExposure,
+    TracedExposure,
+    TraceRequest,
+)
+from catoptra_server.world.camera_state import CameraState
+from catoptra_server.world.world_description import Item, Material, Rectangle, World
+from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.image_comparison import level_differences
+from helpers.labelled_rooms import CAMERAS, SCENE, STATE, WORLD
+from helpers.trace_kernels import make_omni_table, open_kernel
+from helpers.worlds import (
+    CAMERA_STATE,
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_test_world,
+    write_smooth_texture,
+)
+from measurements import scenes
+
+LIGHTS = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)
+SETS = available_instruction_sets()
+SINGLE_RAYS: dict[str, Any] = {"threads": 1, "packet_width": 1}
+OTHERS: tuple[dict[str, Any], ...] = (
+    {"threads": 1, "packet_width": 4},
+    {"threads": 2, "packet_width": 8},
+    {"threads": 4, "packet_width": 16},
+    {"threads": 2, "packet_width": 0},
+)
+WHITE = Material((1.0, 1.0, 1.0), unlit=True)
+FLOOR = World("w", (Item("floor", Rectangle((9.0, 9.0)), Pose.identity(), WHITE),))
+
+Case = tuple[World, TracedExposure]
+Arrays = tuple[npt.NDArray[Any], ...]
+
+
+def make_cases(folder: Path) -> dict[str, Case]:
+    """Worlds with every kind of surface and light, and exposures of them."""
+    textured = make_test_world(lights=LIGHTS, texture=write_smooth_texture(folder / "t.png"))
+    moved = CameraState(CAMERA_STATE.world_from_mirror @ Pose.from_rpy((0.1, 0, 0), (0, 0, 0.1)))
+    return {
+        "field": (read_world(scenes.FIELD)[0], scenes.CAMERA_STATE),
+        "corridor": (read_world(scenes.CORRIDOR)[0], scenes.CAMERA_STATE),
+        "lights and texture": (textured, CAMERA_STATE),
+        "robots": (textured, replace(CAMERA_STATE, objects=TWO_ROBOTS)),
+        "shadows": (textured, replace(CAMERA_STATE, objects=TWO_ROBOTS, has_shadows=True)),
+        "motion": (textured, MovingExposure((CAMERA_STATE, moved))),
+    }
+
+
+CASES = ("field", "corridor", "lights and texture", "robots", "shadows", "motion")
+
+
+@pytest.fixture
+def case(request: pytest.FixtureRequest, tmp_path: Path) -> Case:
+    """The case of a parameter."""
+    return make_cases(tmp_path)[request.param]
+
+
+def add_times(table: RayTable) -> RayTable:
+    """Rays of a rolling shutter: one after another."""
+    shape = (*table.valid.shape, 16)
+    times = np.linspace(0.0, 1.0, int(np.prod(shape)), dtype=np.float32).reshape(shape)
+    return replace(table, times=times)
+
+
+def make_table(exposure: TracedExposure, *, samples: int) -> RayTable:
+    """Rays of an image of 80 samples along its side, with times if the exposure moves."""
+    table = make_omni_table(width_px=80 // samples, samples=samples)
+    return add_times(table) if isinstance(exposure, MovingExposure) else table
+
+
+def render_all(case: Case, table: RayTable, **options: Any) -> Arrays:
+    """All outputs of an engine."""
+    world, exposure = case
+    with open_kernel(world, **options) as engine:
+        rays = engine.prepare(table)
+        hits = rays.find_hits(exposure)
+        return (
+            rays.render_srgb(exposure),
+            rays.render_linear(exposure),
+            hits.range_m,
+            hits.triangle,
+            hits.object,
+        )
+
+
+def assert_same(expected: Arrays, found: Arrays) -> None:
+    """Compare all outputs of two packet widths."""
+    for image, other in zip(expected[:2], found[:2], strict=True):
+        np.testing.assert_array_equal(image, other)
+    range_m, others = expected[2], found[2]
+    same = (expected[3] == found[3]) & (expected[4] == found[4])
+    np.testing.assert_array_equal(range_m[same], others[same])
+    # Of two surfaces in one place, such as the field's white lines where they cross, a packet may
+    # meet either first.
+    np.testing.assert_allclose(range_m[~same], others[~same], rtol=1e-6)
+    assert same.mean() > 0.999
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4])
+@pytest.mark.parametrize("case", CASES, indirect=True)
+def test_outputs_have_the_same_bytes_for_all_threads_and_packets(case: Case, samples: int) -> None:
+    table = make_table(case[1], samples=samples)
+    expected = render_all(case, table, **SINGLE_RAYS)
+    assert expected[0].any()
+    for options in OTHERS:
+        assert_same(expected, render_all(case, table, **options))
+
+
+@pytest.mark.skipif(len(SETS) == 1, reason="this processor has one instruction set")
+@pytest.mark.parametrize("samples", [1, 2])
+@pytest.mark.parametrize("case", CASES, indirect=True)
+def test_images_of_two_instruction_sets_differ_at_edges_alone(case: Case, samples: int) -> None:
+    table = make_table(case[1], samples=samples)
+    images = [render_all(case, table, instruction_set=name) for name in SETS]
+    for image, other in itertools.pairwise(images):
+        same = (image[3] == other[3]) & (image[4] == other[4])
+        assert same.mean() > 0.999
+        ranges, others = image[2][same], other[2][same]
+        np.testing.assert_allclose(ranges, others, rtol=1e-6)
+        # A pixel whose samples meet other triangles may show either surface.
+        assert (level_differences(image[0], other[0]) > 1).mean() <= (~same).mean() * samples**2
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_outputs_of_each_instruction_set_have_the_same_bytes_for_all_packets(name: str) -> None:
+    case = (read_world(scenes.FIELD)[0], replace(scenes.CAMERA_STATE, objects=TWO_ROBOTS))
+    table = make_table(case[1], samples=1)
+    outputs = [
+        render_all(case, table, instruction_set=name, packet_width=width) for width in (1, 4, 8, 16)
+    ]
+    for output in outputs[1:]:
+        assert_same(outputs[0], output)
+
+
+def test_image_when_rendered_among_others_has_the_same_bytes() -> None:
+    with open_kernel(make_test_world(lights=LIGHTS), threads=2) as engine:
+        rays = engine.prepare(make_omni_table(width_px=60))
+        before = rays.render_srgb(CAMERA_STATE)
+        rays.render_srgb(replace(CAMERA_STATE, objects=TWO_ROBOTS, has_shadows=True))
+        engine.prepare(make_omni_table(width_px=33, samples=2)).render_linear(CAMERA_STATE)
+        np.testing.assert_array_equal(rays.render_srgb(CAMERA_STATE), before)
+
+
+def test_description_names_instruction_set_packets_and_threads() -> None:
+    with open_kernel(FLOOR, threads=3, instruction_set="sse4.2") as engine:
+        assert engine.description == "kernel (Embree sse4.2, packets of 4), 3 threads"
+
+
+SOURCE = make_ray_source(CAMERAS["paper"], None, None)
+TABLES = LabelTables(
+    np.ones(len(SCENE), dtype=np.uint16),
+    np.full(len(STATE.objects), 2, dtype=np.uint16),
+    np.zeros(2**16, dtype=np.uint16),
+)
+REQUEST = LabelRequest(frozenset({"ids"}), TABLES, build_label_rays(SOURCE, 1))
+
+
+def test_picture_is_drawn_where_its_rays_cannot_find_the_labels() -> None:
+    samples = build_label_rays(SOURCE, 2)
+    part = replace(
+        samples,
+        tiles=samples.tiles[:-3],
+        directions=samples.directions[:-3],
+        valid=samples.valid[:-3],
+    )
+    with open_kernel(WORLD) as engine:
+        rays = engine.prepare(part)
+        plain = rays.render(STATE, TraceRequest())
+        asked = rays.render(STATE, TraceRequest(labels=REQUEST))
+        assert asked.labels is None
+        assert asked.image.tobytes() == plain.image.tobytes()
+        with pytest.raises(DomainError, match="have no sample"):
+            rays.label_pixels(STATE, REQUEST)
+        rays.close()
+
+
+def test_labels_are_found_beside_encoded_and_linear_pictures() -> None:
+    with open_kernel(WORLD) as engine:
+        rays = engine.prepare(build_label_rays(SOURCE, 2))
+        alone = rays.label_pixels(STATE, REQUEST)["ids"]
+        assert set(np.unique(alone)) == {0, 1, 2}
+        for is_linear in (False, True):
+            frame = rays.render(STATE, TraceRequest(is_linear=is_linear, labels=REQUEST))
+            assert frame.labels is not None
+            np.testing.assert_array_equal(frame.labels["ids"], alone)
+        rays.close()

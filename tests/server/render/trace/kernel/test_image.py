@@ -1,0 +1,235 @@
+"""Stages are made of an effect's numbers and maps, once a camera.
+
+The kernel's stages against the effects' own formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.effects.effect import CaptureContext, ImageEffect
+from catoptra_server.render.image_changer import (
+    ExposedImage,
+    NumpyImageChanger,
+    measure_change,
+)
+from catoptra_server.render.renderer import LinearImage
+from catoptra_server.render.trace.kernel.image import (
+    STAGE_MAKERS,
+    KernelImageChanger,
+    make_stage,
+    open_image_changer,
+)
+from catoptra_server.render.trace.kernel.library import (
+    KernelDevice,
+    KernelError,
+    choose_instruction_set,
+)
+from helpers.effect_measurement import (
+    CAMERA,
+    CAPTURE_CONTEXT,
+    IMAGE_EFFECTS,
+    NOISE_SEED,
+    make_effect,
+)
+from helpers.worlds import make_omni_camera
+
+
+@pytest.mark.parametrize("name", STAGE_MAKERS)
+def test_maps_of_a_camera_are_made_once(name: str) -> None:
+    one, other = (make_stage(make_effect(name), CAMERA, CAPTURE_CONTEXT, None) for _ in range(2))
+    assert one is not None
+    assert other is not None
+    assert list(one.struct.maps) == list(other.struct.maps)
+
+
+def test_threshold_is_the_stages_and_none_draws_everywhere() -> None:
+    effect = make_effect("Vignetting")
+    for threshold, expected in ((None, -1.0), (0.0, 0.0), (0.5, 0.5)):
+        stage = make_stage(effect, CAMERA, CAPTURE_CONTEXT, threshold)
+        assert stage is not None
+        assert stage.struct.threshold == expected
+
+
+def test_effect_without_native_code_has_no_stage() -> None:
+    class Unknown:
+        name = "Unknown"
+
+    assert make_stage(Unknown(), CAMERA, CAPTURE_CONTEXT, None) is None  # type: ignore[arg-type]
+
+
+NUMPY = NumpyImageChanger()
+# Parameters with which each effect changes much.
+STRONG = {
+    "ChromaticAberration": {"red_magnification": 1.01, "blue_magnification": 0.99},
+    "Misalignment": {"x_m": 1e-3, "y_m": -5e-4},
+    "Exposure": {"exposure_s": 0.02},
+    "WhiteBalance": {"red_gain": 1.4, "blue_gain": 0.7},
+    "Blooming": {"overflow_fraction": 0.5, "length_px": 11.0},
+    "Defocus": {"f_number": 1.4},
+    "DefocusByDepth": {"f_number": 1.4},
+    "Diffraction": {"f_number": 22.0},
+    "Quantisation": {"adc_bits": 6.0},
+}
+# Sides that are no multiples of a cell's, and images smaller than a kernel.
+SIZES = ((96, 96), (97, 71), (33, 130), (5, 3), (1, 1), (16, 8))
+# The converter's codes: a value between two of them may fall to either side.
+CODE = {"Quantisation": 1.01 / 63.0}
+
+
+@pytest.fixture(params=[1, 2, 3], ids=lambda threads: f"{threads} threads", scope="module")
+def changer(request: pytest.FixtureRequest) -> Iterator[KernelImageChanger]:
+    device = KernelDevice(choose_instruction_set("auto"), request.param)
+    yield KernelImageChanger(device)
+    device.close()
+
+
+def camera_of_size(width: int, height: int) -> OmniCamera:
+    camera = make_omni_camera(width_px=max(width, height))
+    return replace(
+        camera, width_px=width, height_px=height, centre_px=(0.5 * width + 0.3, 0.5 * height)
+    )
+
+
+def make_images(camera: OmniCamera) -> Iterator[LinearImage]:
+    """Noise with flat parts, saturated columns, black and white."""
+    rng = np.random.default_rng(3)
+    height, width = camera.height_px, camera.width_px
+    image = (rng.uniform(0.0, 1.2, (height, width, 3)) ** 3).astype(np.float32)
+    image[: height // 2, : width // 2] = 0.25
+    image[:, 3 * width // 4] = 9.0
+    image[height // 3 :, width // 5 : width // 4] = 0.0
+    yield image
+    yield np.zeros_like(image)
+    yield np.full_like(image, 1.0)
+
+
+def make_context(camera: OmniCamera) -> CaptureContext:
+    rng = np.random.default_rng(4)
+    range_m = rng.uniform(0.15, 4.0, (camera.height_px, camera.width_px)).astype(np.float32)
+    range_m[::7] = np.inf
+    return CaptureContext(NOISE_SEED, range_m)
+
+
+def make_strong(name: str) -> ImageEffect:
+    return make_effect(name, STRONG.get(name))
+
+
+def test_every_image_effect_has_native_code() -> None:
+    assert set(STAGE_MAKERS) == set(IMAGE_EFFECTS)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+@pytest.mark.parametrize("name", STAGE_MAKERS)
+def test_stage_agrees_with_the_effects_formula(
+    changer: KernelImageChanger, name: str, size: tuple[int, int]
+) -> None:
+    camera, effect = camera_of_size(*size), make_strong(name)
+    context = make_context(camera)
+    for image in make_images(camera):
+        native = changer.change(ExposedImage(image, camera, context), (effect,), {})
+        expected = effect.apply(image.astype(np.float64), camera, context)
+        limit = CODE.get(name, 3e-6 * max(1.0, float(image.max())))
+        np.testing.assert_allclose(native.image, expected, rtol=3e-6, atol=limit)
+        assert native.changes == {}
+        assert list(native.stage_ms) == [name]
+
+
+@pytest.mark.parametrize("name", STAGE_MAKERS)
+@pytest.mark.parametrize("threshold", [0.5, 20.0])
+def test_threshold_leaves_cells_plain_by_no_more_than_itself(
+    changer: KernelImageChanger, name: str, threshold: float
+) -> None:
+    camera, effect = camera_of_size(97, 71), make_effect(name, STRONG.get(name))
+    context = make_context(camera)
+    for image in make_images(camera):
+        everywhere = changer.change(ExposedImage(image, camera, context), (effect,), {}).image
+        native = changer.change(ExposedImage(image, camera, context), (effect,), {name: threshold})
+        assert measure_change(everywhere, native.image) <= threshold
+        # The change of what was drawn; plain cells count nothing.
+        if name != "DefocusByDepth":
+            measured = measure_change(image, native.image)
+            assert native.changes[name] == pytest.approx(measured, abs=0.02)
+
+
+def test_blur_by_range_is_measured_against_the_disc_of_infinity(
+    changer: KernelImageChanger,
+) -> None:
+    camera = camera_of_size(160, 160)
+    by_depth, fixed = make_strong("DefocusByDepth"), make_strong("Defocus")
+    context = make_context(camera)
+    image = next(make_images(camera))
+    native = changer.change(
+        ExposedImage(image, camera, context), (by_depth,), {"DefocusByDepth": 0.0}
+    )
+    far = fixed.apply(image, camera, context)
+    near = by_depth.apply(image, camera, context)
+    assert native.changes["DefocusByDepth"] == pytest.approx(measure_change(far, near), abs=0.05)
+    assert native.changes["Defocus"] == pytest.approx(measure_change(image, near), abs=0.05)
+
+
+def test_all_effects_in_one_call_are_the_effects_one_by_one(changer: KernelImageChanger) -> None:
+    camera = camera_of_size(97, 71)
+    context, image = make_context(camera), next(make_images(camera))
+    effects = tuple(make_effect(name) for name in STAGE_MAKERS if name != "Defocus")
+    native = changer.encode(ExposedImage(image, camera, context), effects, {})
+    expected = NUMPY.encode(ExposedImage(image, camera, context), effects, {})
+    difference = np.abs(native.image.astype(np.int64) - expected.image.astype(np.int64))
+    # A value beside a code of the converter, or beside half a grey, may fall to either side.
+    assert difference.max() <= 3
+    assert (difference > 0).mean() < 0.01
+    assert list(native.stage_ms) == [*(effect.name for effect in effects), "encode"]
+    assert not native.image.flags.writeable
+
+
+class Darker:
+    """An effect that the kernel does not know."""
+
+    name = "Darker"
+
+    def apply(self, image: LinearImage, camera: OmniCamera, context: CaptureContext) -> LinearImage:
+        return image * image.dtype.type(0.5)
+
+
+def test_effect_without_native_code_is_applied_in_its_place(changer: KernelImageChanger) -> None:
+    camera = camera_of_size(33, 130)
+    context, image = make_context(camera), next(make_images(camera))
+    effects = (make_strong("Vignetting"), Darker(), make_strong("Blooming"))
+    thresholds = dict.fromkeys(("Vignetting", "Darker", "Blooming"), 0.0)
+    native = changer.change(ExposedImage(image, camera, context), effects, thresholds)  # type: ignore[arg-type]
+    expected = NUMPY.change(ExposedImage(image, camera, context), effects, thresholds)  # type: ignore[arg-type]
+    np.testing.assert_allclose(native.image, expected.image, rtol=1e-5, atol=1e-6)
+    assert list(native.stage_ms) == ["Vignetting", "Darker", "Blooming"]
+    assert native.changes == pytest.approx(expected.changes, abs=0.02)
+
+
+def test_changes_and_images_do_not_depend_on_threads() -> None:
+    camera = camera_of_size(97, 71)
+    context, image = make_context(camera), next(make_images(camera))
+    effects = tuple(make_effect(name) for name in STAGE_MAKERS if name != "Defocus")
+    thresholds = {effect.name: 0.5 for effect in effects}
+    results = []
+    for threads in (1, 2, 3):
+        device = KernelDevice(choose_instruction_set("auto"), threads)
+        changed = KernelImageChanger(device).change(
+            ExposedImage(image, camera, context), effects, thresholds
+        )
+        results.append((changed.image.tobytes(), changed.changes))
+        device.close()
+    assert results[0] == results[1] == results[2]
+
+
+def test_changer_with_a_device_of_its_own_changes_images_until_it_is_closed() -> None:
+    camera = camera_of_size(33, 130)
+    exposed = ExposedImage(next(iter(make_images(camera))), camera, CaptureContext(NOISE_SEED))
+    effects = (make_effect("Vignetting"),)
+    changer = open_image_changer(2)
+    changed = changer.change(exposed, effects, {}).image
+    changer.close()
+    np.testing.assert_allclose(changed, NUMPY.change(exposed, effects, {}).image, atol=1e-5)
+    with pytest.raises(KernelError, match="closed"):
+        changer.change(exposed, effects, {})

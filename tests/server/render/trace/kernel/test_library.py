@@ -1,0 +1,327 @@
+"""Instruction sets by the flags of a processor, and the choice among them.
+
+Paths of the kernel and of Embree, and the reasons for which one is missing.
+
+Loading of the kernel's library, and its device's errors."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_server.render.trace.kernel import library as instruction_sets
+from catoptra_server.render.trace.kernel import library as kernel_library
+from catoptra_server.render.trace.kernel import library as library_files
+from catoptra_server.render.trace.kernel.kernel_structs import (
+    STRUCTURES,
+    Fields,
+    FrameStruct,
+    MeshArrays,
+    RayTableStruct,
+    SceneStruct,
+)
+from catoptra_server.render.trace.kernel.library import (
+    INSTRUCTION_SETS,
+    LIBRARY_OF_INSTRUCTION_SET,
+    REASON_NAME,
+    KernelDevice,
+    KernelError,
+    KernelUnavailableError,
+    available_instruction_sets,
+    choose_instruction_set,
+    embree_library_path,
+    kernel_library_path,
+)
+from helpers.deadline import Deadline
+
+SSE = "fpu sse sse2 ssse3 sse4_1 sse4_2 popcnt"
+AVX2 = f"{SSE} avx avx2 fma f16c bmi1 bmi2"
+AVX512 = f"{AVX2} avx512f avx512dq avx512cd avx512bw avx512vl"
+
+
+def write_cpu_info(folder: Path, flags: str) -> Path:
+    """File of two processors in the form of the kernel's own."""
+    path = folder / "cpuinfo"
+    one = f"processor\t: 0\nmodel name\t: a flagship\nflags\t\t: {flags}\n\n"
+    path.write_text(one + one.replace(flags, "fpu"), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("flags", "available"),
+    [
+        (AVX512, ("avx512", "avx2", "sse4.2")),
+        (AVX512.replace(" avx512vl", ""), ("avx2", "sse4.2")),
+        (AVX2, ("avx2", "sse4.2")),
+        (AVX2.replace(" fma", ""), ("sse4.2",)),
+        (f"{SSE} avx2x", ("sse4.2",)),
+    ],
+    ids=["avx512", "part of avx512", "avx2", "avx2 without fma", "sse4.2"],
+)
+def test_instruction_sets_are_those_whose_flags_the_processor_has(
+    tmp_path: Path, flags: str, available: tuple[str, ...]
+) -> None:
+    assert available_instruction_sets(write_cpu_info(tmp_path, flags)) == available
+
+
+def test_instruction_set_when_nothing_is_known_is_the_least(tmp_path: Path) -> None:
+    assert available_instruction_sets(tmp_path / "missing") == ("sse4.2",)
+    (tmp_path / "empty").touch()
+    assert available_instruction_sets(tmp_path / "empty") == ("sse4.2",)
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe\0flags")
+    assert available_instruction_sets(tmp_path / "bytes") == ("sse4.2",)
+
+
+@pytest.fixture
+def avx2_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A processor with AVX2."""
+    monkeypatch.setattr(instruction_sets, "available_instruction_sets", lambda: ("avx2", "sse4.2"))
+
+
+@pytest.mark.usefixtures("avx2_processor")
+@pytest.mark.parametrize(
+    ("requested", "chosen"), [("auto", "avx2"), ("avx2", "avx2"), ("sse4.2", "sse4.2")]
+)
+def test_choice_is_the_requested_set_or_the_best(requested: str, chosen: str) -> None:
+    assert choose_instruction_set(requested) == chosen
+
+
+@pytest.mark.usefixtures("avx2_processor")
+def test_choice_when_the_processor_lacks_the_set_names_those_that_it_has() -> None:
+    with pytest.raises(DomainError, match=r"no avx512; it has avx2, sse4\.2"):
+        choose_instruction_set("avx512")
+
+
+@pytest.mark.parametrize("requested", ["", "AVX2", "sse2", "avx2,threads=9"])
+def test_choice_when_unknown_names_all_sets(requested: str) -> None:
+    with pytest.raises(DomainError, match=r"auto, avx512, avx2, sse4\.2, not "):
+        choose_instruction_set(requested)
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder in the place of the package's own."""
+    monkeypatch.setattr(library_files, "__file__", str(tmp_path / "library_files.py"))
+    monkeypatch.delenv("CATOPTRA_KERNEL", raising=False)
+    return tmp_path
+
+
+def install_embreex(monkeypatch: pytest.MonkeyPatch, site: Path, *names: str) -> None:
+    """Let a folder of packages have embreex with these files beside it."""
+    for name in ("embreex/__init__.py", *names):
+        (site / name).parent.mkdir(exist_ok=True)
+        (site / name).touch()
+    spec = importlib.util.spec_from_file_location("embreex", site / "embreex/__init__.py")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda package: spec)
+
+
+def test_kernel_library_when_it_exists_is_that_of_the_instruction_set(package: Path) -> None:
+    for name in LIBRARY_OF_INSTRUCTION_SET.values():
+        (package / name).touch()
+    paths = [kernel_library_path(name).name for name in INSTRUCTION_SETS]
+    newer, older = "libcatoptra_trace_avx2.so", "libcatoptra_trace.so"
+    assert paths == [newer, newer, older]
+
+
+def test_kernel_library_when_it_is_missing_names_file_and_remedy(package: Path) -> None:
+    with pytest.raises(KernelUnavailableError, match="install catoptra-server again") as caught:
+        kernel_library_path("avx2")
+    assert str(package / LIBRARY_OF_INSTRUCTION_SET["avx2"]) in str(caught.value)
+
+
+def test_kernel_library_when_it_was_not_built_states_the_reason_of_the_build(package: Path) -> None:
+    (package / REASON_NAME).write_text("the compiler failed: a.c:1: error\n", encoding="utf-8")
+    with pytest.raises(KernelUnavailableError) as caught:
+        kernel_library_path("avx2")
+    assert caught.value.reason == (
+        "none was built at installation: the compiler failed: a.c:1: error"
+    )
+
+
+def test_kernel_library_when_switched_off_is_unavailable(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (package / LIBRARY_OF_INSTRUCTION_SET["avx2"]).touch()
+    monkeypatch.setenv("CATOPTRA_KERNEL", "off")
+    with pytest.raises(KernelUnavailableError, match="CATOPTRA_KERNEL=off"):
+        kernel_library_path("avx2")
+    # Read at each call, not at import.
+    monkeypatch.delenv("CATOPTRA_KERNEL")
+    assert kernel_library_path("avx2") == package / LIBRARY_OF_INSTRUCTION_SET["avx2"]
+
+
+def test_embree_library_when_embreex_is_installed_exports_packets() -> None:
+    embree = ctypes.CDLL(str(embree_library_path()))
+    assert all(hasattr(embree, f"rtcIntersect{width}") for width in (1, 4, 8, 16))
+
+
+def test_embree_library_when_its_name_has_a_hash_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "embreex.libs/libembree4-0badcafe.so.4"
+    install_embreex(monkeypatch, tmp_path, "embreex.libs/libtbb-1.so.12", name)
+    assert embree_library_path() == tmp_path / name
+
+
+@pytest.mark.parametrize("names", [(), ("embreex.libs/libtbb-1.so.12",)])
+def test_embree_library_when_embreex_brought_none_is_unavailable(
+    names: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install_embreex(monkeypatch, tmp_path, *names)
+    with pytest.raises(KernelUnavailableError, match="has no file libembree4") as caught:
+        embree_library_path()
+    assert str(tmp_path / "embreex.libs") in str(caught.value)
+
+
+def test_embree_library_when_embreex_is_missing_is_unavailable(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda package: None)
+    with pytest.raises(KernelUnavailableError, match="embreex is not installed"):
+        embree_library_path()
+
+
+DEADLINE_S = 10.0
+INSTRUCTION_SET = available_instruction_sets()[0]
+
+
+def replace_library(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
+    """Let the kernel's library be another file."""
+    monkeypatch.setattr(kernel_library, "kernel_library_path", lambda instruction_set: path)
+
+
+@pytest.fixture(autouse=True)
+def _kernel() -> None:
+    """Skip where no kernel can run."""
+    try:
+        kernel_library_path(INSTRUCTION_SET)
+        embree_library_path()
+    except KernelUnavailableError as error:
+        pytest.skip(str(error))
+
+
+def test_library_when_it_is_no_library_is_unavailable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "libcatoptra_trace.so"
+    path.write_text("no library", encoding="utf-8")
+    replace_library(monkeypatch, path)
+    with pytest.raises(KernelUnavailableError, match="cannot be loaded") as caught:
+        KernelDevice(INSTRUCTION_SET, 1)
+    assert str(path) in str(caught.value)
+
+
+def test_library_when_a_function_is_missing_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    replace_library(monkeypatch, embree_library_path())
+    with pytest.raises(KernelUnavailableError, match="has no function catoptra_abi; install"):
+        KernelDevice(INSTRUCTION_SET, 1)
+
+
+@pytest.mark.parametrize("number", range(len(STRUCTURES)))
+def test_library_when_of_another_release_names_the_structure(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, number: int
+) -> None:
+    class Longer(STRUCTURES[number]):  # type: ignore[misc]
+        _fields_: ClassVar[Fields] = [("more", ctypes.c_void_p)]
+
+    changed = (*STRUCTURES[:number], Longer, *STRUCTURES[number + 1 :])
+    monkeypatch.setattr(kernel_library, "STRUCTURES", changed)
+    # A name of its own: libraries are checked once each.
+    (tmp_path / "kernel.so").symlink_to(kernel_library_path(INSTRUCTION_SET))
+    replace_library(monkeypatch, tmp_path / "kernel.so")
+    with pytest.raises(KernelUnavailableError, match="another release, by its Longer; install"):
+        KernelDevice(INSTRUCTION_SET, 1)
+
+
+def test_library_knows_the_sizes_of_these_structures_alone() -> None:
+    library = ctypes.CDLL(str(kernel_library_path(INSTRUCTION_SET)))
+    assert [library.catoptra_abi(number) for number in (-1, len(STRUCTURES), 2**31 - 1)] == [-1] * 3
+
+
+def test_device_when_embree_is_missing_is_unavailable(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(kernel_library, "embree_library_path", lambda: tmp_path / "none.so")
+    with pytest.raises(KernelUnavailableError, match=r"none\.so"):
+        KernelDevice(INSTRUCTION_SET, 1)
+
+
+def test_device_when_embree_is_another_library_names_the_missing_function(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = kernel_library_path(INSTRUCTION_SET)
+    monkeypatch.setattr(kernel_library, "embree_library_path", lambda: path)
+    with pytest.raises(KernelUnavailableError, match="has no function rtcNewDevice"):
+        KernelDevice(INSTRUCTION_SET, 1)
+
+
+def test_device_when_its_path_is_very_long_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Longer than the buffer of the kernel's errors.
+    monkeypatch.setattr(kernel_library, "embree_library_path", lambda: Path("/" + 4000 * "x"))
+    with pytest.raises(KernelUnavailableError, match="no native kernel: /xxx"):
+        KernelDevice(INSTRUCTION_SET, 1)
+
+
+@pytest.mark.skipif(INSTRUCTION_SET == "avx512", reason="this processor has every set")
+def test_device_when_the_processor_lacks_the_instruction_set_is_unavailable() -> None:
+    with pytest.raises(KernelUnavailableError, match="no device for the instruction set avx512"):
+        KernelDevice("avx512", 1)
+
+
+@pytest.mark.parametrize("width", [-1, 2, 3, 5, 32, 2**31 - 1])
+def test_device_when_packets_have_no_such_width_is_refused(width: int) -> None:
+    with pytest.raises(DomainError, match="a packet has"):
+        KernelDevice(INSTRUCTION_SET, 1, packet_width=width)
+
+
+def test_device_has_the_packets_that_its_instruction_set_runs_fast() -> None:
+    widths = {"sse4.2": 4, "avx2": 8, "avx512": 16}
+    for name in available_instruction_sets():
+        device = KernelDevice(name, 1)
+        assert device.packet_width == widths[name]
+        device.close()
+
+
+def test_device_when_closed_refuses_all_work_and_closes_again() -> None:
+    device = KernelDevice(INSTRUCTION_SET, 2)
+    device.close()
+    device.close()
+    uses = (
+        lambda: device.commit_mesh(MeshArrays()),
+        lambda: device.prepare(RayTableStruct()),
+        lambda: device.render(SceneStruct(), 0, FrameStruct()),
+        lambda: device.trace(SceneStruct(), 0, FrameStruct()),
+        lambda: device.build_light_maps(SceneStruct()),
+    )
+    for use in uses:
+        with pytest.raises(KernelError, match="the device is closed"):
+            use()
+
+
+def count_threads() -> int:
+    """Threads of this process."""
+    return len(list(Path("/proc/self/task").iterdir()))
+
+
+def wait_for_threads(expected: int) -> None:
+    """Wait for a number of threads: the system lists one that was joined a moment longer."""
+    deadline = Deadline(f"{expected} threads", DEADLINE_S)
+    while count_threads() != expected:
+        deadline.check()
+
+
+@pytest.mark.parametrize(("threads", "more"), [(-3, 0), (0, 0), (1, 0), (2, 1), (64, 63)])
+def test_device_has_one_thread_less_than_requested_and_none_when_closed(
+    threads: int, more: int
+) -> None:
+    KernelDevice(INSTRUCTION_SET, 1).close()  # Embree starts threads of its own at its first device
+    before = count_threads()
+    device = KernelDevice(INSTRUCTION_SET, threads)
+    wait_for_threads(before + more)
+    device.close()
+    wait_for_threads(before)

@@ -1,0 +1,264 @@
+"""A rectangle on the floor against triangles from above: exact at touch, fast in empty space.
+
+Boxes in the cells of a grid, and rows that occur once, against the plain way to compute both."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.world.obstacle_grid import (
+    ObstacleGrid,
+    build_obstacle_grid,
+    cell_members,
+    first_occurrences,
+    penetration_depths,
+    rectangle_intersects,
+    rectangles_intersect,
+)
+from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.world_description import Box, Item, Material, Rectangle, Shape, World
+
+GREY = Material((0.5, 0.5, 0.5))
+HALF_SIZE_M = (0.5, 0.25)
+
+
+def make_obstacle_grid(
+    *placed: tuple[Shape, tuple[float, float, float]], low_m: float = 0.03, high_m: float = 0.7
+) -> ObstacleGrid:
+    items = tuple(Item(f"{i}", s, Pose.from_rpy(p), GREY) for i, (s, p) in enumerate(placed))
+    return build_obstacle_grid(build_scene(World("w", items)), low_m=low_m, high_m=high_m)
+
+
+def intersects(obstacles: ObstacleGrid, x: float, y: float = 0.0, yaw: float = 0.0) -> bool:
+    near = obstacles.find_near((x, y), math.hypot(*HALF_SIZE_M))
+    return rectangle_intersects(near, (x, y), yaw, half_size_m=HALF_SIZE_M)
+
+
+BLOCK = make_obstacle_grid((Box((1.0, 1.0, 1.0)), (2.0, 0.0, -0.5)))  # from x = 1.5 to 2.5
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "yaw", "hit"),
+    [
+        (1.0 - 1e-9, 0.0, 0.0, False),
+        (1.0 + 1e-9, 0.0, 0.0, True),
+        (2.0, 0.75 + 1e-9, 0.0, False),
+        (2.0, 0.75 - 1e-9, 0.0, True),
+        (1.25 - 1e-9, 0.0, 0.5 * math.pi, False),
+        (1.25 + 1e-9, 0.0, 0.5 * math.pi, True),
+        (2.0, 0.0, 1.0, True),  # inside
+        (-50.0, 0.0, 0.0, False),
+    ],
+)
+def test_rectangle_at_the_edge_of_a_block_touches_exactly(
+    x: float, y: float, yaw: float, hit: bool
+) -> None:
+    assert intersects(BLOCK, x, y, yaw) is hit
+
+
+def test_rectangle_at_45_degrees_touches_with_its_corner() -> None:
+    reach = (HALF_SIZE_M[0] + HALF_SIZE_M[1]) * math.sqrt(0.5)
+    assert not intersects(BLOCK, 1.5 - reach - 1e-9, 0.0, 0.25 * math.pi)
+    assert intersects(BLOCK, 1.5 - reach + 1e-9, 0.0, 0.25 * math.pi)
+
+
+def test_rectangle_beside_a_corner_is_separated_by_its_diagonal() -> None:
+    # Bounding boxes overlap here, the shapes do not.
+    assert not intersects(BLOCK, 1.1, 1.0, 0.25 * math.pi)
+
+
+@pytest.mark.parametrize(
+    ("shape", "height_m", "is_obstacle"),
+    [
+        (Rectangle((9.0, 9.0)), 0.0, False),  # the floor
+        (Box((1.0, 1.0, 0.02)), 0.01, False),  # a sill
+        (Box((1.0, 1.0, 0.1)), 0.05, True),  # a border
+        (Box((1.0, 1.0, 0.1)), 0.8, False),  # a shelf above the mirror
+        (Box((1.0, 1.0, 0.1)), 0.6, True),  # a table's top, into the mirror
+        (Box((9.0, 9.0, 0.1)), 3.0, False),  # the ceiling
+    ],
+)
+def test_shape_between_ankle_and_mirror_is_an_obstacle(
+    shape: Shape, height_m: float, is_obstacle: bool
+) -> None:
+    assert intersects(make_obstacle_grid((shape, (0.0, 0.0, -height_m))), 0.0) is is_obstacle
+
+
+def test_empty_world_has_no_obstacles() -> None:
+    assert not intersects(make_obstacle_grid(), 0.0)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-3.2, 3.2))
+def test_rectangle_intersects_as_sampled_points_do(x: float, y: float, yaw: float) -> None:
+    block = make_obstacle_grid((Box((1.0, 1.0, 1.0)), (0.0, 0.0, -0.5)))
+    along, across = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41))
+    points = np.stack((HALF_SIZE_M[0] * along, HALF_SIZE_M[1] * across), axis=-1)
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    depth = 0.5 - np.abs(points @ turn.T + (x, y)).max(axis=-1)
+    # Points are 25 mm apart: what is nearer to touching than that is not judged.
+    if abs(depth.max()) > 0.025:
+        assert intersects(block, x, y, yaw) is bool(depth.max() > 0.0)
+
+
+def test_distant_point_has_no_triangles_near() -> None:
+    assert len(BLOCK.find_near((9.0, 9.0), 1.0)) == 0
+    assert len(BLOCK.find_near((2.0, 0.0), 1.0)) >= 4
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-3.2, 3.2))
+def test_many_rectangles_intersect_as_each_alone(x: float, y: float, yaw: float) -> None:
+    triangles = BLOCK.triangles_near((2.0, 0.0), 3.0)
+    centres = np.array([(2.0 + x, y), (2.0 - x, y), (1.0, 0.0)])
+    together = rectangles_intersect(triangles, centres, yaw, half_size_m=HALF_SIZE_M)
+    alone = [
+        rectangle_intersects(triangles.tolist(), (cx, cy), yaw, half_size_m=HALF_SIZE_M)
+        for cx, cy in centres.tolist()
+    ]
+    assert together.tolist() == alone
+
+
+def test_rectangles_among_many_triangles_intersect_what_each_meets() -> None:
+    corner = np.array([(0.0, 0.0), (0.01, 0.0), (0.0, 0.01)])
+    triangles = np.concatenate([corner[None] + (10.0 * column, 0.0) for column in range(1000)])
+    triangles = triangles.reshape(-1, 3, 2)
+    centres = np.array([(10.0 * column, 0.0) for column in range(1000)] + [(5.0, 0.0), (0.0, 5.0)])
+    hit = rectangles_intersect(triangles, centres, 0.3, half_size_m=HALF_SIZE_M)
+    assert hit.tolist() == [True] * 1000 + [False, False]
+
+
+def test_rectangles_without_triangles_intersect_nothing() -> None:
+    none = np.zeros((0, 3, 2))
+    assert not rectangles_intersect(none, np.zeros((3, 2)), 0.0, half_size_m=HALF_SIZE_M).any()
+
+
+# A wall seen from above: a segment of no width along x = 1.
+WALL = [[[1.0, -9.0], [1.0, 9.0], [1.0, -9.0]]]
+
+
+@pytest.mark.parametrize(
+    ("x", "yaw", "depth_m"),
+    [
+        (0.4, 0.0, 0.0),
+        (0.5, 0.0, 0.0),
+        (0.6, 0.0, 0.1),
+        (1.0, 0.0, 0.5),  # in the middle either way out is as long
+        (1.4, 0.0, 0.1),  # the way out is ahead
+        (0.8, 0.5 * math.pi, 0.05),
+    ],
+)
+def test_depth_in_a_wall_is_the_way_to_the_nearer_side(
+    x: float, yaw: float, depth_m: float
+) -> None:
+    (depth,) = penetration_depths(WALL, (x, 0.0), yaw, half_size_m=HALF_SIZE_M)
+    assert depth == pytest.approx(depth_m, abs=1e-12)
+
+
+@settings(derandomize=True, max_examples=100, deadline=None)
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-3.2, 3.2))
+def test_translation_by_less_than_the_depth_never_separates(x: float, y: float, yaw: float) -> None:
+    triangle = [[[0.0, 0.0], [0.8, 0.1], [0.2, 0.7]]]
+    (depth,) = penetration_depths(triangle, (x, y), yaw, half_size_m=HALF_SIZE_M)
+    assert (depth > 0.0) <= rectangle_intersects(triangle, (x, y), yaw, half_size_m=HALF_SIZE_M)
+
+    def separated_by(length_m: float) -> list[bool]:
+        angles = np.linspace(-math.pi, math.pi, 720)
+        places = np.array((x, y)) + length_m * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+        hit = rectangles_intersect(np.array(triangle), places, yaw, half_size_m=HALF_SIZE_M)
+        return (~hit).tolist()
+
+    if depth > 1e-6:
+        assert not any(separated_by(0.999 * depth))
+        # One of 720 directions is within 0.25 degrees of the shortest way out.
+        assert any(separated_by(1.001 * depth))
+
+
+def test_triangles_that_are_one_from_above_are_kept_once() -> None:
+    # A sill's top and bottom are two triangles each, of one outline; a side is seen on edge.
+    sill = make_obstacle_grid((Box((1.0, 1.0, 0.2)), (2.0, 0.0, -0.1)))
+    assert len(sill.find_near((2.0, 0.0), 9.0)) == 2 + 4 * 2
+
+
+def test_grid_holds_no_outlines_of_its_own() -> None:
+    scene = build_scene(
+        World("block", (Item("block", Box((1.0, 1.0, 1.0)), Pose.identity(), GREY),))
+    )
+    grid = build_obstacle_grid(scene, low_m=0.03, high_m=0.7)
+    assert np.shares_memory(grid.static_triangles, scene.corners)
+
+
+def test_many_triangles_as_large_as_the_world_share_few_cells() -> None:
+    plates = tuple((Box((100.0, 100.0, 0.1)), (0.001 * row, 0.0, -0.3)) for row in range(400))
+    large = make_obstacle_grid(*plates)
+    assert sum(map(len, large.cells.values())) <= 2**20
+    assert intersects(large, 0.0)
+
+
+def members_one_by_one(
+    low: np.ndarray, high: np.ndarray, cell_m: float
+) -> dict[tuple[int, int], list[int]]:
+    members: dict[tuple[int, int], list[int]] = {}
+    first, last = np.floor(low / cell_m).astype(int), np.floor(high / cell_m).astype(int)
+    for box, ((c0, r0), (c1, r1)) in enumerate(zip(first, last, strict=True)):
+        for column, row in product(range(c0, c1 + 1), range(r0, r1 + 1)):
+            members.setdefault((column, row), []).append(box)
+    return members
+
+
+@settings(derandomize=True, max_examples=100, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 40), st.sampled_from([0.01, 0.5, 3.0, 500.0]))
+def test_members_of_cells_are_those_found_one_by_one(seed: int, count: int, cell_m: float) -> None:
+    random = np.random.default_rng(seed)
+    low = random.uniform(-5.0, 5.0, (count, 2))
+    high = low + random.choice([0.0, 0.001, 1.0, 4.0], (count, 2)) * min(1.0, 10 * cell_m)
+    found = cell_members(low.T, high.T, cell_m)
+    assert {cell: sorted(boxes.tolist()) for cell, boxes in found.items()} == members_one_by_one(
+        low, high, cell_m
+    )
+
+
+def test_grid_of_more_cells_than_16_bits_count_is_sorted() -> None:
+    low = np.array([[0.0, 0.0], [999.5, 999.5], [999.5, 0.5]])
+    found = cell_members(low.T, low.T, 1.0)
+    assert {cell: boxes.tolist() for cell, boxes in found.items()} == {
+        (0, 0): [0],
+        (999, 999): [1],
+        (999, 0): [2],
+    }
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([], []),
+        ([[1.0, 2.0], [1.0, 2.0], [2.0, 1.0]], [True, False, True]),
+        ([[0.0, 1.0], [-0.0, 1.0]], [True, False]),
+        ([[1.0, 1.0], [2.0, 2.0], [1.0, 1.0], [2.0, 2.0]], [True, True, False, False]),
+    ],
+)
+def test_later_equals_of_a_row_are_no_first_occurrence(
+    rows: list[list[float]], expected: list[bool]
+) -> None:
+    values = np.array(rows).reshape(-1, 2)
+    found = first_occurrences(values, np.arange(len(values)))
+    assert found.tolist() == np.flatnonzero(expected).tolist()
+
+
+def test_first_occurrences_are_sought_among_the_given_rows_alone() -> None:
+    values = np.array([[[1.0], [2.0]], [[3.0], [4.0]], [[1.0], [2.0]], [[1.0], [2.0]]])
+    assert first_occurrences(values, np.array([1, 2, 3])).tolist() == [1, 2]
+
+
+def test_first_occurrences_among_many_round_numbers_are_those_of_unique() -> None:
+    rows = np.random.default_rng(2).integers(-3, 3, (20_000, 6)) * 0.5
+    kept = rows[first_occurrences(rows, np.arange(len(rows)))]
+    np.testing.assert_array_equal(np.unique(kept, axis=0), np.unique(rows, axis=0))
+    assert len(kept) == len(np.unique(rows, axis=0))

@@ -1,0 +1,413 @@
+"""From a world to one triangle soup: positions, appearance, items.
+
+Landmark shapes: positions and colours as the landmark file documents.
+
+Items as triangles: poses, materials in place of a file's own, lights off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.runtime.memory import MIB, MemoryBudget
+from catoptra_server.world.scene_mesh import (
+    WHITE,
+    ItemLoader,
+    ItemPart,
+    SceneMesh,
+    build_scene,
+    items_from_landmark,
+)
+from catoptra_server.world.shapes import facet_normals
+from catoptra_server.world.world_description import (
+    Box,
+    Cylinder,
+    Item,
+    Material,
+    MeshFile,
+    Rectangle,
+    Ring,
+    Shape,
+    SphereBand,
+    World,
+)
+from helpers.memory import peak_bytes
+from helpers.mesh_file_samples import (
+    export_mesh,
+    make_coloured_square,
+    make_plain_square,
+    make_quadrant_image,
+    make_textured_square,
+    write_unlit_glb,
+)
+
+GREY = Material((0.5, 0.5, 0.5))
+BOX = Box((1.0, 1.0, 1.0))
+
+
+def make_item(
+    shape: Shape, material: Material | None = GREY, *, name: str = "it", x_m: float = 0.0
+) -> Item:
+    return Item(name, shape, Pose.from_rpy((x_m, 0.0, 0.0), (0.0, 0.0, 0.3)), material)
+
+
+@pytest.mark.parametrize(
+    ("shape", "triangles"),
+    [
+        (BOX, 12),
+        (Cylinder(1.0, 1.0, sectors=10), 40),
+        (Rectangle((1.0, 1.0)), 2),
+        (Ring(0.5, 1.0, sectors=10), 20),
+        (SphereBand(1.0, 0.0, 1.0, sectors=10, rings=2), 30),
+    ],
+)
+def test_shape_has_its_triangles_with_unit_normals(shape: Shape, triangles: int) -> None:
+    scene = build_scene(World("w", (make_item(shape),)))
+    assert len(scene) == triangles
+    np.testing.assert_allclose(np.linalg.norm(scene.normals, axis=-1), 1.0, atol=1e-12)
+    for array in (scene.uv, scene.albedo, scene.unlit, scene.texture_index, scene.item_index):
+        assert len(array) == triangles
+
+
+def test_empty_world_is_a_scene_without_triangles() -> None:
+    scene = build_scene(World("w", ()))
+    assert len(scene) == 0
+    assert scene.corners.shape == (0, 3, 3)
+    assert scene.normals.shape == (0, 3)
+
+
+def test_items_are_transformed_by_their_poses() -> None:
+    scene = build_scene(World("w", (make_item(BOX, x_m=5.0),)))
+    np.testing.assert_allclose(scene.corners.mean(axis=(0, 1)), (5.0, 0.0, 0.0), atol=1e-12)
+    ahead = scene.normals[np.argmax(scene.normals[:, 0])]
+    assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(0.3)
+
+
+def test_several_items_keep_their_indices() -> None:
+    landmark = Landmark("b", "beacon", 1, 0, 0.1, 0.1, 0.2, 0.4, "cyan", "yellow")
+    colours = {"cyan": (0.0, 1.0, 1.0), "yellow": (1.0, 1.0, 0.0)}
+    items = (
+        make_item(BOX, name="one"),
+        make_item(BOX, Material((1.0, 0, 0), unlit=True), name="two"),
+    )
+    scene = build_scene(World("w", items, landmarks=(landmark,), landmark_albedos=colours))
+    assert scene.item_names == ("one", "two", "b.post", "b.lower", "b.upper")
+    second = scene.item_index == 1
+    assert scene.unlit[second].all()
+    assert not scene.unlit[~second].any()
+    np.testing.assert_array_equal(
+        np.unique(scene.albedo[scene.item_index == 3], axis=0), [[0, 1, 1]]
+    )
+
+
+def test_item_without_shadows_has_triangles_that_cast_none() -> None:
+    glass = Item("glass", BOX, Pose.identity(), GREY, casts_shadows=False)
+    mesh = build_scene(World("w", (make_item(BOX), glass)))
+    assert mesh.casts_shadows.tolist() == [True] * 12 + [False] * 12
+
+
+def test_scene_is_read_only() -> None:
+    scene = build_scene(World("w", (make_item(BOX),)))
+    with pytest.raises(ValueError, match="read-only"):
+        scene.corners[0, 0, 0] = 1.0
+
+
+# Textures.
+
+
+def test_texture_of_an_item_is_on_its_triangles_only(tmp_path: Path) -> None:
+    make_quadrant_image().save(tmp_path / "q.png")
+    textured = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png")
+    scene = build_scene(
+        World("w", (make_item(BOX), make_item(BOX, textured), make_item(BOX, textured)))
+    )
+    # One file is one texture, however many items show it.
+    assert scene.texture_index.tolist() == 12 * [-1] + 24 * [0]
+    assert len(scene.textures) == 1
+    assert scene.textures[0].shape == (2, 2, 3)
+    assert scene.textures[0][0, 0].tolist() == [255, 0, 0]
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [SphereBand(1.0, 0.0, 1.0, sectors=4096, rings=4096), BOX],
+    ids=["one large item", "many items"],
+)
+def test_scene_larger_than_the_memory_limit_is_rejected_before_it_is_built(shape: Shape) -> None:
+    count = 1 if isinstance(shape, SphereBand) else 1000
+    world = World("w", tuple(make_item(shape, name=f"item{n}") for n in range(count)))
+    with pytest.raises(ConfigError, match=r"w: item\d+='\d+ triangles'.*fewer items.* MiB"):
+        build_scene(world, MemoryBudget(4 * MIB if count > 1 else 1024 * MIB))
+
+
+# Mesh files.
+
+
+def test_mesh_without_a_material_keeps_its_own_appearance(tmp_path: Path) -> None:
+    path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
+    scene = build_scene(World("w", (make_item(MeshFile(path), None),)))
+    assert scene.texture_index.tolist() == [0, 0]
+    np.testing.assert_array_equal(scene.albedo, 1.0)
+
+
+def test_mesh_with_a_material_has_that_material(tmp_path: Path) -> None:
+    path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
+    red = Material((1.0, 0.0, 0.0), unlit=True)
+    scene = build_scene(World("w", (make_item(MeshFile(path), red),)))
+    assert scene.texture_index.tolist() == [-1, -1]
+    assert scene.unlit.all()
+    np.testing.assert_array_equal(scene.albedo, [[1, 0, 0], [1, 0, 0]])
+
+
+def test_mesh_is_transformed_by_its_pose(tmp_path: Path) -> None:
+    path = export_mesh(make_plain_square(), tmp_path / "m.stl")
+    scene = build_scene(World("w", (make_item(MeshFile(path), x_m=7.0),)))
+    centre = 0.5 * (scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1)))
+    np.testing.assert_allclose(centre, (7.0, 0.0, 0.0), atol=1e-6)  # STL keeps float32
+
+
+# Colours that vary over a triangle.
+
+
+def write_colourful_square(folder: Path) -> Path:
+    """A square with a colour at each vertex, in the order red, green, blue, black."""
+    mesh = make_plain_square()
+    colours = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [0, 0, 0]]
+    mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=colours)
+    return export_mesh(mesh, folder / "colourful.ply")
+
+
+def test_scene_of_plain_colours_has_no_corner_albedos(tmp_path: Path) -> None:
+    path = export_mesh(make_coloured_square(), tmp_path / "m.ply")
+    scene = build_scene(World("w", (make_item(BOX), make_item(MeshFile(path), None))))
+    assert scene.corner_albedo is None
+
+
+def test_corner_albedos_of_one_mesh_stand_beside_plain_triangles(tmp_path: Path) -> None:
+    items = (make_item(BOX), make_item(MeshFile(write_colourful_square(tmp_path)), None))
+    scene = build_scene(World("w", items))
+    assert scene.corner_albedo is not None
+    np.testing.assert_array_equal(scene.corner_albedo[:12], 0.5)
+    np.testing.assert_array_equal(scene.corner_albedo[12], np.eye(3))
+    np.testing.assert_allclose(scene.albedo, scene.corner_albedo.mean(axis=1))
+
+
+# The box around all triangles.
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.3])
+def test_large_mesh_is_moved_to_its_position_without_a_copy(tmp_path: Path, yaw_rad: float) -> None:
+    path = tmp_path / "sphere.ply"
+    trimesh.creation.icosphere(subdivisions=6).export(path)
+    pose = Pose.from_rpy((1.0, 2.0, 3.0), (0.0, 0.0, yaw_rad))
+    world = World("sphere", (Item("sphere", MeshFile(path), pose, GREY),))
+    scene = build_scene(world)
+    kept = scene.corners.nbytes + scene.normals.nbytes
+    # 1.5: beside the triangles the file's own arrays and masks. With copies it was 2.2.
+    assert peak_bytes(lambda: build_scene(world)) < 1.7 * kept
+
+
+def test_box_of_a_scene_touches_its_extreme_corners() -> None:
+    scene = build_scene(World("w", (make_item(BOX, x_m=5.0), make_item(BOX, x_m=-1.0))))
+    np.testing.assert_array_equal(scene.box_min, scene.corners.min(axis=(0, 1)))
+    np.testing.assert_array_equal(scene.box_max, scene.corners.max(axis=(0, 1)))
+
+
+def test_box_of_an_empty_scene_is_inverted() -> None:
+    scene = build_scene(World("w", ()))
+    assert (scene.box_min > scene.box_max).all()
+
+
+def test_objects_are_items_by_name_nodes_of_gltf_files_and_landmarks(tmp_path: Path) -> None:
+    square = trimesh.creation.box((0.2, 0.3, 0.4))
+    nodes = trimesh.Scene()
+    nodes.add_geometry(square, node_name="chair.001", geom_name="a")
+    nodes.add_geometry(square.copy(), node_name="desk", geom_name="b")
+    path = tmp_path / "office.glb"
+    path.write_bytes(nodes.export(file_type="glb"))
+    landmark = Landmark("b", "beacon", 1, 0, 0.1, 0.1, 0.2, 0.4, "cyan", "yellow")
+    colours = {"cyan": (0.0, 1.0, 1.0), "yellow": (1.0, 1.0, 0.0)}
+    items = (
+        make_item(BOX, name="table"),
+        Item("office", MeshFile(path, up="y"), Pose.identity(), None),
+        make_item(BOX, name="table"),
+    )
+    scene = build_scene(World("w", items, landmarks=(landmark,), landmark_albedos=colours))
+    named = [(one.name, one.class_name) for one in scene.objects]
+    assert (named[0], named[-1]) == (("table", "object"), ("b", "beacon"))
+    # In the order in which trimesh walks the file.
+    assert sorted(named[1:-1]) == [("office/chair.001", "chair"), ("office/desk", "desk")]
+    counts = np.bincount(scene.object_index)
+    assert counts[:3].tolist() == [24, 12, 12]
+    assert (scene.object_index[scene.item_index == 0] == 0).all()
+
+
+ALBEDOS = {"cyan": (0.0, 0.4, 0.7), "magenta": (0.8, 0.0, 0.3), "yellow": (0.9, 0.7, 0.0)}
+BEACON = Landmark("b", "beacon", 1.35, -1.9, 0.1, 0.1, 0.2, 0.4, "yellow", "magenta")
+GOAL = Landmark("g", "goal", 2.7, 0.1, 0.8, 0.3, 0.0, 0.3, "cyan", "cyan")
+OTHER_GOAL = Landmark("g", "goal", -2.7, 0.1, 0.8, 0.3, 0.0, 0.3, "cyan", "cyan")
+
+
+def build_landmark(landmark: Landmark) -> SceneMesh:
+    return build_scene(World("w", (), landmarks=(landmark,), landmark_albedos=ALBEDOS))
+
+
+def bounds(scene: SceneMesh, part: str) -> tuple[Floats, Floats]:
+    """Lower and upper (x, y, height) of an item."""
+    index = scene.item_names.index(part)
+    corners = scene.corners[scene.item_index == index] * (1.0, 1.0, -1.0)
+    return corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+
+
+@pytest.mark.parametrize(
+    ("part", "bottom", "top", "albedo"),
+    [
+        ("b.post", 0.0, 0.2, WHITE),
+        ("b.lower", 0.2, 0.3, ALBEDOS["yellow"]),
+        ("b.upper", 0.3, 0.4, ALBEDOS["magenta"]),
+    ],
+)
+def test_beacon_has_its_bands_at_the_documented_heights(
+    part: str, bottom: float, top: float, albedo: tuple[float, float, float]
+) -> None:
+    scene = build_landmark(BEACON)
+    lower, upper = bounds(scene, part)
+    np.testing.assert_allclose(lower, (1.3, -1.95, bottom), atol=1e-9)
+    np.testing.assert_allclose(upper, (1.4, -1.85, top), atol=1e-9)
+    item = items_from_landmark(BEACON, ALBEDOS)[scene.item_names.index(part)]
+    assert isinstance(item.shape, Cylinder)
+    assert item.material is not None
+    assert item.material.albedo == albedo
+
+
+def test_beacon_with_a_band_at_the_floor_has_no_post() -> None:
+    low = Landmark("b", "beacon", 0, 0, 0.1, 0.1, 0.0, 0.4, "cyan", "cyan")
+    assert [item.name for item in items_from_landmark(low, ALBEDOS)] == ["b.lower", "b.upper"]
+
+
+@pytest.mark.parametrize(("goal", "outward"), [(GOAL, 1.0), (OTHER_GOAL, -1.0)])
+def test_goal_is_open_towards_the_origin(goal: Landmark, outward: float) -> None:
+    scene = build_landmark(goal)
+    xs = outward * scene.corners[..., 0]
+    # From the mouth on the goal line to the back board, 0.3 m behind and 0.02 m thick.
+    assert (xs.min(), xs.max()) == pytest.approx((2.7, 3.02))
+    lower, upper = bounds(scene, "g.back")
+    assert min(abs(lower[0]), abs(upper[0])) == pytest.approx(3.0)
+
+
+def test_goal_has_its_mouth_between_the_side_boards() -> None:
+    scene = build_landmark(GOAL)
+    _, left = bounds(scene, "g.left")
+    right, _ = bounds(scene, "g.right")
+    assert (left[1], right[1]) == pytest.approx((0.1 - 0.4, 0.1 + 0.4))
+    assert (scene.corners[..., 2].min(), scene.corners[..., 2].max()) == pytest.approx((-0.3, 0.0))
+
+
+def test_goal_has_its_colour() -> None:
+    np.testing.assert_array_equal(np.unique(build_landmark(GOAL).albedo, axis=0), [ALBEDOS["cyan"]])
+
+
+WORLD_LINE = SourceLocation("house.ini", 12)
+TURNED = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
+
+
+def load(item: Item) -> list[ItemPart]:
+    return list(ItemLoader("w", MemoryBudget()).load_parts(7, item))
+
+
+def make_item_of_item_loader(
+    path: Path, *, material: Material | None = None, unlit: bool | None = None
+) -> Item:
+    return Item("it", MeshFile(path), Pose.identity(), material, unlit=unlit)
+
+
+@pytest.mark.parametrize("pose", [Pose.identity(), Pose.from_rpy((1.0, 2.0, 3.0)), TURNED])
+def test_mesh_file_is_transformed_by_the_pose_with_its_normals(tmp_path: Path, pose: Pose) -> None:
+    path = export_mesh(make_coloured_square(), tmp_path / "m.ply")
+    (part,) = load(Item("it", MeshFile(path), pose, None))
+    (at_origin,) = load(make_item_of_item_loader(path))
+    np.testing.assert_allclose(part.corners, pose.transform_points(at_origin.corners), atol=1e-12)
+    np.testing.assert_allclose(part.normals, facet_normals(part.corners)[0], atol=1e-12)
+    assert part.item == 7
+
+
+def test_shape_has_unit_normals_in_the_world() -> None:
+    (part,) = load(Item("it", Box((1.0, 1.0, 1.0)), TURNED, Material((0.5, 0.5, 0.5))))
+    outward = part.corners.mean(axis=1) - TURNED.translation
+    assert (np.einsum("ni,ni->n", part.normals, outward) > 0.1).all()
+    np.testing.assert_allclose(np.linalg.norm(part.normals, axis=-1), 1.0)
+
+
+@pytest.mark.parametrize("unlit", [True, False])
+def test_mesh_file_with_lights_off_keeps_its_colours(tmp_path: Path, unlit: bool) -> None:
+    path = export_mesh(make_coloured_square(), tmp_path / "m.ply")
+    (part,) = load(make_item_of_item_loader(path, unlit=unlit))
+    assert part.appearance.unlit is unlit
+    np.testing.assert_array_equal(part.appearance.albedo, [[1.0, 0, 0], [1, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("unlit", "expected"), [(None, [False, True]), (True, [True, True]), (False, [False, False])]
+)
+def test_item_overrides_what_a_file_says_of_lights(
+    tmp_path: Path, unlit: bool | None, expected: list[bool]
+) -> None:
+    parts = load(make_item_of_item_loader(write_unlit_glb(tmp_path), unlit=unlit))
+    assert sorted(part.appearance.unlit for part in parts) == expected
+
+
+def test_material_of_the_item_replaces_all_of_the_file(tmp_path: Path) -> None:
+    grey = Material((0.5, 0.5, 0.5))
+    parts = load(make_item_of_item_loader(write_unlit_glb(tmp_path), material=grey))
+    assert [part.appearance.unlit for part in parts] == [False, False]
+    np.testing.assert_array_equal(np.concatenate([p.appearance.albedo for p in parts]), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "key", "expected"),
+    [
+        (
+            "cut.glb",
+            b"glTF\x02\0\0\0\xff\0\0\0rest",
+            "house.File",
+            "cut off: 16 of 255 bytes",
+        ),
+        ("empty.glb", b"", "house.File", "it is empty"),
+        ("points.obj", b"v 0 0 0\nv 1 0 0\n", "house.File", "at least one triangle"),
+        ("part.step", b"ISO-10303", "house.File", "a known format"),
+        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "house.File", "at least one tri"),
+        (
+            "bare.gltf",
+            b'{"asset":{"version":"2.0"},"buffers":[{"uri":"none.bin","byteLength":12}]}',
+            "house.File",
+            "refers to none.bin, and there is no such file beside it",
+        ),
+    ],
+)
+def test_mesh_that_is_unusable_names_the_line_of_the_world(
+    tmp_path: Path, name: str, content: bytes, key: str, expected: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    item = Item("house", MeshFile(tmp_path / name), Pose.identity(), None, where=WORLD_LINE)
+    with pytest.raises(ConfigError) as caught:
+        list(ItemLoader("world", MemoryBudget()).load_parts(0, item))
+    assert (caught.value.location, caught.value.key) == (WORLD_LINE, key)
+    assert expected in caught.value.expected
+    assert str(tmp_path / name) in str(caught.value)
+
+
+def test_texture_that_is_unusable_names_the_line_of_the_world(tmp_path: Path) -> None:
+    image = tmp_path / "wall.png"
+    image.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
+    material = Material((1.0, 1.0, 1.0), texture=image)
+    item = Item("wall", Box((1.0, 1.0, 1.0)), Pose.identity(), material, where=WORLD_LINE)
+    with pytest.raises(ConfigError) as caught:
+        list(ItemLoader("world", MemoryBudget()).load_parts(0, item))
+    assert (caught.value.location, caught.value.key) == (WORLD_LINE, "wall.Texture")
