@@ -318,8 +318,12 @@ class RobotClient:
             type_: Type of the sensors, such as `Camera`, or `Robot`, in any case.
             name: Name of one sensor; None for all.
 
+        Returns:
+            The reply; from our server it has no values for an unknown type or name.
+
         Raises:
-            ReplyTimeoutError: There is no robot or no such sensor: a server does not reply then.
+            ReplyTimeoutError: There is no robot: `spawn` first. A USARSim server may not reply to
+                an unknown type either.
         """
         self._connection.send(GetConf(type_, name))
         return self._connection.wait_for_report(
@@ -335,8 +339,12 @@ class RobotClient:
             type_: Type of the sensors, or `Robot`, in any case.
             name: Name of one sensor; None for all.
 
+        Returns:
+            The reply; from our server it has no values for an unknown type or name.
+
         Raises:
-            ReplyTimeoutError: There is no robot or no such sensor: a server does not reply then.
+            ReplyTimeoutError: There is no robot: `spawn` first. A USARSim server may not reply to
+                an unknown type either.
         """
         self._connection.send(GetGeo(type_, name))
         description = f"the geometry of {type_} {name or ''}"
@@ -356,9 +364,9 @@ class RobotClient:
             name: Name of the camera; None for the first in the reply.
 
         Raises:
-            RemoteProtocolError: The camera's configuration has no model of an omnidirectional
-                camera.
-            ReplyTimeoutError: There is no robot or no such camera.
+            RemoteProtocolError: There is no such camera, or its configuration has no model of an
+                omnidirectional one.
+            ReplyTimeoutError: There is no robot: `spawn` first.
         """
         return self.get_camera_and_height(name)[0]
 
