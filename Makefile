@@ -16,7 +16,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiment-seeds live test long-test browser-test stability lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels compose clean
+.PHONY: help setup demo experiment-seeds live test long-test browser-test stability lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -138,6 +138,17 @@ wheels: $(READY) ## Build the four distributions into out/wheels, and test them 
 	CATOPTRA_REQUIRE_KERNEL=$${CATOPTRA_REQUIRE_KERNEL-1} \
 	  $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client ./studies
 	CATOPTRA_WHEELS=out/wheels $(BIN)/python -m pytest tests/packaging/test_wheels.py tests/packaging/test_source_build.py
+
+# Each module by name: where a package lists names for users in __all__, pdoc follows those alone; it
+# warns of the others, which it has then twice, and of `show`, which the client loads at first use.
+api_modules = $(subst /,.,$(basename $(patsubst %/__init__.py,%.py,$(shell cd $(1)/src && find catoptra_$(1) -name '*.py' ! -name __main__.py | sort))))
+
+docs: $(READY) ## Write API pages of client and protocol from their docstrings; writes out/docs/index.html
+	@test -x $(BIN)/pdoc || $(call show_packages,$(BIN)/pip install --constraint constraints.txt pdoc)
+	rm -rf out/docs
+	$(BIN)/python -W "ignore:The module specification" -W "ignore:Found 'show'" -m pdoc \
+	  --docformat google --no-show-source --output-directory out/docs \
+	  $(call api_modules,client) $(call api_modules,protocol)
 
 # Another engine than Docker's: COMPOSE=podman-compose.
 COMPOSE ?= docker compose

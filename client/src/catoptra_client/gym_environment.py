@@ -40,9 +40,27 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
     """A robot that sees by its camera and is driven by its wheel speeds.
 
     Action: speeds (2,) of the left and right wheels, as fractions of the maximum in [-1, 1].
-    Observation: `image`, `odometry` and `scan` of `robot_episodes.observe`. Info: true `pose`
-    (3,), m, m, rad in the world frame, and `time_s` since the start. Raises as `StreamClient`.
-    `client` is the robot's connection, for its other sensors.
+    Observation: `image`, `odometry` and `scan` of `robot_episodes.observe`. Info: true `pose` (3,),
+    m, m, rad in the world frame, and `time_s` since the start. `client` is the robot's connection,
+    for its other sensors: do not `reset`, `spawn` or `step` by it.
+
+    Constructor, `reset` and `step` raise what `StreamClient` raises: ConnectionLostError and
+    DeadlineExceededError end the episode, and `reset` begins another if the server is there. A
+    server that the environment started itself is not started again: close the environment and make
+    a new one. For robots without Gymnasium use `robot_episodes.RobotEpisodes`.
+
+    Example:
+        ```python
+        env = CatoptraEnv(reward, start, step_s=0.1)
+        try:
+            observation, info = env.reset(seed=7)
+            for _ in range(100):
+                observation, gain, terminated, truncated, info = env.step([0.6, 0.4])
+                if terminated:
+                    observation, info = env.reset()
+        finally:
+            env.close()
+        ```
     """
 
     client: StreamClient
@@ -79,6 +97,9 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
         Raises:
             CatoptraError: There is no server, it has other robots or no lockstep, or rejects class
                 or camera.
+
+        An exception, KeyboardInterrupt and errors of `start` included, ends a server that was
+        started.
         """
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": 1.0 / step_s}
         self.render_mode, self._reward, self._start = render_mode, reward, start
@@ -109,11 +130,22 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Begin an episode.
+        """Begin an episode: a new robot at a new start pose; no server is restarted.
 
         Args:
             seed: Seed of this and the following episodes; None continues.
             options: `start` is a start pose, which replaces that of the start function.
+
+        Returns:
+            First observation and info, for the caller to keep and to write into.
+
+        Raises:
+            CatoptraError: The server has another robot, or rejects the start pose.
+            ConnectionLostError, DeadlineExceededError: As in `StreamClient`; call again to retry.
+
+        The random numbers follow from the seed: the same seed gives the same episodes, byte for
+        byte, but not after a `reset` that raised, which has drawn from the generator: pass a seed
+        again.
         """
         super().reset(seed=seed)
         generator = self.np_random
@@ -123,8 +155,20 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
     def step(self, action: npt.ArrayLike) -> tuple[Observation, float, bool, bool, Info]:
         """Drive for `step_s`; observation, reward, whether the episode ended, False, and info.
 
+        The episode never ends by its length, so the fourth value is False: wrap the environment in
+        `gymnasium.wrappers.TimeLimit`. After the end `step` goes on with the same robot; `reset`
+        begins an episode.
+
+        Args:
+            action: Speeds (2,) of the left and right wheels in [-1, 1].
+
         Raises:
-            DomainError: The action is not two numbers in [-1, 1].
+            DomainError: The action is not two numbers in [-1, 1]; nothing has moved. Clip it, for
+                example with `gymnasium.wrappers.ClipAction`.
+            ConnectionLostError, DeadlineExceededError: As in `StreamClient`. The step may have been
+                executed: `reset` instead of repeating it.
+
+        KeyboardInterrupt during a step leaves it in between likewise.
         """
         speeds = np.array(action, np.float64)
         if speeds.shape != (2,) or not (np.abs(speeds) <= 1.0).all():
@@ -135,11 +179,19 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
         return observation, float(reward), bool(terminated), False, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The newest image, (h, w, 3) RGB; None without a render mode."""
+        """The newest image, (h, w, 3) RGB; None without a render mode.
+
+        That of the last `reset` or `step`, copied: nothing is requested and nothing is raised. For
+        an image with other settings or labels use `client.get_frame`.
+        """
         return self._episodes.newest[0]["image"].copy() if self.render_mode else None
 
     def close(self) -> None:
-        """Remove the robot, and end the server if it was started."""
+        """Remove the robot, and end the server if it was started.
+
+        May be called twice; also done when the environment is collected, or the program ends. Any
+        later `reset` or `step` raises `zmq.ZMQError`.
+        """
         self._stack.close()
 
 

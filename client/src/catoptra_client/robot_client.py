@@ -45,10 +45,37 @@ _ReportT = TypeVar("_ReportT", bound=Report)
 
 
 class RobotClient:
-    """One robot, from `connect` to `close`; also a context manager.
+    """One robot on a control port, from `connect` to `close`; also a context manager.
 
-    Calls that wait raise ConnectionLostError if the server disconnects or sends nothing for
-    `timeout_s`, and RemoteProtocolError if the server violates the protocol.
+    For one thread. It speaks USARSim's protocol, to our server and to others; images come from
+    `ImageClient`. With a Catoptra server `StreamClient` has images, readings and errors with
+    reasons on one connection.
+
+    Every method that sends or waits raises as follows.
+
+    Raises:
+        ConnectionLostError: The server disconnected. The server has removed the robot: connect and
+            spawn again.
+        ReplyTimeoutError: A ConnectionLostError too: the expected report did not arrive within
+            `timeout_s`, on a connection that still exists. Reports that were read meanwhile are
+            lost but for the latest of each type (`odometry`, `status`).
+        LocalProtocolError: A command has no form on the wire, such as a speed that is not finite.
+            Nothing was sent.
+        RemoteProtocolError: A report is malformed. The reports behind it can be read by the next
+            call.
+
+    KeyboardInterrupt ends any wait; the next call continues. USARSim's replies have no ids, so a
+    reply that arrives after its timeout is taken for that of the next command of the kind: after a
+    ReplyTimeoutError of `step`, `get_configuration` or `get_geometry` connect anew. After `close`
+    every method raises ConnectionLostError.
+
+    Example:
+        ```python
+        with RobotClient.connect("127.0.0.1", 3000) as robot:
+            robot.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
+            robot.drive(2.0, 2.0)
+            print(robot.wait_for_report(OdometryReading))
+        ```
     """
 
     def __init__(
@@ -72,8 +99,17 @@ class RobotClient:
     def connect(cls, host: str = "127.0.0.1", port: int = 3000, timeout_s: float = 5.0) -> Self:
         """Connect to a control port and wait for the greeting; the robot is not spawned yet.
 
+        Args:
+            host: Host name or address.
+            port: Control port.
+            timeout_s: Limit of connecting, and of each wait of this and later calls.
+
         Raises:
-            ConnectionLostError: no server listens there, or the peer sends no greeting.
+            ConnectionLostError: No server listens there. It is not tried again: a program that
+                starts with its server waits itself, or uses `server_process.run_server`.
+            ReplyTimeoutError: The peer sends no greeting: another port, such as the image port.
+
+        An exception closes the connection.
         """
         robot = cls(
             open_connection(host, port, timeout_s, server_kind="control"), timeout_s=timeout_s
@@ -88,7 +124,7 @@ class RobotClient:
         return robot
 
     def close(self) -> None:
-        """Close the connection; the server removes the robot."""
+        """Close the connection; the server removes the robot. May be called twice."""
         self._connection.close()
 
     def __enter__(self) -> Self:
@@ -123,7 +159,11 @@ class RobotClient:
         return self._connection.get_latest(VehicleStatus)
 
     def get_start_poses(self) -> StartPoses:
-        """Named start poses of the world."""
+        """Named start poses of the world, for `spawn`; also before a robot is spawned.
+
+        Raises:
+            ReplyTimeoutError: The server did not reply in time.
+        """
         self._connection.send(GetStartPoses())
         return self._connection.wait_for_report(StartPoses, "the start poses")
 
@@ -136,18 +176,20 @@ class RobotClient:
         rotation_rad: Vector3 = (0.0, 0.0, 0.0),
         start_pose: str | None = None,
     ) -> None:
-        """Spawn the robot and wait for the first status or reading.
+        """Spawn the robot and wait for its first status or reading.
 
         Args:
-            class_name: robot class in the server's configuration, such as `USARBot.OmniP2AT`.
-            name: name of the robot; the server chooses one if None.
-            location_m: position in the world frame; None to use a start pose.
-            rotation_rad: roll, pitch, yaw.
-            start_pose: name of a start pose of the world.
+            class_name: Robot class in the server's configuration, such as `USARBot.OmniP2AT`.
+            name: Name of the robot; the server chooses one if None.
+            location_m: Position in the world frame; None to use a start pose.
+            rotation_rad: Roll, pitch, yaw.
+            start_pose: Name of a start pose of the world.
 
         Raises:
-            LocalProtocolError: this connection has a robot already.
-            CatoptraError: the server did not spawn the robot in time.
+            LocalProtocolError: This connection has a robot already: connect again for another.
+            CatoptraError: The server did not spawn the robot in time. The protocol has no reply to
+                an unknown class or start, so the reason is in the server's log;
+                `StreamClient.spawn` raises with the reason.
         """
         # USARSim has no reply to INIT: the first report of a robot is the only confirmation.
         if any(_is_robot_report(report) for report in self._connection.latest_reports):
@@ -163,12 +205,18 @@ class RobotClient:
             ) from error
 
     def drive(self, left_rad_s: float, right_rad_s: float, normalized: bool = False) -> None:
-        """Set the wheel speeds of a differential drive.
+        """Set the wheel speeds of a differential drive, which hold until the next call.
+
+        Returns when the command is sent, not when it is executed: there is no reply. In lockstep
+        nothing moves before `step`.
 
         Args:
-            left_rad_s: speed of the left wheels; in percent of the maximum if normalized.
-            right_rad_s: speed of the right wheels, likewise.
-            normalized: interpret speeds as percentages, -100 to 100.
+            left_rad_s: Speed of the left wheels; in percent of the maximum if normalized.
+            right_rad_s: Speed of the right wheels, likewise.
+            normalized: Interpret speeds as percentages, -100 to 100.
+
+        Raises:
+            LocalProtocolError: A speed is not finite; nothing was sent.
         """
         self._connection.send(Drive(left_rad_s, right_rad_s, normalized))
 
@@ -178,13 +226,15 @@ class RobotClient:
         Catoptra only: a USARSim server ignores it. A note replaces the one of the same name.
 
         Args:
-            name: name of the note, at most 64 printable characters.
-            note: values of JSON, numbers and arrays of NumPy; SPEC.md 9.7 lists the keys that
+            name: Name of the note, at most 64 printable characters.
+            note: Values of JSON, numbers and arrays of NumPy; SPEC.md 9.7 lists the keys that
                 viewers draw.
 
         Raises:
-            LocalProtocolError: the note has more than 8 KiB of JSON or a number that is not finite,
-                or is one too many: 8 names a robot.
+            LocalProtocolError: The note has more than 8 KiB of JSON or a number that is not finite,
+                or is one too many: 8 names per robot. Nothing was sent.
+
+        Before `spawn` the server ignores a note, without an error.
         """
         text = text_from_note(name, note)
         # Checked here: the control port has no reply to a note.
@@ -197,15 +247,32 @@ class RobotClient:
     def share_control(self, shared: bool = True) -> None:
         """Let other clients and viewers drive the robot, or no longer; it halts then.
 
-        Catoptra only: a USARSim server ignores it.
+        Catoptra only: a USARSim server ignores it. There is no reply.
+
+        Args:
+            shared: Whether others may drive it.
         """
         self._connection.send(ShareControl(shared))
 
     def step(self, time_s: float) -> list[Report]:
         """Advance a lockstep server by simulated seconds; reports received during the step.
 
+        All robots of the server advance. In real time use `wait_for_report` instead.
+
+        Args:
+            time_s: Simulated seconds, 0 to 60.
+
         Raises:
-            CatoptraError: the server rejects the step, or does not run in lockstep.
+            CatoptraError: The server rejects the step, or does not run in lockstep.
+            ReplyTimeoutError: The step takes longer than `timeout_s`, or the server is USARSim's,
+                which knows no STEP. It may still be executed: connect anew instead of repeating it.
+
+        Example:
+            ```python
+            for _ in range(50):
+                reports = robot.step(0.1)
+                scans = [r for r in reports if isinstance(r, RangeScanReading)]
+            ```
         """
         self._connection.send(Step(time_s))
         reports = self._connection.wait_until(_is_step_result, _STEP_RESULT)
@@ -221,13 +288,43 @@ class RobotClient:
     def wait_for_report(
         self, report_type: type[_ReportT], timeout_s: float | None = None
     ) -> _ReportT:
-        """Next report of this type that has not been read yet."""
+        """Next report of this type that has not been read yet.
+
+        Reports of other types on the way are kept as the latest of theirs. A slow program reads old
+        reports, in order: for the newest use `odometry`, `ground_truth` or `status` after a call
+        that waits, or a `StreamClient`.
+
+        Args:
+            report_type: Class of the report.
+            timeout_s: Time limit; that of the client if None.
+
+        Raises:
+            ReplyTimeoutError: None arrived in time: the robot has no such sensor, is not spawned,
+                or the server's lockstep clock stands still. Call again to go on waiting.
+
+        Example:
+            ```python
+            scan = robot.wait_for_report(RangeScanReading, timeout_s=1.0)
+            ```
+        """
         return self._connection.wait_for_report(
             report_type, f"a {report_type.__name__}", timeout_s=timeout_s
         )
 
     def get_configuration(self, type_: str, name: str | None = None) -> Configuration:
-        """Configuration of the `Robot`, of all sensors of a type, or of one sensor."""
+        """Configuration of the `Robot`, of all sensors of a type, or of one sensor.
+
+        Args:
+            type_: Type of the sensors, such as `Camera`, or `Robot`, in any case.
+            name: Name of one sensor; None for all.
+
+        Returns:
+            The reply; from our server it has no values for an unknown type or name.
+
+        Raises:
+            ReplyTimeoutError: There is no robot: `spawn` first. A USARSim server may not reply to
+                an unknown type either.
+        """
         self._connection.send(GetConf(type_, name))
         return self._connection.wait_for_report(
             Configuration,
@@ -236,7 +333,19 @@ class RobotClient:
         )
 
     def get_geometry(self, type_: str, name: str | None = None) -> Geometry | VehicleGeometry:
-        """Mounting poses of the sensors of a type, or the geometry of the `Robot` itself."""
+        """Mounting poses of the sensors of a type, or the geometry of the `Robot` itself.
+
+        Args:
+            type_: Type of the sensors, or `Robot`, in any case.
+            name: Name of one sensor; None for all.
+
+        Returns:
+            The reply; from our server it has no values for an unknown type or name.
+
+        Raises:
+            ReplyTimeoutError: There is no robot: `spawn` first. A USARSim server may not reply to
+                an unknown type either.
+        """
         self._connection.send(GetGeo(type_, name))
         description = f"the geometry of {type_} {name or ''}"
         if type_.lower() == "robot":
@@ -246,12 +355,26 @@ class RobotClient:
         )
 
     def get_camera(self, name: str | None = None) -> OmniCamera:
-        """Model of the omnidirectional camera."""
+        """Model of the omnidirectional camera: projection of directions to pixels, and back.
+
+        Catoptra only, since USARSim's configurations have no model. For a camera without a mirror
+        use `StreamClient.get_camera`.
+
+        Args:
+            name: Name of the camera; None for the first in the reply.
+
+        Raises:
+            RemoteProtocolError: There is no such camera, or its configuration has no model of an
+                omnidirectional one.
+            ReplyTimeoutError: There is no robot: `spawn` first.
+        """
         return self.get_camera_and_height(name)[0]
 
     def get_camera_and_height(self, name: str | None = None) -> tuple[OmniCamera, float]:
         """Model of the omnidirectional camera, and the height of its viewpoint over the floor in
         metres.
+
+        Args and errors are those of `get_camera`.
         """
         # Both from one reply: the height is a pair of the camera's configuration.
         return omni_camera_from_pairs(self.get_configuration("Camera", name).pairs)

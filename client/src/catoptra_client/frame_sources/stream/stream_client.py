@@ -107,10 +107,36 @@ class LandmarkProjection:
 class StreamClient:
     """One client of a stream server, from `connect` to `close`; also a context manager.
 
-    Waiting calls raise ConnectionLostError if the server sends nothing for 1.5 s,
-    DeadlineExceededError if it sends heartbeats but no reply within `timeout_s`, and CatoptraError
-    with the server's reason if the request is rejected. Each call may be repeated: the connection
-    is restored by itself.
+    A client has one connection and at most one robot, for one thread: a second thread needs a
+    client of its own. Each method sends one request and waits for its reply, for at most
+    `timeout_s`.
+
+    Every method that waits raises as follows.
+
+    Raises:
+        ConnectionLostError: The server is not there, or has sent nothing for 1.5 s. The connection
+            is restored by itself: call again. A server that was restarted has no robot: `spawn`
+            again.
+        DeadlineExceededError: The server sends heartbeats, but no reply within `timeout_s`. It may
+            still execute the request; its late reply is skipped. `get_state` shows what was done.
+        CatoptraError: The server rejects the request, with its reason. Both errors above are
+            CatoptraErrors too: catch them first.
+        LocalProtocolError: An argument has no form on the wire, such as a speed that is not finite.
+            Nothing was sent.
+        RemoteProtocolError: The peer violates the protocol: another program, or a server of another
+            version. Close the client.
+
+    KeyboardInterrupt ends any wait. The client stays usable: the reply of the interrupted request
+    is skipped by its id. After `close` every method raises `zmq.ZMQError`.
+
+    Example:
+        ```python
+        with StreamClient.connect("127.0.0.1", 5005) as client:
+            client.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
+            client.drive(2.0, 2.0)
+            for frame in client.iter_frames():
+                print(frame.sequence, frame.time_s, frame.age_s)
+        ```
     """
 
     def __init__(
@@ -121,7 +147,9 @@ class StreamClient:
         timeout_s: float = 5.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Start to connect.
+        """Start to connect, without waiting for the server; `connect` waits.
+
+        A server that does not exist is noticed by the first call only.
 
         Args:
             host: Host name or address.
@@ -140,10 +168,20 @@ class StreamClient:
 
     @classmethod
     def connect(cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0) -> Self:
-        """Connect and wait for the first reply of the server.
+        """Connect and wait for the first reply of the server; nothing is spawned.
+
+        Args:
+            host: Host name or address.
+            port: TCP port of the stream: `--stream-port` of the server.
+            timeout_s: Timeout of this and each later call.
 
         Raises:
-            ConnectionLostError: No server at this address.
+            ConnectionLostError: No server replies at this address within `timeout_s`. To wait for a
+                server that is starting, pass a longer `timeout_s`: the connection is tried again
+                until then.
+            RemoteProtocolError: The peer is another program, or a server of another version.
+
+        An exception, KeyboardInterrupt included, closes the connection.
         """
         client = cls(host, port, timeout_s=timeout_s)
         try:
@@ -156,7 +194,11 @@ class StreamClient:
         return client
 
     def close(self) -> None:
-        """End the connection: the server removes the robot."""
+        """End the connection: the server removes the robot.
+
+        To go on with another robot on the same connection call `reset` instead. May be called
+        twice.
+        """
         self._exchange.close()
 
     def __enter__(self) -> Self:
@@ -171,7 +213,10 @@ class StreamClient:
         self.close()
 
     def get_status(self) -> StatusReply:
-        """Identity and state of the server."""
+        """Identity and state of the server: its world, robot classes and kind of clock.
+
+        The cheapest request, also without a robot: it shows whether the server replies.
+        """
         return self._exchange.call(GetStatusRequest(next(self._ids)), StatusReply)
 
     def spawn(
@@ -190,7 +235,23 @@ class StreamClient:
             name: Requested name; None lets the server choose.
             location_m: Position in the world frame; takes precedence over the start pose.
             rotation_rad: Roll, pitch, yaw in the world frame, with a location.
-            start_pose: Name of a start pose.
+            start_pose: Name of a start pose, one of `get_start_poses`; without this and a location
+                the server chooses.
+
+        Raises:
+            CatoptraError: There is no such class or start, or this client has its robot: `reset`
+                first, or connect another client for another robot.
+            DeadlineExceededError: The robot may exist all the same: `reset` before the next try.
+
+        A location that is not free is replaced by the nearest free one; `get_state` has the robot's
+        pose.
+
+        Example:
+            ```python
+            with StreamClient.connect() as client:
+                class_name = client.get_status().class_names[0]
+                readings = client.spawn(class_name, location_m=(1.0, 0.0, 0.0))
+            ```
         """
         # Arguments by keyword and defaults as in INIT; the message has every field.
         id_ = next(self._ids)
@@ -205,24 +266,41 @@ class StreamClient:
         normalized: bool = False,
         robot: str = "",
     ) -> None:
-        """Set the wheel speeds of both sides.
+        """Set the wheel speeds of both sides, which hold until the next call or `reset`.
 
         Args:
             left: Speed in rad/s, or in percent if normalized; None leaves the side unchanged.
             right: As `left`.
             normalized: Whether speeds are percent of the maximum.
-            robot: Exact name of a robot whose owner shares its control; empty = this client's own.
+            robot: Exact name of a robot whose owner shares its control (`share_control`); empty =
+                this client's own.
+
+        Raises:
+            CatoptraError: This client has no robot, or the other one does not exist or is not
+                shared.
+            LocalProtocolError: A speed is not finite; nothing was sent.
+
+        Never repeated by the client, since a late drive would surprise. In lockstep nothing moves
+        before `step`.
         """
         self._exchange.call(DriveRequest(next(self._ids), left, right, normalized, robot), Ok)
 
     def share_control(self, shared: bool = True) -> None:
-        """Let other clients drive this client's robot, or no longer; it halts then."""
+        """Let other clients drive this client's robot, or no longer; it halts then.
+
+        Args:
+            shared: Whether others may drive it by `drive(robot=...)` and in the live page.
+
+        Raises:
+            CatoptraError: This client has no robot.
+        """
         self._exchange.call(ShareControlRequest(next(self._ids), shared), Ok)
 
     def publish(self, name: str, note: Mapping[str, object]) -> None:
         """Publish a note about the robot, such as the belief of its localization, to all viewers.
 
-        A note replaces the one of the same name.
+        A note replaces the one of the same name; `get_state` returns the notes of a robot. For data
+        of one program's own use, keep them there: a note is text of at most 8 KiB.
 
         Args:
             name: Name of the note, at most 64 printable characters.
@@ -231,12 +309,21 @@ class StreamClient:
 
         Raises:
             LocalProtocolError: The note has more than 8 KiB of JSON, or a number that is not
-                finite.
+                finite; nothing was sent.
+            CatoptraError: This client has no robot, or its robot has notes of 8 other names.
+
+        Example:
+            ```python
+            client.publish("belief", {"pose": belief.mean, "covariance": belief.covariance})
+            ```
         """
         self._exchange.call(PublishRequest(next(self._ids), name, text_from_note(name, note)), Ok)
 
     def get_state(self, robot: str = "") -> StateReply:
         """Poses of all robots, and the newest readings and notes of one.
+
+        For viewers: it needs no robot. The readings of this client's own robot, parsed, are those
+        of `get_readings`.
 
         Args:
             robot: Exact name; empty = the robot that the image port displays.
@@ -244,17 +331,48 @@ class StreamClient:
         return self._exchange.call(GetStateRequest(next(self._ids), robot), StateReply)
 
     def step(self, time_s: float) -> list[Report]:
-        """Advance a lockstep clock; the full cycle of readings and the result."""
+        """Advance a lockstep clock; the full cycle of readings and the result.
+
+        All robots of the server advance. The last report is the `CommandResult` of the step.
+
+        Args:
+            time_s: Simulated seconds, 0 to 60; 0 reads the sensors without advancing.
+
+        Raises:
+            CatoptraError: The server runs in real time (start it with `--clock lockstep`, or wait
+                and use `get_readings`), or the step is too long.
+            DeadlineExceededError: The step takes longer than `timeout_s` and is still executed: a
+                second call advances the clock once more. Compare `get_state().time_s` first.
+
+        Example:
+            ```python
+            client.drive(2.0, 2.0)
+            for _ in range(50):
+                reports = client.step(0.1)
+                frame = client.get_frame()
+            ```
+        """
         return _parse_reports(
             self._exchange.call(StepRequest(next(self._ids), time_s), SensorReports)
         )
 
     def reset(self) -> None:
-        """Remove the robot from the world; another one may be spawned."""
+        """Remove the robot from the world; another one may be spawned on this connection.
+
+        Without a robot nothing happens. The clock goes on: for the same random numbers again spawn
+        a robot of the same name, see `robot_episodes`.
+        """
         self._exchange.call(ResetRequest(next(self._ids)), Ok)
 
     def get_readings(self) -> list[Report]:
-        """Newest reading of each sensor of the robot."""
+        """Newest reading of each sensor of the robot, without waiting for the next ones.
+
+        The same reading is returned again until its sensor has a new one: compare `time_s`. In
+        lockstep `step` returns the readings.
+
+        Raises:
+            CatoptraError: This client has no robot.
+        """
         return _parse_reports(
             self._exchange.call(GetReadingsRequest(next(self._ids)), SensorReports)
         )
@@ -262,9 +380,15 @@ class StreamClient:
     def get_camera(self, name: str = "") -> OmniCamera | PerspectiveCamera:
         """Model of a camera of either kind: projection of directions to pixels, and back.
 
+        A frame has the model of its camera already: `Frame.camera`.
+
         Args:
             name: Name in any case; empty = the first camera of this client's robot, or without a
                 robot that of the first class with a camera.
+
+        Raises:
+            CatoptraError: There is no such camera; the reason names those that there are.
+            RemoteProtocolError: The model is of a kind that this client does not know: update it.
         """
         return self.get_mounted_camera(name)[1]
 
@@ -275,17 +399,21 @@ class StreamClient:
             name: As in `get_camera`.
 
         Raises:
-            RemoteProtocolError: The camera is a perspective one.
+            CatoptraError: There is no such camera.
+            RemoteProtocolError: The camera is a perspective one: use `get_mounted_camera`.
         """
         return omni_camera_from_pairs(_pairs_of(self._request_camera(name)))
 
     def get_mounted_camera(
         self, name: str = ""
     ) -> tuple[str, OmniCamera | PerspectiveCamera, Pose]:
-        """Name and model of a camera, and the pose of its viewpoint on the robot.
+        """Name and model of a camera of either kind, and the pose of its viewpoint on the robot.
 
         Args:
             name: As in `get_camera`.
+
+        Raises:
+            CatoptraError: There is no such camera.
         """
         reply = self._request_camera(name)
         model = any_camera_from_pairs(_pairs_of(reply))
@@ -303,20 +431,32 @@ class StreamClient:
     ) -> PlanReply:
         """Set the accuracy target of an omnidirectional camera; the resulting rendering plan.
 
-        Without arguments the call only reads the plan. At the first target the server may measure
-        the cost of frames, which takes seconds.
+        Without arguments the call only reads the plan. The target holds for all viewers of the
+        camera; for one frame with other settings use the `variant` of `get_frame`.
 
         Args:
             max_error_px: Bound on the displacement of outlines; 0 = none, None = unchanged.
             budget_ms: Duration of a frame; 0 = none, None = unchanged.
             camera: Name; empty = the omnidirectional camera of the robot.
+
+        Raises:
+            CatoptraError: This client has no robot with such a camera, or a number is negative.
+            DeadlineExceededError: At the first target the server may measure the cost of frames,
+                which takes seconds: call again, or connect with a longer `timeout_s`.
+
+        Example:
+            ```python
+            plan = client.set_accuracy(max_error_px=0.5)
+            ```
         """
         return self._exchange.call(
             SetAccuracyRequest(next(self._ids), camera, max_error_px, budget_ms), PlanReply
         )
 
     def get_landmarks(self) -> tuple[Landmark, ...]:
-        """True landmarks of the world."""
+        """True landmarks of the world, which never change: one request for a program's whole run is
+        enough.
+        """
         return _landmarks_from_reply(
             self._exchange.call(GetLandmarksRequest(next(self._ids)), LandmarksReply)
         )
@@ -324,13 +464,21 @@ class StreamClient:
     def get_landmark_projections(
         self, robot: str = "", camera: str = ""
     ) -> tuple[LandmarkProjection, ...]:
-        """Projections of the landmarks into a camera now; names as in `get_frame`."""
+        """Projections of the landmarks into a camera now, with their visibility.
+
+        Args:
+            robot: As in `get_frame`.
+            camera: As in `get_frame`.
+
+        Raises:
+            CatoptraError: There is no such camera.
+        """
         return _projections_from_reply(
             self._exchange.call(GetLandmarksRequest(next(self._ids), robot, camera), LandmarksReply)
         )
 
     def get_start_poses(self) -> tuple[StartPoseRecord, ...]:
-        """Named start poses of the world."""
+        """Named start poses of the world, for `spawn`."""
         return self._exchange.call(
             GetStartPosesRequest(next(self._ids)), StartPosesReply
         ).start_poses
@@ -345,10 +493,15 @@ class StreamClient:
         channels: Sequence[str] = (),
         channel_encoding: ChannelEncoding = ChannelEncoding.RAW,
     ) -> Frame:
-        """Request the newest frame and wait.
+        """Request the newest frame and wait for it.
+
+        The frame is the newest that this client has not received, rendered on request; in lockstep
+        it shows the moment of the request. Frames that are not requested are never sent, so a slow
+        program misses frames (`Frame.missed_frames`) and never gets old ones. For the same camera
+        again and again use `iter_frames`.
 
         Args:
-            encoding: Encoding of the image; PNG and RAW are lossless.
+            encoding: Encoding of the image; PNG and RAW are lossless, RAW is not copied.
             robot: Name of the robot; with an empty `camera` too, the image-port picture.
             camera: Name of the camera; empty = the first one of the robot.
             variant: Other settings for this frame, of an omnidirectional camera; the camera's own
@@ -356,6 +509,23 @@ class StreamClient:
             channels: Names of channels of ground truth (`catoptra_protocol.labels.channels`), of
                 one camera of any kind; the frame's `labels` has them.
             channel_encoding: Raw values, or compressed by zlib.
+
+        Returns:
+            The frame; `rgb` and labels are read-only: copy them to write.
+
+        Raises:
+            CatoptraError: There is no such robot, camera or channel, any more; or rendering failed.
+            ConnectionLostError: As in the class. The request is repeated each second, so a server
+                that is back within 1.5 s costs no error.
+            DeadlineExceededError: No frame in time. The next call replaces the request, so no late
+                frame is taken for a new one.
+            RemoteProtocolError: Image or labels do not match the header of the frame.
+
+        Example:
+            ```python
+            frame = client.get_frame(encoding=ImageEncoding.RAW, channels=("range",))
+            ranges_m = frame.labels.truth.channels["range"]
+            ```
         """
         request = GetFrameRequest(
             next(self._ids), robot, camera, encoding, variant, tuple(channels), channel_encoding
@@ -368,7 +538,22 @@ class StreamClient:
     def get_pixel(
         self, u_px: float, v_px: float, *, robot: str = "", camera: str = ""
     ) -> PixelReply:
-        """What a camera sees at a point of its image now; names as in `get_frame`."""
+        """What a camera sees at a point of its image now: direction, range and object.
+
+        For every pixel of an image ask `get_frame` for channels instead.
+
+        Args:
+            u_px: Column from the left edge; pixel centres are at +0.5.
+            v_px: Row from the upper edge.
+            robot: As in `get_frame`.
+            camera: As in `get_frame`.
+
+        Returns:
+            The reply; its angles and range are None where the image shows nothing.
+
+        Raises:
+            CatoptraError: There is no such camera.
+        """
         return self._exchange.call(
             GetPixelRequest(next(self._ids), robot, camera, u_px, v_px), PixelReply
         )
@@ -376,7 +561,30 @@ class StreamClient:
     def iter_frames(
         self, *, encoding: ImageEncoding = ImageEncoding.JPEG, robot: str = "", camera: str = ""
     ) -> Iterator[Frame]:
-        """Iterate over newest frames for ever; each is requested when the iterator advances."""
+        """Iterate over newest frames for ever; each is requested when the iterator advances.
+
+        Not requested ahead: after a long loop body the next frame is new, not queued. `break` ends
+        the loop, no request is pending then. An exception of `get_frame` ends the iterator: make a
+        new one to go on, with the same client.
+
+        Args:
+            encoding: As in `get_frame`, like the others.
+            robot: Name of the robot.
+            camera: Name of the camera.
+
+        Raises:
+            CatoptraError: As in `get_frame`.
+
+        Example:
+            ```python
+            while True:
+                try:
+                    for frame in client.iter_frames(robot="Mine"):
+                        show(frame)
+                except ConnectionLostError:
+                    continue  # until the server is back
+            ```
+        """
         while True:
             yield self.get_frame(encoding=encoding, robot=robot, camera=camera)
 
