@@ -16,7 +16,7 @@ export ZIG_GLOBAL_CACHE_DIR := $(abspath $(VENV))/zig
 export ZIG_LOCAL_CACHE_DIR := $(ZIG_GLOBAL_CACHE_DIR)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiment-seeds live test long-test browser-test stability lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
+.PHONY: help setup demo experiment-seeds live check test long-test browser-test stability lint format bench cost effects cameras dataset-extras conformance mutations fuzz soak wheels docs compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -65,8 +65,14 @@ live: $(READY) ## Show a robot that drives and localizes itself in the browser u
 # One worker more than processors: tests wait for servers and processes a sixth of their time.
 WORKERS = $$($(BIN)/python -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
 
+# Rules of the tree, and what a change breaks first; none starts a server process or draws much.
+CHECKED := $(wildcard tests/test_*.py) tests/protocol $(addprefix tests/server/,planning simulation config) \
+  tests/conformance/test_vectors.py tests/conformance/test_stream_vectors.py
+check: $(READY) ## Run the fast half of the tests: rules of the tree, protocol, planning, simulation, configuration; within a minute
+	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder $(CHECKED)
+
 # Files in the order of the tree, not by their numbers of tests: else those of one long test come last.
-test: $(READY) ## Run the tests, 7 minutes on two cores with set-up
+test: $(READY) ## Run the tests, 5 minutes on two cores with set-up
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder tests
 
 long-test: $(READY) ## Run the further cases of proofs of which `make test` runs one of each kind, 2 minutes on two cores

@@ -122,10 +122,10 @@ def test_realtime_server_delivers_status_and_frames_at_once(tmp_path: Path) -> N
         assert "Traceback" not in server.log.read_text()
 
 
-def record_conversation(folder: Path, seed: int) -> bytes:
+def record_conversation(folder: Path) -> bytes:
     """All bytes that a lockstep server sends for the same commands: reports and frames."""
     folder.mkdir()
-    arguments = ("--clock", "lockstep", "--image-type", "RAW", "--seed", str(seed))
+    arguments = ("--clock", "lockstep", "--image-type", "RAW")
     with (
         start_server(folder, *arguments) as server,
         connect_socket(server.control_port) as control,
@@ -145,11 +145,8 @@ def record_conversation(folder: Path, seed: int) -> bytes:
 
 
 def test_lockstep_when_repeated_gives_the_same_bytes_and_frames(tmp_path: Path) -> None:
-    one, other, third = (
-        record_conversation(tmp_path / name, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2))
-    )
-    assert one == other
-    assert one != third
+    # With another seed: test_determinism.py.
+    assert record_conversation(tmp_path / "a") == record_conversation(tmp_path / "b")
 
 
 def malformed_input(seed: int) -> list[bytes]:

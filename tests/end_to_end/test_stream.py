@@ -38,30 +38,6 @@ def wait_for_robot(client: StreamClient) -> None:
         deadline.check()
 
 
-def record_run(folder: Path) -> list[bytes]:
-    """All results of a lockstep run, as bytes."""
-    record: list[bytes] = []
-    with start_server(folder, "--clock", "lockstep") as server, connect_client(server) as client:
-        client.spawn(CLASS, start_pose="Centre")
-        client.drive(2.0, 1.0)
-        for _ in range(5):
-            record.append(repr(client.step(0.2)).encode())
-            frame = client.get_frame(encoding=ImageEncoding.RAW)
-            assert frame.world_from_robot is not None
-            record.append(frame.rgb.tobytes() + frame.world_from_robot.rotation.tobytes())
-            record.append(repr((frame.time_s, frame.sequence, frame.camera)).encode())
-    return record
-
-
-def test_lockstep_when_run_twice_gives_the_same_bytes(tmp_path: Path) -> None:
-    folders = [tmp_path / "first", tmp_path / "second"]
-    for folder in folders:
-        folder.mkdir()
-    first, second = map(record_run, folders)
-    assert first == second
-    assert len(set(first)) == len(first)
-
-
 def test_frames_when_of_both_transports_show_the_same(tmp_path: Path) -> None:
     with (
         start_server(tmp_path, "--clock", "lockstep", "--image-type", "GOOD") as server,

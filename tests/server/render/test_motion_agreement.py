@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from catoptra_server.render.raster.device import GlDevice
 from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.world.camera_state import CameraState
+from helpers.long_cases import quick_cases
 from helpers.motion_reference import (
     START_POSES,
     average_frames,
@@ -98,9 +100,18 @@ def assert_like_frames(world: str, view: View, camera_state: CameraState) -> Non
     assert rmse(blurred, mean) < 0.5 * rmse(sharp, mean)
 
 
-@pytest.mark.parametrize("world", ["corridor", "four_legged_2006"])
+# With the instants that the bounds call for; each motion is compared with as many as the kernel
+# takes in trace/test_engine_shutter.py.
 @pytest.mark.parametrize(
-    "moving", [driving_state, turning_state, state_with_object, spinning_state]
+    ("world", "moving"),
+    quick_cases(
+        product(
+            ("corridor", "four_legged_2006"),
+            (driving_state, turning_state, state_with_object, spinning_state),
+        ),
+        3,
+        6,
+    ),
 )
 def test_blur_when_traced_equals_the_mean_of_64_frames(world: str, moving: Moving) -> None:
     renderer = make_trace(world)

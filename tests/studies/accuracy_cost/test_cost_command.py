@@ -14,6 +14,7 @@ from catoptra_studies.accuracy_cost.cost_results import (
     read_cost_results,
     write_cost_results,
 )
+from catoptra_studies.accuracy_cost.cost_study import CostStudyConfig
 from catoptra_studies.commands import EXIT_FAILURE
 from helpers.configs import FIELD, OMNI_ROBOT, REPOSITORY
 
@@ -28,6 +29,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         # Figures of the paper's size with one ray a pixel: no test here looks at their edges.
         patch.setattr(frame_plots, "FIGURE_SAMPLES", 1)
+        # Nor at the times, or at how near the reference is.
+        patch.setattr(CostStudyConfig, "num_rounds", 1)
+        patch.setattr(CostStudyConfig, "reference_samples", 6)
         assert main([*FILES, *arguments]) == 0
     return output
 

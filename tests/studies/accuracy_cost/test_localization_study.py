@@ -16,6 +16,7 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.mirror_mesh import tessellation_from_polygon_count
+from catoptra_studies.accuracy_cost import localization_study
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini
 from catoptra_studies.accuracy_cost.cost_results import CostResults
 from catoptra_studies.accuracy_cost.cost_study import CostStudyConfig
@@ -36,8 +37,11 @@ from helpers.configs import FIELD, OMNI_ROBOT
 
 
 def test_localization_when_a_level_is_driven_uses_frames_of_that_level(
-    results: CostResults, tmp_path: Path
+    results: CostResults, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # A third of the route: the whole one is driven in experiment/test_experiment_runner.py.
+    monkeypatch.setattr(localization_study, "SIM", replace(SIM, route=SIM.route[:36]))
+    monkeypatch.setattr(localization_study, "_NUM_TRAINING_FRAMES", 12)
     settings = RenderSettings(tessellation_from_polygon_count(1024), 1)
     level = AccuracyLevel("1024 polygons", RendererKind.TRACE, settings)
     ini = level_robot_ini(level, 360)
@@ -54,9 +58,9 @@ def test_localization_when_a_level_is_driven_uses_frames_of_that_level(
     with open_progress(is_visible=False) as progress:
         localization = measure_localization(config, [cost], progress)
 
-    assert (localization.num_runs, localization.steps_per_run) == (1, 100)
+    assert (localization.num_runs, localization.steps_per_run) == (1, 35)
     (row,) = localization.rows
-    assert (row.level, row.num_frames) == ("1024 polygons", 100)
+    assert (row.level, row.num_frames) == ("1024 polygons", 35)
     assert row.near_detection_rate > 0.9
     # 1024 polygons displace the image by 0.75 px (rms), a quarter of a degree of bearing.
     assert 0.1 < row.bearing_rms_deg < 1.0

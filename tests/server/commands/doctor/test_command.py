@@ -70,35 +70,25 @@ def test_name_when_no_file_has_it_is_found(capsys: pytest.CaptureFixture[str]) -
     assert "p2at_omni" in found["message"]
 
 
-def test_port_when_taken_is_found(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port = str(listener.getsockname()[1])
-        status, (found,) = run_doctor(capsys, *FAST_CHECKS, "--control-port", port)
-    assert status == 2
-    assert found["topic"] == "ports"
-
-
-def test_package_when_too_old_is_found(
+def test_faults_of_a_port_a_package_and_a_library_are_all_found(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "numpy-1.26.4.dist-info").mkdir()
     metadata = "Metadata-Version: 2.1\nName: numpy\nVersion: 1.26.4\n"
     (tmp_path / "numpy-1.26.4.dist-info/METADATA").write_text(metadata)
     monkeypatch.syspath_prepend(str(tmp_path))
-    status, (found,) = run_doctor(capsys, *FAST_CHECKS)
-    assert status == 2
-    assert "numpy is 1.26.4, numpy>=2.0 is required" in found["message"]
-
-
-def test_library_when_it_cannot_be_imported_is_found(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
     (tmp_path / "embreex").mkdir()
     (tmp_path / "embreex/__init__.py").write_text("raise ImportError('embreex is broken')")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    status, (found,) = run_doctor(capsys, *FAST_CHECKS)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = str(listener.getsockname()[1])
+        status, found = run_doctor(capsys, *FAST_CHECKS, "--control-port", port)
     assert status == 2
-    assert "embreex is broken" in found["message"]
+    messages = [one["message"] for one in found]
+    assert sum("numpy is 1.26.4, numpy>=2.0 is required" in message for message in messages) == 1
+    assert sum("embreex is broken" in message for message in messages) == 1
+    assert [one["topic"] for one in found].count("ports") == 1
+    assert len(found) == 3
 
 
 def test_server_when_none_replies_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:

@@ -202,7 +202,6 @@ FULL_CAMERA = make_omni_camera(width_px=640)
             for world in ("four_legged_2006", "corridor")
             for motion in ((0.5, 30.0), (2.0, 0.0), (0.5, 114.0))
         ),
-        0,
         5,
     ),
 )
