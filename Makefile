@@ -66,7 +66,7 @@ live: $(READY) ## Show a robot that drives and localizes itself in the browser u
 WORKERS = $$($(BIN)/python -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
 
 # Rules of the tree, and what a change breaks first; none starts a server process or draws much.
-CHECKED := $(wildcard tests/test_*.py) tests/protocol $(addprefix tests/server/,planning simulation config) \
+CHECKED := $(wildcard tests/test_*.py) tests/protocol $(addprefix tests/server/,frames/plan simulation config) \
   tests/conformance/test_vectors.py tests/conformance/test_stream_vectors.py
 check: $(READY) ## Run the fast half of the tests: rules of the tree, protocol, planning, simulation, configuration; within a minute
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder $(CHECKED)

@@ -164,7 +164,7 @@ class StreamClient:
         # From 1: 0 is the id of errors about unreadable messages.
         self._ids = itertools.count(1)
         # One per connection: frames of one camera mostly follow each other.
-        self._camera_cache = _CameraModelCache()
+        self._camera_cache = CameraModelCache()
 
     @classmethod
     def connect(cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0) -> Self:
@@ -686,7 +686,7 @@ class _RequestExchange:
         return reply
 
 
-class _CameraModelCache:
+class CameraModelCache:
     """The camera model of the last header.
 
     The pairs stay the same from frame to frame, and comparing them is cheaper than parsing.
@@ -709,7 +709,7 @@ class _CameraModelCache:
 
 
 def _frame_from_parts(
-    header: FrameHeader, parts: list[bytes], *, camera_cache: _CameraModelCache, received_s: float
+    header: FrameHeader, parts: list[bytes], *, camera_cache: CameraModelCache, received_s: float
 ) -> Frame:
     """Decode a frame.
 
