@@ -531,7 +531,7 @@ class StreamClient:
             next(self._ids), robot, camera, encoding, variant, tuple(channels), channel_encoding
         )
         header, parts = self._exchange.request_frame(request)
-        return _frame_from_parts(
+        return frame_from_parts(
             header, parts, camera_cache=self._camera_cache, received_s=self._clock()
         )
 
@@ -708,7 +708,7 @@ class CameraModelCache:
         return self._camera
 
 
-def _frame_from_parts(
+def frame_from_parts(
     header: FrameHeader, parts: list[bytes], *, camera_cache: CameraModelCache, received_s: float
 ) -> Frame:
     """Decode a frame.
