@@ -72,7 +72,7 @@ check: $(READY) ## Run the fast half of the tests: rules of the tree, protocol, 
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder $(CHECKED)
 
 # Files in the order of the tree, not by their numbers of tests: else those of one long test come last.
-test: $(READY) ## Run the tests, 5 minutes on two cores with set-up
+test: $(READY) ## Run the tests, 6 minutes on two cores with set-up
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder tests
 
 long-test: $(READY) ## Run the further cases of proofs of which `make test` runs one of each kind, 2 minutes on two cores
