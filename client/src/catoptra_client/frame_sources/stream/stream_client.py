@@ -417,7 +417,7 @@ class StreamClient:
         """
         reply = self._request_camera(name)
         model = any_camera_from_pairs(_pairs_of(reply))
-        return reply.camera, model, _pose_from_transform(reply.robot_from_mirror)
+        return reply.camera, model, pose_from_transform(reply.robot_from_mirror)
 
     def _request_camera(self, name: str) -> CameraReply:
         return self._exchange.call(GetCameraRequest(next(self._ids), name), CameraReply)
@@ -738,9 +738,9 @@ def frame_from_parts(
         robot_name=header.robot,
         camera_name=header.camera,
         time_s=header.time_s,
-        world_from_robot=_pose_from_transform(header.world_from_robot),
+        world_from_robot=pose_from_transform(header.world_from_robot),
         camera=camera_cache.get_camera(header.camera_model),
-        robot_from_mirror=None if mirror is None else _pose_from_transform(mirror),
+        robot_from_mirror=None if mirror is None else pose_from_transform(mirror),
         stage_ms=header.stage_ms,
         age_s=header.age_s,
         missed_frames=header.missed_frames,
@@ -844,12 +844,12 @@ def _object_from_record(record: ObjectRecord) -> LabelledObject:
         record.name,
         record.class_name,
         record.class_number,
-        _pose_from_transform(record.world_from_box),
+        pose_from_transform(record.world_from_box),
         np.array(record.half_size_m, dtype=np.float64),
     )
 
 
-def _pose_from_transform(transform: Transform) -> Pose:
+def pose_from_transform(transform: Transform) -> Pose:
     """Pose of a transform in a message."""
     rotation = np.array(transform.rotation, dtype=np.float64).reshape(3, 3)
     return Pose(rotation, np.array(transform.position_m, dtype=np.float64))
