@@ -290,7 +290,7 @@ def test_record_with_wrong_arguments_is_reported_with_its_place(
 ) -> None:
     # Not through a logger: pytest's own handler would raise the error.
     writer.handle(logging.LogRecord("x", logging.INFO, __file__, 1, "%d robots", ("three",), None))
-    pipe.read_until("test_log_writer.py:1: ")
+    pipe.read_until("test_logs.py:1: ")
     pipe.read_until("the arguments of '%d robots' cannot be logged\n")
     writer.close()
 
