@@ -18,7 +18,7 @@ from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
 
 from catoptra_server.frames.plan.faces import regions_by_density, regions_of_size
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import create_renderer
+from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import FaceRegion, Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind

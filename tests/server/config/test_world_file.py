@@ -35,7 +35,6 @@ from catoptra_server.world.world_description import (
     RfidTag,
     Ring,
     SphereBand,
-    StartPlace,
     Victim,
     World,
 )
@@ -75,7 +74,7 @@ def test_field_when_read_is_the_four_legged_one_of_2006() -> None:
 def test_start_when_written_is_a_pose(tmp_path: Path) -> None:
     line = 'PlayerStarts=(Tag="A",Location=(X=1,Y=2,Z=3),Rotation=(Z=1.5))'
     assert read_world_text(tmp_path, line).starts == (
-        StartPlace("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),
+        StartPose("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),
     )
 
 

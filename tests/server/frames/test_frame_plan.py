@@ -23,7 +23,7 @@ from catoptra_server.frames.plan.costs import PlanTiming
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.planner import BudgetMonitor, RenderPlanner
 from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
-from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.frames.renderers import RendererChoice, RendererPool
 from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind

@@ -35,7 +35,7 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCamera
 from catoptra_server.frames.plan.candidates import generate_calibration_plans
 from catoptra_server.frames.plan.costs import PlanTiming
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.frames.renderers import RendererChoice, RendererPool
 from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import NO_THRESHOLDS, RenderedImage, RenderPlan

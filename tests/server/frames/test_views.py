@@ -40,7 +40,7 @@ from catoptra_server.frames.labels.labels import DrawnExposure
 from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.frames.plan.planner import BudgetMonitor, RenderPlanner
 from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
-from catoptra_server.frames.plan.renderers import (
+from catoptra_server.frames.renderers import (
     RendererChoice,
     RendererPool,
     choose_renderer,

@@ -15,7 +15,6 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
-from catoptra_protocol.usarsim.reports import StartPose, StartPoses
 from catoptra_server.world.world_description import (
     AT_REST,
     MAX_LIGHT,
@@ -28,10 +27,8 @@ from catoptra_server.world.world_description import (
     Twist,
     linear_from_srgb,
     object_of_part,
-    report_start_poses,
     srgb_from_linear,
 )
-from helpers.robots import make_walled_world
 
 BLACK = (0.0, 0.0, 0.0)
 
@@ -130,12 +127,3 @@ def test_node_names_object_and_class(node: str, expected: SceneObject) -> None:
 def test_class_of_the_world_file_overrides_the_node() -> None:
     item = Item("office", ITEM.shape, ITEM.world_from_item, None, class_name="furniture")
     assert object_of_part(item, "chair") == SceneObject("office/chair", "furniture")
-
-
-def test_report_has_the_starts_in_their_order() -> None:
-    assert report_start_poses(make_walled_world().starts) == StartPoses(
-        (
-            StartPose("Centre", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-            StartPose("Aside", (1.0, -2.0, 0.3), (0.1, 0.2, 1.5)),
-        )
-    )

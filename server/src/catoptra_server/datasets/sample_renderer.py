@@ -41,7 +41,7 @@ from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.labels.label_renderer import LabelRenderer
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import RenderedView, ViewCache
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.library import choose_instruction_set, kernel_library_path

@@ -49,7 +49,7 @@ from catoptra_server.frames.labels.labels import DrawnExposure
 from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PerspectivePlan
-from catoptra_server.frames.plan.renderers import RendererPool
+from catoptra_server.frames.renderers import RendererPool
 from catoptra_server.render.renderer import RenderedImage, View
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.trace_engine import LabellingView, LabelRequest, PixelLabels

@@ -1,7 +1,7 @@
 """The renderer protocol: a view is prepared once for a camera and a plan, then rendered per frame.
 
 To add a renderer, implement Renderer and View in a folder of its own and add a line to
-`frames/plan/renderers.py`.
+`frames/renderers.py`.
 
 Wall times of the stages of a frame.
 

@@ -1,6 +1,6 @@
 """Names of renderers and instruction sets, for options. Imported by command lines: no numpy.
 
-The kinds are distinguished in five modules: here, in `frames/plan/renderers.py` (creation), in
+The kinds are distinguished in five modules: here, in `frames/renderers.py` (creation), in
 `frames/plan/candidates.py` (settings), in `frames/plan/costs.py` (stages) and in
 `commands/doctor/devices.py` (checks).
 

@@ -18,7 +18,6 @@ Start places of a world as the control protocol reports them.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 
@@ -29,7 +28,7 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats, require_domain
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.usarsim.reports import StartPose, StartPoses
+from catoptra_protocol.usarsim.reports import StartPose
 
 
 def linear_from_srgb(encoded: Floats) -> Floats:
@@ -274,15 +273,6 @@ Light = HemisphereLight | DirectionalLight | PointLight
 
 
 @dataclass(frozen=True, slots=True)
-class StartPlace:
-    """Named start pose of a robot: INIT {Start name}, GETSTARTPOSES."""
-
-    name: str
-    location_m: tuple[float, float, float]
-    rotation_rad: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
 class RfidTag:
     """Tag for RFID readers."""
 
@@ -314,7 +304,7 @@ class World:
     items: tuple[Item, ...]
     landmarks: tuple[Landmark, ...] = ()
     lights: tuple[Light, ...] = ()
-    starts: tuple[StartPlace, ...] = ()
+    starts: tuple[StartPose, ...] = ()
     background: Rgb = (0.0, 0.0, 0.0)
     """Linear radiance of directions without a surface."""
     landmark_albedos: dict[str, Rgb] = field(default_factory=dict)
@@ -353,8 +343,3 @@ def object_of_part(item: Item, node: str = "") -> SceneObject:
         return SceneObject(name, item.class_name or DEFAULT_CLASS)
     class_name = item.class_name or _COPY_NUMBER.sub("", node) or DEFAULT_CLASS
     return SceneObject(f"{name}/{node}", class_name)
-
-
-def report_start_poses(starts: Sequence[StartPlace]) -> StartPoses:
-    """Report of all start places, in the order of the world file."""
-    return StartPoses(tuple(StartPose(s.name, s.location_m, s.rotation_rad) for s in starts))

@@ -30,7 +30,7 @@ from catoptra_server.frames.plan.candidates import (
 from catoptra_server.frames.plan.costs import CostCache, PlanTiming, cost_group, fit_cost_model
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import plan_view_size
-from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.frames.renderers import RendererChoice, RendererPool
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

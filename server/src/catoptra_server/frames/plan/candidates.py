@@ -41,7 +41,7 @@ from catoptra_server.frames.plan.plans import (
     plan_from_settings,
     plan_view_size,
 )
-from catoptra_server.frames.plan.renderers import RendererPool
+from catoptra_server.frames.renderers import RendererPool
 from catoptra_server.render.render_settings import MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import Renderer, RenderPlan, View
 from catoptra_server.render.renderer_kind import RendererKind

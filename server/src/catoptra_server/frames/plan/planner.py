@@ -37,7 +37,7 @@ from catoptra_server.frames.plan.plans import (
     choose_plan,
     pareto_front,
 )
-from catoptra_server.frames.plan.renderers import RendererPool
+from catoptra_server.frames.renderers import RendererPool
 from catoptra_server.render.render_settings import MirrorSurface
 from catoptra_server.render.renderer import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

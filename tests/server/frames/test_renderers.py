@@ -15,8 +15,8 @@ import pytest
 
 import catoptra_server
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
-from catoptra_server.frames.plan import renderers as renderer_choice
-from catoptra_server.frames.plan.renderers import (
+from catoptra_server.frames import renderers as renderer_choice
+from catoptra_server.frames.renderers import (
     RendererChoice,
     RendererPool,
     choose_renderer,
@@ -139,7 +139,7 @@ def test_unknown_renderer_is_rejected_with_the_existing_names() -> None:
 
 def test_trace_does_not_load_opengl() -> None:
     program = (
-        "import sys; from catoptra_server.frames.plan.renderers import choose_renderer;"
+        "import sys; from catoptra_server.frames.renderers import choose_renderer;"
         "from catoptra_server.world.world_description import World;"
         "from catoptra_server.world.scene_mesh import build_scene;"
         "world = World('empty', ()); choose_renderer('trace', build_scene(world), world);"
@@ -178,7 +178,7 @@ MODULES_THAT_KNOW_THE_KINDS = {
     "commands/doctor/devices.py",
     "frames/plan/candidates.py",
     "frames/plan/costs.py",
-    "frames/plan/renderers.py",
+    "frames/renderers.py",
     "render/renderer_kind.py",
 }
 
