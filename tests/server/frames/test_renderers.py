@@ -117,7 +117,7 @@ def test_auto_offers_the_other_renderer_in_its_place() -> None:
 @pytest.mark.usefixtures("_without_gpu_files")
 def test_auto_that_traces_does_not_load_opengl() -> None:
     program = (
-        "import sys; from catoptra_server.frames.plan import renderer_choice as module;"
+        "import sys; from catoptra_server.frames import renderers as module;"
         "module._GPU_FILES = ();"
         "from catoptra_server.world.world_description import World;"
         "from catoptra_server.world.scene_mesh import build_scene;"

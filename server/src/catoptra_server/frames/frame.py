@@ -17,7 +17,7 @@ from __future__ import annotations
 import asyncio
 import math
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import field, replace
 
 import numpy as np
@@ -35,12 +35,10 @@ from catoptra_server.frames.encode import (
     is_quick,
     payload_of_reply,
 )
-from catoptra_server.frames.labels.labels import DrawnExposure
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import CameraSpec, CameraVariant
 from catoptra_server.frames.plan.plans import PlanChoice
 from catoptra_server.render.renderer import Image
-from catoptra_server.render.trace.trace_engine import LabelRequest
 from catoptra_server.world.camera_state import CameraState
 
 
@@ -114,10 +112,6 @@ def is_variant(channel: Channel) -> bool:
     return isinstance(channel, CameraChannel) and channel.variant is not None
 
 
-# Labels that can be found along the rays of a picture; None for none.
-LabelRequester = Callable[[DrawnExposure], LabelRequest | None]
-
-
 # eq=False here and below: states hold arrays, whose comparison is no truth value.
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewRequest:
@@ -125,8 +119,8 @@ class ViewRequest:
 
     camera: CameraSpec
     camera_state: CameraState
-    request_labels: LabelRequester | None = None
-    """Labels that are to be found while the view is drawn; None for none."""
+    label_channels: tuple[str, ...] = ()
+    """Channels of labels that are wanted beside the image, in a frame of this view alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,8 +153,6 @@ class FrameComposition:
     """View to compare a single view with; None for no comparison."""
     is_turned: bool = False
     """Whether the pictures are turned round left to right."""
-    channels: tuple[str, ...] = ()
-    """Channels of labels that are wanted beside a single view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

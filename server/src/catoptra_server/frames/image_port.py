@@ -263,9 +263,10 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
         DomainError: The camera is no omnidirectional one, or has no effect of a name.
     """
     (view,) = composition.views
-    composition = replace(composition, channels=variant.channels)
+    if view is not None:
+        view = replace(view, label_channels=variant.channels)
     if variant.channels and not variant.changes_picture:
-        return composition
+        return replace(composition, views=(view,))
     if view is None or not isinstance(view.camera, OmniCameraSpec):
         raise DomainError("only omnidirectional cameras have variants")
     reference = variant.make_reference(view.camera)
@@ -278,7 +279,7 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
     return replace(
         composition,
         views=(replace(view, camera=variant.apply_to(view.camera)),),
-        reference=None if reference is None else replace(view, camera=reference),
+        reference=None if reference is None else ViewRequest(reference, view.camera_state),
         metadata=metadata,
         is_turned=shown is not own,
     )

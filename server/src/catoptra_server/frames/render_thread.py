@@ -20,8 +20,6 @@ import threading
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
-from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -39,12 +37,10 @@ from catoptra_server.frames.frame import (
     is_variant,
 )
 from catoptra_server.frames.frame_plan import ViewState
-from catoptra_server.frames.labels.labels import DrawnExposure
 from catoptra_server.frames.multi_view import compose_tiles
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.views import RenderedView, ViewFailedError
 from catoptra_server.render.renderer import Image
-from catoptra_server.render.trace.trace_engine import LabelRequest
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.runtime.queues import FairQueue
 
@@ -95,15 +91,8 @@ class ViewProvider(Protocol):
     def render(self, request: ViewRequest) -> RenderedView:
         """Render a view."""
 
-    def label(
-        self, rendered: RenderedView, channels: tuple[str, ...], channel: Channel, time_s: float
-    ) -> FrameLabels:
+    def label(self, rendered: RenderedView, channel: Channel, time_s: float) -> FrameLabels:
         """Label the pixels of a rendered view."""
-
-    def request_labels(
-        self, channels: tuple[str, ...], exposure: DrawnExposure
-    ) -> LabelRequest | None:
-        """Labels of channels that can be found while a view is drawn."""
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
@@ -119,8 +108,7 @@ def render_frame(
     composition = request.composition
     begin_s = monotonic()
     rendered = [
-        None if view is None or views is None else views.render(_with_labels(view, request, views))
-        for view in composition.views
+        None if view is None or views is None else views.render(view) for view in composition.views
     ]
     rgb = _turn(composition, _compose_image(composition, rendered))
     difference = None
@@ -129,8 +117,8 @@ def render_frame(
         reference_rgb = _turn(composition, reference.image.rgb)
         rgb, difference = append_difference(rgb, reference_rgb, reference.frame_plan.plan_text)
     labels = None
-    if composition.channels and views is not None and rendered[0] is not None:
-        labels = views.label(rendered[0], composition.channels, request.channel, request.time_s)
+    if rendered[0] is not None and views is not None and rendered[0].label_channels:
+        labels = views.label(rendered[0], request.channel, request.time_s)
         labels = labels.turn() if composition.is_turned else labels
     # Up to here the duration counts: the rest gathers numbers.
     end_s = monotonic()
@@ -157,14 +145,6 @@ def render_frame(
         difference=difference,
         labels=labels,
     )
-
-
-def _with_labels(view: ViewRequest, request: FrameRequest, views: ViewProvider) -> ViewRequest:
-    """Request of a view with the labels of its frame."""
-    channels = request.composition.channels
-    if not channels:
-        return view
-    return replace(view, request_labels=partial(views.request_labels, channels))
 
 
 def _sum_stages(views: Sequence[RenderedView]) -> dict[str, float]:

@@ -37,8 +37,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.medium.misalignment import lookup_offset_map
 from catoptra_server.frames.labels.labels import (
-    DrawnExposure,
     LabelCamera,
+    LabelledImage,
     RaySource,
     SceneLabels,
     build_label_rays,
@@ -470,7 +470,7 @@ class LabelRenderer:
 
     def render(
         self,
-        drawn: DrawnExposure,
+        image: LabelledImage,
         channels: Collection[str],
         other: CameraState | None = None,
         found_beside: PixelLabels | None = None,
@@ -478,7 +478,7 @@ class LabelRenderer:
         """Ground truth of an exposure.
 
         Args:
-            drawn: The exposure.
+            image: The image that they are of.
             channels: Names of the channels that are wanted.
             other: State of the frame that `flow` leads to, with the objects of that frame; None:
                 there is no such frame, and the flow is unknown.
@@ -489,21 +489,21 @@ class LabelRenderer:
             DomainError: There is no channel of a name.
         """
         wanted = {channel.name for channel in parse_channels(tuple(channels))}
-        found = self._trace(drawn, wanted) if found_beside is None else dict(found_beside)
+        found = self._trace(image, wanted) if found_beside is None else dict(found_beside)
         if "flow" in wanted:
-            found |= self._find_flow(drawn, found, other)
+            found |= self._find_flow(image, found, other)
         if "valid" in wanted:
-            found["valid"] = self._prepare(drawn.ray_source, 1).mask.copy()
-        objects = self.labels.describe(drawn.camera_state.objects)
+            found["valid"] = self._prepare(image.ray_source, 1).mask.copy()
+        objects = self.labels.describe(image.camera_state.objects)
         return GroundTruth(
             {name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects
         )
 
-    def request(self, drawn: DrawnExposure, channels: Collection[str]) -> LabelRequest | None:
+    def request(self, image: LabelledImage, channels: Collection[str]) -> LabelRequest | None:
         """Labels that the rays of a picture find while it is drawn, for a part of the time.
 
         Args:
-            drawn: The exposure, of which no picture is drawn yet.
+            image: The image, of which no picture is drawn yet.
             channels: Names of the channels that are wanted.
 
         Returns:
@@ -512,31 +512,31 @@ class LabelRenderer:
         Raises:
             DomainError: There is no channel of a name.
         """
-        is_of_same_rays = drawn.ray_source == RaySource(drawn.camera)
+        is_of_same_rays = image.ray_source == RaySource(image.camera)
         wanted = {channel.name for channel in parse_channels(tuple(channels))}
-        if not is_of_same_rays or drawn.camera_state.shutter is not None or wanted <= {"valid"}:
+        if not is_of_same_rays or image.camera_state.shutter is not None or wanted <= {"valid"}:
             return None
-        return self._make_request(drawn, wanted)
+        return self._make_request(image, wanted)
 
-    def _make_request(self, drawn: DrawnExposure, wanted: set[str]) -> LabelRequest:
+    def _make_request(self, image: LabelledImage, wanted: set[str]) -> LabelRequest:
         # Flow begins at the points of the objects that pixels show.
         needed = wanted | ({"ids", "point"} if "flow" in wanted else set())
-        centres = self._prepare(drawn.ray_source, 1).table
-        return LabelRequest(frozenset(needed), self._tables(drawn.camera_state), centres)
+        centres = self._prepare(image.ray_source, 1).table
+        return LabelRequest(frozenset(needed), self._tables(image.camera_state), centres)
 
-    def _trace(self, drawn: DrawnExposure, wanted: set[str]) -> PixelLabels:
+    def _trace(self, image: LabelledImage, wanted: set[str]) -> PixelLabels:
         """Labels without a picture."""
-        request = self._make_request(drawn, wanted)
+        request = self._make_request(image, wanted)
         # Only agreement takes more rays than those of the pixels' centres.
-        samples = drawn.samples if "agreement" in wanted else 1
-        rays = self._prepare(drawn.ray_source, samples).rays
-        return rays.label_pixels(label_exposure(drawn.camera_state), request)
+        samples = image.samples if "agreement" in wanted else 1
+        rays = self._prepare(image.ray_source, samples).rays
+        return rays.label_pixels(label_exposure(image.camera_state), request)
 
-    def measure_occlusion(self, drawn: DrawnExposure, truth: GroundTruth) -> dict[int, float]:
+    def measure_occlusion(self, image: LabelledImage, truth: GroundTruth) -> dict[int, float]:
         """Hidden fraction of each object in view, by number; of ground truth with `ids`."""
-        prepared = self._prepare(drawn.ray_source, 1)
+        prepared = self._prepare(image.ray_source, 1)
         ids = truth.channels["ids"]
-        return self._meter.measure(truth.objects, ids, prepared.grid, drawn.camera_state)
+        return self._meter.measure(truth.objects, ids, prepared.grid, image.camera_state)
 
     def _tables(self, camera_state: CameraState) -> LabelTables:
         """Numbers of the objects of an exposure."""
@@ -548,23 +548,23 @@ class LabelRenderer:
         )
 
     def _find_flow(
-        self, drawn: DrawnExposure, found: PixelLabels, other: CameraState | None
+        self, image: LabelledImage, found: PixelLabels, other: CameraState | None
     ) -> PixelLabels:
         if other is None:
-            height_px, width_px = drawn.camera.height_px, drawn.camera.width_px
+            height_px, width_px = image.camera.height_px, image.camera.width_px
             unknown = np.full((height_px, width_px, 2), np.nan, dtype=np.float32)
             return {"flow": unknown}
         motions = {
             self.labels.number_of(there): there.world_from_object @ here.world_from_object.inverse()
-            for here in drawn.camera_state.objects
+            for here in image.camera_state.objects
             for there in other.objects
             if self.labels.number_of(here) == self.labels.number_of(there)
         }
-        gone = {self.labels.number_of(here) for here in drawn.camera_state.objects} - set(motions)
+        gone = {self.labels.number_of(here) for here in image.camera_state.objects} - set(motions)
         flow = find_flow(
             self._renderer,
-            self._prepare(drawn.ray_source, 1).rays,
-            drawn.ray_source,
+            self._prepare(image.ray_source, 1).rays,
+            image.ray_source,
             other,
             found["point"],
             found["ids"],

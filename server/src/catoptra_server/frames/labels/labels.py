@@ -62,8 +62,8 @@ class RaySource:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DrawnExposure:
-    """An exposure as its picture was drawn."""
+class LabelledImage:
+    """The image that labels are of: everything about it that they depend on."""
 
     camera: LabelCamera
     """Exact model of the camera."""

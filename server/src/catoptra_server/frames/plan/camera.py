@@ -227,24 +227,11 @@ def _parse(enum: type[_EnumT], name: str, noun: str) -> _EnumT:
 _SELF_VIEW = "SelfView"
 
 
-def leaves_choice(spec: CameraSpec) -> bool:
-    """Whether each frame of a camera may be drawn exactly or from one viewpoint.
-
-    Not with a tolerance, which the bound of the approximation, larger than its error, would use up.
-    """
-    return (
-        isinstance(spec, OmniCameraSpec)
-        and spec.render_settings.central_error_px > 0.0
-        and not spec.render_settings.accuracy_target.max_error_px
-        and not spec.camera.is_central
-    )
-
-
 def choose_viewpoint(spec: OmniCameraSpec, nearest_m: float) -> OmniCameraSpec:
     """Camera to draw: from one viewpoint where nothing is nearer than the near limit.
 
     Args:
-        spec: A camera that leaves the choice.
+        spec: A camera that leaves the choice to each frame.
         nearest_m: Distance of the nearest thing in view, or less.
     """
     if nearest_m < _find_near_limit_m(spec.camera, spec.render_settings.central_error_px):

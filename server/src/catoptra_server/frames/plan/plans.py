@@ -380,21 +380,20 @@ _SHUTTER_EFFECTS = frozenset((MotionBlur.name, RollingShutter.name))
 def limit_time_samples(
     camera_state: CameraState, camera: RadialCamera, plan: RenderPlan | PerspectivePlan
 ) -> CameraState:
-    """Camera state whose exposure stays within the budget of rays; itself without a shutter."""
+    """Camera state with a shutter whose exposure stays within the budget of rays."""
     shutter = camera_state.shutter
-    if shutter is None:
-        return camera_state
+    assert shutter is not None, "an exposure without a shutter has no time samples"
     viewpoint, objects = camera_state.world_from_mirror.translation, camera_state.objects
     pixel_rays = camera.width_px * camera.height_px * plan.samples**2
     object_rays = sum(
-        covered_fraction(one, viewpoint) * pixel_rays + _RAYS_PER_TRIANGLE * len(one.mesh)
+        _covered_fraction(one, viewpoint) * pixel_rays + _RAYS_PER_TRIANGLE * len(one.mesh)
         for one in objects
     )
     limit = min(int(MAX_EXPOSURE_RAYS / (pixel_rays + object_rays)), shutter.max_time_samples)
     return replace(camera_state, shutter=replace(shutter, max_time_samples=limit))
 
 
-def covered_fraction(dynamic_object: DynamicObject, viewpoint: Floats) -> float:
+def _covered_fraction(dynamic_object: DynamicObject, viewpoint: Floats) -> float:
     """Fraction of all directions from a (3,) point that an object's bounding sphere covers."""
     distance_m = float(np.linalg.norm(dynamic_object.centre - viewpoint))
     radius_m = dynamic_object.mesh.radius_m
