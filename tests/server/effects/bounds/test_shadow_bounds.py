@@ -9,8 +9,8 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.bounds.light import grey_level_change
-from catoptra_server.effects.bounds.shadows import (
+from catoptra_server.effects.bounds.light_loss import grey_level_change
+from catoptra_server.effects.bounds.shadow_bounds import (
     AxisAlignedBox,
     LightShafts,
     ShadowBounds,

@@ -36,7 +36,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds import round_outward
-from catoptra_server.effects.bounds.light import (
+from catoptra_server.effects.bounds.light_loss import (
     grey_level_change,
     max_visible_loss,
     visible_losses,
