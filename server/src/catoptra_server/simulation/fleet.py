@@ -24,7 +24,7 @@ from catoptra_protocol.usarsim.commands import (
     Step,
     Trace,
 )
-from catoptra_protocol.usarsim.reports import Report
+from catoptra_protocol.usarsim.reports import Report, StartPoses
 from catoptra_server.frames.frame import (
     CameraChannel,
     Channel,
@@ -54,7 +54,7 @@ from catoptra_server.simulation.sensors.sensor import EmptyScene, RayCaster, Sen
 from catoptra_server.simulation.sight import LandmarkVisibility, PixelView
 from catoptra_server.simulation.spawning import PlaceTest, SpawnError, place_robot, unique_name
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.world_description import World, report_start_poses
+from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
 
@@ -135,7 +135,7 @@ class Fleet:
                 if robot is None:
                     self._spawn(client, command, time_s)
             case GetStartPoses():
-                client.deliver([report_start_poses(self._world.starts)])
+                client.deliver([StartPoses(self._world.starts)])
             # Without power, too: notes, configuration and geometry move nothing.
             case Note():
                 # The control port has no reply to a refused note.
