@@ -1,4 +1,4 @@
-""""""
+"""Losses are judged as an image shows them; lights that nothing shows are culled."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.bounds.light import (
+from catoptra_server.effects.bounds.light_loss import (
     MAX_CULLED_GREY_LEVELS,
     cull_lights,
     grey_level_change,
