@@ -24,7 +24,7 @@ from catoptra_protocol.usarsim.commands import (
     Step,
     Trace,
 )
-from catoptra_protocol.usarsim.reports import Report
+from catoptra_protocol.usarsim.reports import Report, StartPoses
 from catoptra_server.frames.frame import (
     CameraChannel,
     Channel,
@@ -33,6 +33,12 @@ from catoptra_server.frames.frame import (
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.runtime.faults import log_fault
+from catoptra_server.simulation.cameras import (
+    CameraQueries,
+    FleetCameras,
+    FleetEnvironment,
+    set_accuracy_target,
+)
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.commands import (
     ErrorBoundLookup,
@@ -42,19 +48,13 @@ from catoptra_server.simulation.commands import (
     execute_get_geo,
 )
 from catoptra_server.simulation.events import AccuracyTargetChanged, Client
-from catoptra_server.simulation.fleet_cameras import (
-    CameraQueries,
-    FleetCameras,
-    FleetEnvironment,
-    set_accuracy_target,
-)
 from catoptra_server.simulation.robot import FleetState, Robot, collect_fleet_state
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.sensors.sensor import EmptyScene, RayCaster, SensorEnvironment
 from catoptra_server.simulation.sight import LandmarkVisibility, PixelView
 from catoptra_server.simulation.spawning import PlaceTest, SpawnError, place_robot, unique_name
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.world_description import World, report_start_poses
+from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
 
@@ -135,7 +135,7 @@ class Fleet:
                 if robot is None:
                     self._spawn(client, command, time_s)
             case GetStartPoses():
-                client.deliver([report_start_poses(self._world.starts)])
+                client.deliver([StartPoses(self._world.starts)])
             # Without power, too: notes, configuration and geometry move nothing.
             case Note():
                 # The control port has no reply to a refused note.

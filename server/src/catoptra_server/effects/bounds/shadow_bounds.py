@@ -1,40 +1,34 @@
-"""Whether some triangle of a scene can occlude a light from another one: tests of pairs on planes.
+"""Largest visible loss of light by shadows: of the static scene once, of objects in each frame.
 
-The convex hull of a receiver R and of a light is its shaft. A caster T occludes the light from some
-point of R only if none of these planes separates them: the plane of R, with T behind it; the plane
-of T, with R on the light's side; and the planes through the light and an edge of R or of T. The
-last ones are the separating axes of two triangles in the light's projection (Ericson, Real-Time
-Collision Detection, 2005, 5.2.10), so that for one caster the test is exact but for a tolerance;
-two casters never help each other, so it is exact for the scene: some point of R is hidden or none.
+Each triangle has the irradiance of the lights that a surface could occlude, point lights from the
+nearest point of the triangle's box, and the irradiance that remains without them. The triangle
+whose encoded colour would change most decides; a texture may darken a triangle by any factor. A
+dynamic object can occlude any light from any surface, and counts as white: at most lit by all
+lights, at least by the dimmer half of the sky. Scenes of many triangles are bounded as a whole.
 
-Triangles that could lie in a shadow: a necessary condition, computed without casting rays.
+`shadow_candidates` sorts out triangles without casting rays. For a triangle R to be occluded from a
+light, R has to face the light; a corner of some caster has to lie in front of R's plane; and the
+plane of some caster T has to separate the light from a corner of such an R. A floor, a single
+convex object, or a convex room around a point light do not meet all three. Corners are those of the
+scene where few, otherwise those of the scene's box, which reaches farther.
 
-The condition errs towards shadows only. For a triangle R to be occluded from a light, R has to face
-the light; a corner of some caster has to lie in front of R's plane; and the plane of some caster T
-has to separate the light from a corner of such an R. A floor, a single convex object, or a convex
-room around a point light do not meet all three. Corners are those of the scene where few, otherwise
-those of the scene's box, which reaches farther.
-
-Largest visible loss of light by shadows: of the static scene once, of dynamic objects in a
-frame.
-
-Each triangle has the irradiance of the lights that a surface could occlude (`shadow_candidates`,
-then `light_shafts` in the order of what each could lose), point lights from the nearest point of
-the triangle's box, and the irradiance that remains without them. The triangle whose encoded colour
-would change most decides; a texture may darken a triangle by any factor. A dynamic object can
-occlude any light from any surface, and counts as white: at most lit by all lights, at least by the
-dimmer half of the sky. Scenes of many triangles are bounded as a whole.
+`LightShafts` then decides for single triangles, in the order of what each could lose. The convex
+hull of a receiver R and of a light is its shaft. A caster T occludes the light from some point of R
+only if none of these planes separates them: the plane of R, with T behind it; the plane of T, with
+R on the light's side; and the planes through the light and an edge of R or of T. The last ones are
+the separating axes of two triangles in the light's projection (Ericson, Real-Time Collision
+Detection, 2005, 5.2.10), so that for one caster the test is exact but for a tolerance; two casters
+never help each other, so it is exact for the scene: some point of R is hidden or none.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Protocol
+from itertools import product
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds import round_outward
 from catoptra_server.effects.bounds.light_loss import (
     grey_level_change,
@@ -51,190 +45,12 @@ from catoptra_server.world.shapes import bounding_box
 from catoptra_server.world.triangles import row_blocks, select_rows
 from catoptra_server.world.world_description import DirectionalLight, PointLight, World
 
-# Corners this near a plane lie in the plane: sums of float64 coordinates differ by less.
-IN_PLANE_M = 1e-6
-# A plane that contains the light occludes nothing: a distance, or a cosine for directional lights.
-MIN_LIGHT_DISTANCE = 1e-9
-
-
-class LightShafts:
-    """The casters of a scene in one light."""
-
-    def __init__(self, scene: SceneMesh, light: ShadowCastingLight) -> None:
-        self._scene = scene
-        self._light = light
-        corners, normals = scene.corners[scene.casts_shadows], scene.normals[scene.casts_shadows]
-        height = np.einsum("ni,ni->n", normals, self._towards(corners[:, 0]))
-        reaches = np.abs(height) > MIN_LIGHT_DISTANCE
-        self._corners = corners[reaches]
-        # Turned away from the light: what the caster can hide lies in front.
-        self._normals = -np.sign(height[reaches])[:, None] * normals[reaches]
-        self._offsets = np.einsum("ni,ni->n", self._normals, self._corners[:, 0])
-
-    def __len__(self) -> int:
-        """Number of casters."""
-        return len(self._corners)
-
-    def can_be_hidden(self, receiver: int) -> bool:
-        """Whether a triangle of the scene that faces the light is hidden anywhere."""
-        corners, normal = self._scene.corners[receiver], self._scene.normals[receiver]
-        is_in_front = (self._corners @ normal).max(axis=1) - normal @ corners[0] > IN_PLANE_M
-        hides = (self._normals @ corners.T).max(axis=1) - self._offsets > IN_PLANE_M
-        casters = self._corners[is_in_front & hides]
-        if not len(casters):
-            return False
-        casters = casters[self._reach_into(corners[None], casters)]
-        return bool(self._reach_into(casters, corners[None]).any()) if len(casters) else False
-
-    def _towards(self, points: Floats) -> Floats:
-        """(..., 3) vectors from points towards the light."""
-        if isinstance(self._light, DirectionalLight):
-            return np.broadcast_to(-np.asarray(self._light.direction), points.shape)
-        return np.asarray(self._light.position_m) - points
-
-    def _reach_into(self, shafts: Floats, triangles: Floats) -> np.ndarray:
-        """(k,) whether triangles reach into the shafts of others, by the shafts' sides.
-
-        Args:
-            shafts: (k or 1, 3, 3) triangles between which and the light the shafts lie.
-            triangles: (k or 1, 3, 3).
-        """
-        first, second = shafts, np.roll(shafts, -1, axis=1)
-        third = np.roll(shafts, -2, axis=1)
-        sides = np.cross(second - first, self._towards(first))
-        length = np.linalg.norm(sides, axis=-1, keepdims=True)
-        # A side of no area separates nothing.
-        sides = np.divide(sides, length, out=np.zeros_like(sides), where=length > 0.0)
-        inward = np.einsum("kei,kei->ke", sides, third - first)
-        sides *= np.sign(inward)[..., None]
-        offsets = np.einsum("kei,kei->ke", sides, first)
-        reach = np.einsum("kei,kci->kec", sides, triangles).max(axis=-1) - offsets
-        is_inside: np.ndarray = ((reach > IN_PLANE_M) | (inward == 0.0)).all(axis=-1)
-        return is_inside
-
-
-# A tenth of a second; beyond, a box stands for the corners.
-_MAX_PRODUCTS = 10**7
-_NUM_PROBED_TRIANGLES = 500
-
-
-class ConvexBound(Protocol):
-    """Convex set that contains all points of a scene."""
-
-    def support(self, normals: Floats) -> Floats:
-        """(n,) largest products of a point of the set with each of (n, 3) normals."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PointSet:
-    """The points themselves."""
-
-    points: Floats
-    """(m, 3)."""
-
-    def support(self, normals: Floats) -> Floats:
-        """(n,) largest products of a point with each of (n, 3) normals."""
-        farthest: Floats = (normals @ self.points.T).max(axis=1)
-        return farthest
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AxisAlignedBox:
-    """All points between two corners."""
-
-    low: Floats
-    """(3,)."""
-    high: Floats
-    """(3,)."""
-
-    def support(self, normals: Floats) -> Floats:
-        """(n,) largest products of a point with each of (n, 3) normals."""
-        half = 0.5 * (self.high - self.low)
-        farthest: Floats = normals @ (self.low + half) + np.abs(normals) @ half
-        return farthest
-
-
-def make_bound(corners: Floats, *, num_planes: int) -> ConvexBound:
-    """Convex bound of (n, 3, 3) triangles, at least one: their points, or a box for many.
-
-    Args:
-        num_planes: Number of normals that the bound will be multiplied with.
-    """
-    points = corners.reshape(-1, 3)
-    if num_planes * len(points) <= _MAX_PRODUCTS:
-        return PointSet(np.unique(points, axis=0))
-    return AxisAlignedBox(*bounding_box(corners))
-
-
-def shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
-    """(n,) triangles that the light faces and a surface of the scene might occlude."""
-    none = np.zeros(len(scene), dtype=bool)
-    # A copy of a million triangles takes a tenth of a second.
-    casting = select_rows(scene.corners, scene.casts_shadows)
-    if not len(casting):
-        return none
-    facing = _signed_light_distances(scene, light) > 0.0
-    # Unlit and black surfaces look the same in a shadow.
-    facing &= ~scene.unlit & np.logical_or.reduce(scene.albedo.T != 0.0)
-    receivers = np.flatnonzero(facing)
-    caster_bound = make_bound(casting, num_planes=len(receivers))
-    normals = scene.normals.take(receivers, axis=0)
-    has_point_in_front = (
-        caster_bound.support(normals) - _plane_offsets(scene, receivers) > IN_PLANE_M
-    )
-    receivers = receivers[has_point_in_front]
-    if not len(receivers) or not _has_separating_plane(
-        scene, light, scene.corners.take(receivers, axis=0)
-    ):
-        return none
-    none[receivers] = True
-    return none
-
-
-def _has_separating_plane(scene: SceneMesh, light: ShadowCastingLight, corners: Floats) -> bool:
-    """Whether the plane of some caster separates the light from a corner of (k, 3, 3)."""
-    casters = np.flatnonzero(scene.casts_shadows)
-    height = _signed_light_distances(scene, light)[casters]
-    casters, height = (
-        casters[np.abs(height) > MIN_LIGHT_DISTANCE],
-        height[np.abs(height) > MIN_LIGHT_DISTANCE],
-    )
-    # Normals turned away from the light: a receiver's corner then lies in front of the plane.
-    away = -np.sign(height)[:, None]
-    receiver_bound = make_bound(corners, num_planes=len(casters))
-    # In most scenes a sample of the triangles already has such a plane.
-    for part in (slice(None, None, 1 + len(casters) // _NUM_PROBED_TRIANGLES), slice(None)):
-        normals = away[part] * scene.normals[casters[part]]
-        offset = away[part, 0] * _plane_offsets(scene, casters[part])
-        if (receiver_bound.support(normals) - offset > IN_PLANE_M).any():
-            return True
-    return False
-
-
-def _signed_light_distances(scene: SceneMesh, light: ShadowCastingLight) -> Floats:
-    """(n,) signed distance of the light from each plane; a cosine for directional lights."""
-    if isinstance(light, DirectionalLight):
-        cosine: Floats = -(scene.normals @ np.asarray(light.direction))
-        return cosine
-    to_light = np.asarray(light.position_m) - scene.corners[:, 0]
-    height: Floats = np.einsum("ni,ni->n", scene.normals, to_light)
-    return height
-
-
-def _plane_offsets(scene: SceneMesh, triangles: np.ndarray) -> Floats:
-    normals = scene.normals.take(triangles, axis=0)
-    offsets: Floats = np.einsum("ni,ni->n", normals, scene.corners[:, 0].take(triangles, axis=0))
-    return offsets
-
-
 # Scenes with more triangles are bounded as a whole: a tenth of a second.
 _MAX_TRIANGLES = 100_000
 # Pairs of triangles that are tested, a tenth of a second; all others count as hidden.
 _MAX_PAIRS = 1_500_000
 # A test of one triangle takes as long as this many pairs, however few there are.
 _PAIRS_PER_TEST = 1000
-# Shading clamps the distance of a point light to this as well, metres.
-_MIN_DISTANCE_M = 1e-3
 
 
 class ShadowBounds:
@@ -393,7 +209,9 @@ class ShadowBounds:
                 # Rounded, so that a moving object changes the summary, and the decisions cached by
                 # it, rarely.
                 nearest = round_outward.round_down([_min_distance_m(light, objects)])[0]
-                lost += np.asarray(light.intensity) / max(nearest, _MIN_DISTANCE_M) ** 2
+                lost += (
+                    np.asarray(light.intensity) / max(nearest, shading.MIN_LIGHT_DISTANCE_M) ** 2
+                )
             else:
                 lost += np.asarray(light.irradiance)
         return max_visible_loss(lost[None], remaining[None], can_be_darker=np.array([True]))
@@ -402,3 +220,139 @@ class ShadowBounds:
 def _min_distance_m(light: PointLight, objects: tuple[DynamicObject, ...]) -> float:
     position = np.asarray(light.position_m)
     return min(float(np.linalg.norm(position - one.centre)) - one.mesh.radius_m for one in objects)
+
+
+# A tenth of a second; beyond, a box stands for the corners.
+_MAX_PRODUCTS = 10**7
+_NUM_PROBED_TRIANGLES = 500
+
+
+def shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
+    """(n,) triangles that the light faces and a surface of the scene might occlude."""
+    none = np.zeros(len(scene), dtype=bool)
+    # A copy of a million triangles takes a tenth of a second.
+    casting = select_rows(scene.corners, scene.casts_shadows)
+    if not len(casting):
+        return none
+    facing = _signed_light_distances(scene, light) > 0.0
+    # Unlit and black surfaces look the same in a shadow.
+    facing &= ~scene.unlit & np.logical_or.reduce(scene.albedo.T != 0.0)
+    receivers = np.flatnonzero(facing)
+    casters = _extreme_points(casting, num_planes=len(receivers))
+    normals = scene.normals.take(receivers, axis=0)
+    farthest = (normals @ casters.T).max(axis=1)
+    receivers = receivers[farthest - _plane_offsets(scene, receivers) > _IN_PLANE_M]
+    if not len(receivers) or not _has_separating_plane(
+        scene, light, scene.corners.take(receivers, axis=0)
+    ):
+        return none
+    none[receivers] = True
+    return none
+
+
+def _has_separating_plane(scene: SceneMesh, light: ShadowCastingLight, corners: Floats) -> bool:
+    """Whether the plane of some caster separates the light from a corner of (k, 3, 3)."""
+    casters = np.flatnonzero(scene.casts_shadows)
+    height = _signed_light_distances(scene, light)[casters]
+    reaches = np.abs(height) > _MIN_LIGHT_DISTANCE
+    casters, height = casters[reaches], height[reaches]
+    # Normals turned away from the light: a receiver's corner then lies in front of the plane.
+    away = -np.sign(height)[:, None]
+    receivers = _extreme_points(corners, num_planes=len(casters))
+    # In most scenes a sample of the triangles already has such a plane.
+    for part in (slice(None, None, 1 + len(casters) // _NUM_PROBED_TRIANGLES), slice(None)):
+        normals = away[part] * scene.normals[casters[part]]
+        offset = away[part, 0] * _plane_offsets(scene, casters[part])
+        if ((normals @ receivers.T).max(axis=1) - offset > _IN_PLANE_M).any():
+            return True
+    return False
+
+
+def _extreme_points(corners: Floats, *, num_planes: int) -> Floats:
+    """(m, 3) points whose convex hull contains (n, 3, 3) triangles, at least one.
+
+    Args:
+        num_planes: Number of normals that the points will be multiplied with.
+    """
+    points = corners.reshape(-1, 3)
+    if num_planes * len(points) <= _MAX_PRODUCTS:
+        return np.unique(points, axis=0)
+    return np.array(list(product(*zip(*bounding_box(corners), strict=True))))
+
+
+def _signed_light_distances(scene: SceneMesh, light: ShadowCastingLight) -> Floats:
+    """(n,) signed distance of the light from each plane; a cosine for directional lights."""
+    if isinstance(light, DirectionalLight):
+        cosine: Floats = -(scene.normals @ np.asarray(light.direction))
+        return cosine
+    to_light = np.asarray(light.position_m) - scene.corners[:, 0]
+    height: Floats = np.einsum("ni,ni->n", scene.normals, to_light)
+    return height
+
+
+def _plane_offsets(scene: SceneMesh, triangles: np.ndarray) -> Floats:
+    normals = scene.normals.take(triangles, axis=0)
+    offsets: Floats = np.einsum("ni,ni->n", normals, scene.corners[:, 0].take(triangles, axis=0))
+    return offsets
+
+
+# Corners this near a plane lie in the plane: sums of float64 coordinates differ by less.
+_IN_PLANE_M = 1e-6
+# A plane that contains the light occludes nothing: a distance, or a cosine for directional lights.
+_MIN_LIGHT_DISTANCE = 1e-9
+
+
+class LightShafts:
+    """The casters of a scene in one light."""
+
+    def __init__(self, scene: SceneMesh, light: ShadowCastingLight) -> None:
+        self._scene = scene
+        self._light = light
+        corners, normals = scene.corners[scene.casts_shadows], scene.normals[scene.casts_shadows]
+        height = np.einsum("ni,ni->n", normals, self._towards(corners[:, 0]))
+        reaches = np.abs(height) > _MIN_LIGHT_DISTANCE
+        self._corners = corners[reaches]
+        # Turned away from the light: what the caster can hide lies in front.
+        self._normals = -np.sign(height[reaches])[:, None] * normals[reaches]
+        self._offsets = np.einsum("ni,ni->n", self._normals, self._corners[:, 0])
+
+    def __len__(self) -> int:
+        """Number of casters."""
+        return len(self._corners)
+
+    def can_be_hidden(self, receiver: int) -> bool:
+        """Whether a triangle of the scene that faces the light is hidden anywhere."""
+        corners, normal = self._scene.corners[receiver], self._scene.normals[receiver]
+        is_in_front = (self._corners @ normal).max(axis=1) - normal @ corners[0] > _IN_PLANE_M
+        hides = (self._normals @ corners.T).max(axis=1) - self._offsets > _IN_PLANE_M
+        casters = self._corners[is_in_front & hides]
+        if not len(casters):
+            return False
+        casters = casters[self._reach_into(corners[None], casters)]
+        return bool(self._reach_into(casters, corners[None]).any()) if len(casters) else False
+
+    def _towards(self, points: Floats) -> Floats:
+        """(..., 3) vectors from points towards the light."""
+        if isinstance(self._light, DirectionalLight):
+            return np.broadcast_to(-np.asarray(self._light.direction), points.shape)
+        return np.asarray(self._light.position_m) - points
+
+    def _reach_into(self, shafts: Floats, triangles: Floats) -> np.ndarray:
+        """(k,) whether triangles reach into the shafts of others, by the shafts' sides.
+
+        Args:
+            shafts: (k or 1, 3, 3) triangles between which and the light the shafts lie.
+            triangles: (k or 1, 3, 3).
+        """
+        first, second = shafts, np.roll(shafts, -1, axis=1)
+        third = np.roll(shafts, -2, axis=1)
+        sides = np.cross(second - first, self._towards(first))
+        length = np.linalg.norm(sides, axis=-1, keepdims=True)
+        # A side of no area separates nothing.
+        sides = np.divide(sides, length, out=np.zeros_like(sides), where=length > 0.0)
+        inward = np.einsum("kei,kei->ke", sides, third - first)
+        sides *= np.sign(inward)[..., None]
+        offsets = np.einsum("kei,kei->ke", sides, first)
+        reach = np.einsum("kei,kci->kec", sides, triangles).max(axis=-1) - offsets
+        is_inside: np.ndarray = ((reach > _IN_PLANE_M) | (inward == 0.0)).all(axis=-1)
+        return is_inside
