@@ -124,7 +124,7 @@ def test_chapter_when_read_names_files_and_names_that_exist(title: str) -> None:
 
 
 def test_citation_when_dead_is_found() -> None:
-    alive = "`frames/mailbox.py:Mailbox`, `lenses/<name>.py`, `configs/robots/p2at_omni.ini`"
+    alive = "`frames/mailbox.py:Mailbox`, `optics/lenses/<name>.py`, `configs/robots/p2at_omni.ini`"
     assert dead_citations(alive) == []
     dead = (
         "`frames/missing.py`, `frames/mailbox.py:Missing`, `missing/<name>.py`, "
