@@ -1,4 +1,4 @@
-"""ARCHITECTURE.md is true: its recipes and journeys name what exists, and its tables are guarded.
+"""ARCHITECTURE.md is true: recipes, journeys and decisions name what exists, tables are guarded.
 
 A guard is a plain function from a table to the entries that some part of the repository
 lacks: specification, vectors, configuration, dispatch. Each finds nothing in the real table, and
@@ -117,7 +117,9 @@ def dead_citations(text: str) -> list[str]:
     return dead
 
 
-@pytest.mark.parametrize("title", ["Layout", "Journeys", "Where a newcomer adds things"])
+@pytest.mark.parametrize(
+    "title", ["Layout", "Journeys", "Where a newcomer adds things", "Decisions"]
+)
 def test_chapter_when_read_names_files_and_names_that_exist(title: str) -> None:
     assert CODE.search(chapter(title))
     assert dead_citations(chapter(title)) == []
@@ -133,10 +135,10 @@ def test_citation_when_dead_is_found() -> None:
     assert len(dead_citations(dead)) == 5
 
 
-def test_recipes_when_read_have_three_columns_each() -> None:
+def test_recipes_when_read_have_four_columns_each() -> None:
     rows = [line for line in chapter("Where a newcomer adds things").splitlines() if "|" in line]
     assert len(rows) > 10
-    assert {line.count("|") - line.count("\\|") for line in rows} == {4}
+    assert {line.count("|") - line.count("\\|") for line in rows} == {5}
 
 
 # --- Guards. Each returns entries of a table that a part of the repository does not know.
@@ -372,7 +374,11 @@ FAMILIES: dict[str, tuple[Path, set[str], set[str]]] = {
     **{
         f"effects of the {folder}": (
             SERVER / "effects" / folder,
-            {effect.factory.__module__ for effect in EFFECT_TYPES},
+            {
+                module
+                for effect in EFFECT_TYPES
+                if f".effects.{folder}." in (module := effect.factory.__module__)
+            },
             set(),
         )
         for folder in ("scene", "medium", "mirror", "sensor")
@@ -386,11 +392,21 @@ def modules_without_line(folder: Path, listed: Iterable[str], tools: Iterable[st
     return sorted({path.stem for path in folder.glob("*.py")} - known)
 
 
+def modules_without_test(folder: Path, listed: Iterable[str]) -> list[str]:
+    """Modules of a family without a test file of their name, in the mirror of the folder."""
+    distribution, _, package = folder.relative_to(REPOSITORY).parts[:3]
+    mirror = TESTS / distribution / folder.relative_to(REPOSITORY / distribution / "src" / package)
+    stems = {name.rpartition(".")[2] for name in listed}
+    return sorted(each for each in stems if not (mirror / f"test_{each}.py").is_file())
+
+
 @pytest.mark.parametrize("family", FAMILIES)
-def test_family_has_a_line_for_each_module(family: str) -> None:
+def test_family_has_a_line_and_a_test_for_each_module(family: str) -> None:
     folder, listed, tools = FAMILIES[family]
     assert modules_without_line(folder, listed, tools) == []
     assert len(modules_without_line(folder, (), ())) > 1
+    assert modules_without_test(folder, listed) == []
+    assert modules_without_test(folder, [*listed, DUMMY]) == [DUMMY]
 
 
 def test_module_when_its_line_is_forgotten_is_noticed() -> None:
