@@ -314,6 +314,12 @@ def mirrors_not_configurable(names: Iterable[str]) -> list[str]:
     return [name for name in names if f'"{name.replace("_", "")}mirror"' not in section]
 
 
+def mirrors_not_documented(names: Iterable[str]) -> list[str]:
+    """Mirrors without a row of the page of configurations."""
+    page = text_of(CONFIGURATIONS_PAGE).lower()
+    return [name for name in names if f"`[catoptra.{name.replace('_', '')}mirror]`" not in page]
+
+
 def models_without_hard_cases(names: Iterable[str]) -> list[str]:
     """Mirrors and lenses whose formulas the catalogue of hard cases does not name."""
     cases = " ".join(path.as_posix() for path in (TESTS / "stability/cases").rglob("*.json"))
@@ -324,6 +330,7 @@ def test_mirrors_are_specified_configurable_and_have_hard_cases() -> None:
     assert missing_in(SPECIFICATION, MIRRORS) == []
     assert models_without_parameters(MIRRORS, MIRROR_PARAMETERS) == []
     assert mirrors_not_configurable(MIRRORS) == []
+    assert mirrors_not_documented(MIRRORS) == []
     assert models_without_hard_cases(MIRRORS) == []
 
 
@@ -332,6 +339,7 @@ def test_mirror_when_added_is_noticed() -> None:
     assert missing_in(SPECIFICATION, names) == [DUMMY]
     assert models_without_parameters(names, MIRROR_PARAMETERS) == [DUMMY]
     assert mirrors_not_configurable(names) == [DUMMY]
+    assert mirrors_not_documented(names) == [DUMMY]
     assert models_without_hard_cases(names) == [DUMMY]
 
 
