@@ -16,7 +16,6 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from catoptra_server.render.trace.kernel.engine import KernelEngine, KernelRays
 from scenes import CORRIDOR, FIELD, make_balls, make_camera, make_thin_objects_world
 
 from catoptra_protocol.optics.transforms import Pose
@@ -24,6 +23,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene

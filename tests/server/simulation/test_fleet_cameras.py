@@ -8,12 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from catoptra_server.simulation.cameras import (
-    CameraQueries,
-    FleetCameras,
-    FleetEnvironment,
-    set_accuracy_target,
-)
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
@@ -28,6 +22,12 @@ from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, ReferenceKind
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.events import AccuracyTargetChanged
+from catoptra_server.simulation.fleet_cameras import (
+    CameraQueries,
+    FleetCameras,
+    FleetEnvironment,
+    set_accuracy_target,
+)
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import (
     Mount,

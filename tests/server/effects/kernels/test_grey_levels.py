@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from catoptra_server.effects.kernels.light import (
+
+from catoptra_protocol.optics.image_plane import pixel_sample_positions
+from catoptra_protocol.optics.omni_camera import direction_from_pixel
+from catoptra_server.effects.kernels.grey_levels import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
     count_valid_pixels,
@@ -19,9 +22,6 @@ from catoptra_server.effects.kernels.light import (
     normal_variates,
     pcg3d,
 )
-
-from catoptra_protocol.optics.image_plane import pixel_sample_positions
-from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_server.world.camera_state import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
 from helpers.effect_measurement import CAMERA, NOISE_SEED, make_test_pattern

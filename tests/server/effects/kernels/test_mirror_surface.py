@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from catoptra_server.effects.kernels.light import camera_noise_key, pcg3d
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.kernels.grey_levels import camera_noise_key, pcg3d
 from catoptra_server.effects.kernels.mirror_surface import (
     ContaminantCells,
     Contaminants,

@@ -1,12 +1,12 @@
 from __future__ import annotations
 
 import pytest
-from catoptra_server.effects.kernels.light import (
+
+from catoptra_server.effects.kernels.grey_levels import (
     LUMINANCE_WEIGHTS,
     count_valid_pixels,
     mean_luminance,
 )
-
 from catoptra_server.effects.sensor.auto_exposure import AutoExposure
 from helpers.effect_measurement import (
     CAMERA,

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from catoptra_server.render.trace.reference.engine import (
+
+from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
+from catoptra_server.render.trace.reference import reference_engine as ray_batches
+from catoptra_server.render.trace.reference.reference_engine import (
     RayBatch,
     ReferenceEngine,
     mean_pixels,
     read_batch,
     split_tiles,
 )
-
-from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
-from catoptra_server.render.trace.reference import engine as ray_batches
 from catoptra_server.render.trace.trace_engine import NOTHING, STATIC_SCENE, assemble_grid
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import PointLight, World
