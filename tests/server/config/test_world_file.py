@@ -135,8 +135,7 @@ def test_starts_when_sixty_fit_a_line_of_the_protocol(tmp_path: Path) -> None:
     world = read_world_text(
         tmp_path, *(f"PlayerStarts=(Tag=P{i:02},Location=(X=-9.5))" for i in range(60))
     )
-    poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in world.starts]
-    assert len(line_from_report(StartPoses(tuple(poses)))) <= 4095
+    assert len(line_from_report(StartPoses(world.starts))) <= 4095
 
 
 def test_starts_when_too_many_for_a_line_are_rejected(tmp_path: Path) -> None:

@@ -1,6 +1,4 @@
-"""Mesh files of every supported format, written here and read back.
-
-Binary PLY and STL files, against trimesh; all other files are left to trimesh."""
+"""Mesh files of every format, written here and read back; binary PLY and STL against trimesh."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ import trimesh
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.runtime.memory import MIB, MemoryBudget
-from catoptra_server.world.mesh_files import LoadedMesh, load_mesh_file, read_triangle_file
+from catoptra_server.world.mesh_files import MeshPart, load_mesh_file, read_triangle_file
 from catoptra_server.world.world_description import MeshFile
 from helpers.mesh_file_samples import (
     export_mesh,
@@ -39,13 +37,13 @@ HALF = 188
 HALF_OF_SRGB = 0.50288
 
 
-def load(path: Path, *, scale: float = 1.0, up: str = "z") -> LoadedMesh:
+def load(path: Path, *, scale: float = 1.0, up: str = "z") -> MeshPart:
     """The only mesh of a file."""
     (mesh,) = load_mesh_file(MeshFile(path, scale, up))
     return mesh
 
 
-def normal(mesh: LoadedMesh) -> np.ndarray:
+def normal(mesh: MeshPart) -> np.ndarray:
     a, b, c = mesh.corners[0]
     cross: np.ndarray = np.cross(b - a, c - a)
     return cross / np.linalg.norm(cross)

@@ -1,10 +1,4 @@
-"""Rejection of invalid descriptions.
-
-sRGB against the numbers of IEC 61966-2-1.
-
-Names and classes of the parts of items.
-
-The report of start places."""
+"""Lights, motion and names of a world; sRGB against the numbers of IEC 61966-2-1."""
 
 from __future__ import annotations
 
@@ -26,7 +20,6 @@ from catoptra_server.world.world_description import (
     SceneObject,
     Twist,
     linear_from_srgb,
-    object_of_part,
     srgb_from_linear,
 )
 
@@ -121,9 +114,9 @@ ITEM = Item("office", Box((1.0, 1.0, 1.0)), Pose.identity(), None)
     ],
 )
 def test_node_names_object_and_class(node: str, expected: SceneObject) -> None:
-    assert object_of_part(ITEM, node) == expected
+    assert SceneObject.from_item(ITEM, node) == expected
 
 
 def test_class_of_the_world_file_overrides_the_node() -> None:
     item = Item("office", ITEM.shape, ITEM.world_from_item, None, class_name="furniture")
-    assert object_of_part(item, "chair") == SceneObject("office/chair", "furniture")
+    assert SceneObject.from_item(item, "chair") == SceneObject("office/chair", "furniture")

@@ -35,12 +35,6 @@ from catoptra_server.frames.frame import (
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.runtime.faults import log_fault
-from catoptra_server.simulation.cameras import (
-    CameraQueries,
-    FleetCameras,
-    FleetEnvironment,
-    set_accuracy_target,
-)
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.commands import (
     ErrorBoundLookup,
@@ -50,6 +44,12 @@ from catoptra_server.simulation.commands import (
     execute_get_geo,
 )
 from catoptra_server.simulation.events import AccuracyTargetChanged, Client, RejectedError
+from catoptra_server.simulation.fleet_cameras import (
+    CameraQueries,
+    FleetCameras,
+    FleetEnvironment,
+    set_accuracy_target,
+)
 from catoptra_server.simulation.robot import FleetState, Robot, collect_fleet_state
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.sensors.sensor import EmptyScene, RayCaster, SensorEnvironment

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     LUMINANCE_WEIGHTS,
     count_valid_pixels,
     mean_luminance,

@@ -25,7 +25,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.kernels.light import UInt32Array, pcg3d
+from catoptra_server.effects.kernels.grey_levels import UInt32Array, pcg3d
 
 _NUM_RINGS = 1025
 

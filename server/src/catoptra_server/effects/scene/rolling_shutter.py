@@ -57,7 +57,7 @@ class RollingShutter:
             return camera_state
         # The displacement is that of the half before or after the pose, the shutter counts both.
         shutter = camera_state.shutter or INSTANTANEOUS
-        shutter = shutter.with_readout(self.readout_s, 2.0 * displacement_px)
+        shutter = shutter.add_readout(self.readout_s, 2.0 * displacement_px)
         return replace(camera_state, shutter=shutter)
 
 

@@ -1,4 +1,4 @@
-"""Hidden triangles by planes, against shadow rays from many of their points."""
+"""Shadows are found by planes where rays find any, and lose as much light as any point loses."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.bounds.light import grey_level_change
-from catoptra_server.effects.bounds.shadows import (
-    AxisAlignedBox,
+from catoptra_server.effects.bounds import shadow_bounds as shadows
+from catoptra_server.effects.bounds.light_loss import grey_level_change
+from catoptra_server.effects.bounds.shadow_bounds import (
     LightShafts,
     ShadowBounds,
-    make_bound,
     shadow_candidates,
 )
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
@@ -210,15 +209,19 @@ def test_scene_without_triangles_has_no_candidates() -> None:
     assert names(World("empty", ()), DIRECTIONAL_LIGHT) == set()
 
 
-def test_bound_of_many_corners_is_their_box() -> None:
-    rng = np.random.default_rng(3)
-    corners = rng.normal(size=(400, 3, 3))
-    normals = rng.normal(size=(50, 3))
-    exact = make_bound(corners, num_planes=50).support(normals)
-    boxed = make_bound(corners, num_planes=10**6)
-    np.testing.assert_allclose(exact, (corners.reshape(-1, 3) @ normals.T).max(axis=0))
-    assert isinstance(boxed, AxisAlignedBox)
-    assert (boxed.support(normals) >= exact).all()
+def test_box_in_place_of_many_corners_only_adds_candidates(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    num_added = 0
+    for seed in range(20):
+        scene = build_scene(make_random_world(seed))
+        exact = shadow_candidates(scene, POINT_LIGHT)
+        with monkeypatch.context() as patch:
+            patch.setattr(shadows, "_MAX_PRODUCTS", 0)
+            boxed = shadow_candidates(scene, POINT_LIGHT)
+        assert not (exact & ~boxed).any()
+        num_added += int((boxed & ~exact).sum())
+    assert num_added > 0
 
 
 SKY = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
