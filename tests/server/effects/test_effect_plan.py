@@ -1,4 +1,4 @@
-""""""
+"""Decisions on effects: by criterion, by setting, by the frame, each with its reason."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ from catoptra_server.effects.effect import (
 )
 from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
-    BoundCache,
     EffectPlan,
     apply_scene_effects,
     describe_changes,
@@ -287,11 +286,11 @@ SUMMARIES = [
 ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DistanceEffect:
     """Effect of speed over distance that records the summaries of its computed bounds."""
 
-    summaries: list[SceneSummary] = field(default_factory=list, hash=False)
+    summaries: list[SceneSummary] = field(default_factory=list)
 
     name: ClassVar[str] = "Distance"
     changes_scene: ClassVar[bool] = True
@@ -352,6 +351,12 @@ def test_recorder_when_a_field_is_undeclared_finds_it() -> None:
     assert RecordingSummary(FULL).visible_min_distances_m == (0.15,) * NUM_RINGS
 
 
+def plan_bound(effect: Effect, summary: SceneSummary) -> float:
+    """Bound of an effect in a plan of this effect alone."""
+    settings = EffectSettings((EffectSetting(effect, EffectMode.AUTO),))
+    return plan_effects(settings, summary, CAMERA).decisions[0].bound
+
+
 @pytest.mark.parametrize(
     ("first", "then", "times"),
     [
@@ -366,27 +371,22 @@ def test_bound_is_computed_again_only_when_a_declared_field_has_changed(
     first: SceneSummary, then: SceneSummary, times: int
 ) -> None:
     effect = DistanceEffect()
-    cache = BoundCache(effect, CAMERA)
-    assert [cache.get(first), cache.get(then)] == [
-        DistanceEffect().bound(first, CAMERA),
-        DistanceEffect().bound(then, CAMERA),
-    ]
+    for summary in (first, then):
+        assert plan_bound(effect, summary) == DistanceEffect().bound(summary, CAMERA).value
     assert len(effect.summaries) == times
 
 
 def test_bound_after_hundreds_of_others_is_evicted_and_computed_again() -> None:
     effect = DistanceEffect()
-    cache = BoundCache(effect, CAMERA)
-    for step in range(600):
-        cache.get(replace(NEAR, min_distances_m=(1.0 + step,) * NUM_RINGS))
-    again = cache.get(replace(NEAR, min_distances_m=(1.0,) * NUM_RINGS))
-    assert again.value == MOVING.scene_twist.speed_m_s
+    for step in (*range(600), 0):
+        summary = replace(NEAR, min_distances_m=(1.0 + step,) * NUM_RINGS)
+        assert plan_bound(effect, summary) == MOVING.scene_twist.speed_m_s / (1.0 + step)
     assert len(effect.summaries) == 601
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_bound_from_the_cache_is_that_of_the_effect(name: str) -> None:
     effect = active_effect(name)
-    cache = BoundCache(effect, CAMERA)
-    for summary in (*SUMMARIES, *SUMMARIES):
-        assert cache.get(summary) == effect.bound(summary, CAMERA)
+    for summary in SUMMARIES:
+        alone = replace(summary, included_effects=frozenset())
+        assert plan_bound(effect, alone) == effect.bound(summary, CAMERA).value

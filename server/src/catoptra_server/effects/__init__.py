@@ -11,7 +11,7 @@ To add an image effect:
 1. `<folder>/<name>.py` with a frozen dataclass as in `effect.ImageEffect`: formula, source, domain
    and criterion in the module's docstring; the folder is `medium` (air and lens), `mirror` or
    `sensor`. Mathematics that several effects need goes to `kernels`.
-2. A stage of the kernel: `render/trace/kernel/image_stages`.
+2. A stage of the kernel: `render/trace/kernel/image.py:STAGE_MAKERS`.
 3. A line in EFFECT_TYPES, at the effect's position in optical order.
 
 To add a scene effect: `scene/<name>.py` as in `effect.SceneEffect`, and the line.

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.sensor.bayer import Bayer, mosaic
+from catoptra_server.effects.sensor.bayer import Bayer
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
@@ -16,11 +16,6 @@ from helpers.effect_measurement import (
 
 def demosaic(image: np.ndarray) -> np.ndarray:
     return Bayer().apply(image, CAMERA, CAPTURE_CONTEXT)
-
-
-def test_filters_when_read_row_by_row_are_red_green_green_blue() -> None:
-    light = np.broadcast_to([1.0, 2.0, 3.0], (4, 4, 3))
-    np.testing.assert_array_equal(mosaic(light)[:2, :2], [[1, 2], [2, 3]])
 
 
 @pytest.mark.parametrize("shape", [(6, 8, 3), (5, 7, 3)])
@@ -41,9 +36,16 @@ def test_border_when_interpolated_is_mirrored_about_the_last_pixel() -> None:
     assert demosaic(light)[0, 0, 1] == pytest.approx(0.5)
 
 
-def test_measured_colour_when_demosaiced_is_kept() -> None:
+@pytest.mark.parametrize(("row", "column", "channel"), [(0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2)])
+def test_colour_of_the_filters_red_green_green_blue_is_kept_and_alone_counts(
+    row: int, column: int, channel: int
+) -> None:
     light = make_test_pattern()
-    np.testing.assert_array_equal(mosaic(demosaic(light)), mosaic(light))
+    own = np.zeros_like(light)
+    own[row::2, column::2, channel] = light[row::2, column::2, channel]
+    kept = demosaic(light)[row::2, column::2, channel]
+    np.testing.assert_array_equal(kept, light[row::2, column::2, channel])
+    np.testing.assert_array_equal(kept, demosaic(own)[row::2, column::2, channel])
 
 
 def test_night_is_disabled_by_the_criterion() -> None:

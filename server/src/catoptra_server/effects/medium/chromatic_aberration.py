@@ -3,8 +3,8 @@
 Lateral colour of the first order: L'_c(p) = L_c(o + (p - o) / m_c), o the lens's axis in the image,
 m_c the magnification of red or blue over that of green; bilinear between pixels, in linear
 radiance. Axial colour, one focus for each colour, is left out. Domain: magnifications near 1;
-outside the image the border pixel is repeated. Criterion: the largest |p - q| in view
-times the contrast of black and the brightest.
+outside the image the border pixel is repeated. Criterion: the largest |p - q| in view times the
+contrast of black and the brightest.
 """
 
 from __future__ import annotations
