@@ -16,7 +16,7 @@ from catoptra_server.effects.bounds.light_loss import (
     max_visible_loss,
 )
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.effects.kernels.light import grey_level
+from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.world import shading
 from catoptra_server.world.camera_state import CameraState

@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.kernels.light import camera_noise_key, pcg3d
+from catoptra_server.effects.kernels.grey_levels import camera_noise_key, pcg3d
 from catoptra_server.effects.kernels.mirror_surface import (
     ContaminantCells,
     Contaminants,

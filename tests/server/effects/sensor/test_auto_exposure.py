@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.effects.kernels.light import mean_luminance
+from catoptra_server.effects.kernels.grey_levels import mean_luminance
 from catoptra_server.effects.sensor.auto_exposure import AutoExposure
 from helpers.effect_measurement import (
     CAMERA,

@@ -18,7 +18,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.effects.kernels.light import grey_level
+from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.world import shading
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.scene_radiance import max_point_irradiance

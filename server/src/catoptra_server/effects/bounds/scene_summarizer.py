@@ -40,7 +40,7 @@ from catoptra_server.effects.bounds.distances import (
     mirror_axis,
     rotation_to_axis,
 )
-from catoptra_server.effects.bounds.shadows import ShadowBounds
+from catoptra_server.effects.bounds.shadow_bounds import ShadowBounds
 from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.world.objects import DynamicObject, ObjectMesh

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.kernels.light import UInt32Array, pcg3d
+from catoptra_server.effects.kernels.grey_levels import UInt32Array, pcg3d
 
 # Limit of time and memory: above, fewer but larger particles have the same coverage.
 _MAX_PARTICLES = 2**19

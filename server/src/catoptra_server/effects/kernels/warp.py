@@ -34,7 +34,7 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import NUM_RINGS, EffectBound, Real, SceneSummary
-from catoptra_server.effects.kernels.light import max_change_by_shift
+from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
 
 _Indices = npt.NDArray[np.intp]
 _Float32Array = npt.NDArray[np.float32]

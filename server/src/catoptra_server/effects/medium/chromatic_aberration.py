@@ -26,7 +26,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import max_change_by_shift
+from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
 
 # Green is the reference: its image keeps every bit.
 _RED, _BLUE = 0, 2

@@ -37,6 +37,7 @@ from catoptra_server.effects.kernels.convolution import (
     disc_kernel_table,
     table_row,
 )
+from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.lens_blur import (
     DISTANCE_FIELDS,
     Aperture,
@@ -48,7 +49,6 @@ from catoptra_server.effects.kernels.lens_blur import (
     min_distance_at_radius,
     sample_radii_px,
 )
-from catoptra_server.effects.kernels.light import max_change_by_exchange
 
 
 @dataclass(frozen=True, slots=True)

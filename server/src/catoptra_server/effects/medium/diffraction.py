@@ -38,7 +38,7 @@ from catoptra_server.effects.kernels.convolution import (
     offset_pairs,
     pair_multiplicities,
 )
-from catoptra_server.effects.kernels.light import max_change_by_exchange
+from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.medium.defocus import F_NUMBER, PIXEL_PITCH
 
 # Assumed: the centres of the bands of a sensor's red, green and blue filters.

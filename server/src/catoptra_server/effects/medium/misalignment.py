@@ -34,7 +34,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     max_change_by_exchange,
     max_change_by_shift,
 )

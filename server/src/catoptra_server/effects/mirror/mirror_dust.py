@@ -41,15 +41,15 @@ from catoptra_server.effects.kernels.convolution import (
     disc_kernel_table,
     table_row,
 )
-from catoptra_server.effects.kernels.lens_blur import (
-    Aperture,
-    circle_of_confusion_map,
-)
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     camera_noise_key,
     grey_level,
     max_change_by_gain,
     mean_luminance,
+)
+from catoptra_server.effects.kernels.lens_blur import (
+    Aperture,
+    circle_of_confusion_map,
 )
 from catoptra_server.effects.kernels.mirror_surface import (
     Contaminants,

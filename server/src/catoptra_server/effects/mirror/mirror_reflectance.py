@@ -31,7 +31,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import max_change_by_gain
+from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 
 # Radii of the bound: between them the reflectance of steel in the paper's mirror bends by 6e-7.
 _NUM_RADII = 201

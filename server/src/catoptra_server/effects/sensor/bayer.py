@@ -24,7 +24,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import grey_level
+from catoptra_server.effects.kernels.grey_levels import grey_level
 
 _EVEN, _ODD = slice(0, None, 2), slice(1, None, 2)
 

@@ -9,9 +9,9 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.bounds import shadows
+from catoptra_server.effects.bounds import shadow_bounds
 from catoptra_server.effects.bounds.light_loss import grey_level_change
-from catoptra_server.effects.bounds.shadows import (
+from catoptra_server.effects.bounds.shadow_bounds import (
     LightShafts,
     ShadowBounds,
     shadow_candidates,
@@ -217,7 +217,7 @@ def test_box_in_place_of_many_corners_only_adds_candidates(
         scene = build_scene(make_random_world(seed))
         exact = shadow_candidates(scene, POINT_LIGHT)
         with monkeypatch.context() as patch:
-            patch.setattr(shadows, "_MAX_PRODUCTS", 0)
+            patch.setattr(shadow_bounds, "_MAX_PRODUCTS", 0)
             boxed = shadow_candidates(scene, POINT_LIGHT)
         assert not (exact & ~boxed).any()
         num_added += int((boxed & ~exact).sum())

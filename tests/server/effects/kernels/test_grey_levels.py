@@ -7,7 +7,7 @@ import pytest
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
     count_valid_pixels,
