@@ -1,6 +1,6 @@
 """Effects of scene, lens, mirror and sensor on a camera's image: the table, in optical order.
 
-The order is that of the light: the scene effects come first, since they change the objects, the
+The order follows the light: the scene effects come first, since they change the objects, the
 light, the air or the times that a renderer works on; the image effects follow, from the lens to the
 sensor's white balance. Motion and defocus act before anything that lies on mirror and
 lens, which neither moves nor blurs with the scene. `plan_effects` decides in this order, and both

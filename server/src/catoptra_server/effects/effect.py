@@ -192,7 +192,7 @@ class SceneSummary:
     ego_body_max_radiance: float = 0.0
     """Largest radiance of the ego body."""
     ego_body_max_angle_rad: float = 0.0
-    """Largest angle between the optical axis and the ego body; 0 if none of it is in view."""
+    """Largest angle between the optical axis and the ego body; 0 if it is out of view."""
     ego_body_min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS
     """Distance from the viewpoint to the nearest visible point of the ego body, by ring."""
     attached_min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS

@@ -5,8 +5,8 @@ only that some scene could need the effect: the frame is drawn with it, cell by 
 largest change decides what the header says (`EffectPlan.decide_by_frame`). No pilot frame is drawn:
 the frame's own pixels need no reserve, and what is drawn plainly costs little more than a pilot.
 
-Decisions follow optical order: the bound of an effect is that of the light that reaches it, after
-the enabled effects before it.
+Decisions follow optical order: an effect is bounded for the light that reaches it, after the
+enabled effects before.
 
 The whole plan is cached by summary. Most frames of a driving robot have a new one, but only a speed
 or a distance differs: behind the plan, each effect's bound is cached by the fields that the effect

@@ -7,11 +7,11 @@ differ from pixel to pixel. Outside the image the border pixel is repeated.
 A uniform disc has a kernel by its variance. A pixel is already the mean over its square, so a disc
 is laid over squares of constant radiance: a pixel's weight is the fraction of the disc's area in
 that pixel. The squares add a spread of their own, 1/12 px^2 for large discs; the laid disc is
-therefore smaller than the intended one, such that the kernel's variance along each axis is that of
-the intended disc, d^2 / 16, exactly. A disc within its pixel would have no effect; by the variance
-the four neighbours still receive light. Weights are 0 or more and sum to 1: no light is lost,
-nothing overshoots. The linear mixture of two rows of the table keeps sum and variance exact.
-Source: derived here; the area is the integral of the circle's ordinate, cut at the square's sides.
+therefore smaller than the intended one, such that the kernel's variance along each axis is exactly
+d^2 / 16, as of the intended disc. A disc within its pixel would have no effect; by the variance the
+four neighbours still receive light. Weights are 0 or more and sum to 1: no light is lost, nothing
+overshoots. The linear mixture of two rows of the table keeps sum and variance exact. Source:
+derived here; the area is the integral of the circle's ordinate, cut at the square's sides.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def convolve_symmetric_within(
 
 def offset_pairs(half_width_px: int) -> Iterator[tuple[int, int]]:
     """Pairs (i, j) in the order of their weights: index i (i + 1) / 2 + j."""
-    # Sorted by i, so the weights of a narrower kernel are a prefix of those of a wider one.
+    # Sorted by i, so a narrower kernel's weights are a prefix of a wider one's.
     return ((i, j) for i in range(half_width_px + 1) for j in range(i + 1))
 
 

@@ -99,7 +99,7 @@ _LUMINANCE_WEIGHTS = (0.2126, 0.7152, 0.0722)
 
 def mean_luminance(image: npt.NDArray[Real], camera: RadialCamera) -> float:
     """Mean luminance of the pixels that a mirror or lens shows anything in."""
-    # Summed in float64 for any image, so the gain of a float32 image is that of its reference.
+    # Summed in float64 for any image, so a float32 image and its reference have one gain.
     colours = image.sum(axis=(0, 1), dtype=np.float64)
     return float(colours @ _LUMINANCE_WEIGHTS) / max(count_valid_pixels(camera), 1)
 
@@ -132,7 +132,7 @@ def _noise_key(first: int, second: int, tick: int, purpose: str) -> UInt32Array:
     return np.concatenate(pcg3d(x, y, z))
 
 
-# Twice the table's last entry, that of the quantile 1 - 2^-17, over sqrt(2); rounded up.
+# Twice the table's last entry, the quantile 1 - 2^-17, over sqrt(2); rounded up.
 MAX_NORMAL_VARIATE = 6.12
 
 

@@ -72,8 +72,8 @@ class Aperture:
 class CircleOfConfusion:
     """Signed disc diameter as a function of the range D from the effective viewpoint.
 
-    d(D) = infinity_diameter_px + near_px / (power_per_m D + offset); arrays broadcast. A negative
-    diameter is that of a point behind the focus.
+    d(D) = infinity_diameter_px + near_px / (power_per_m D + offset); arrays broadcast. A point
+    behind the focus has a negative diameter.
     """
 
     infinity_diameter_px: Floats
@@ -102,7 +102,7 @@ def circle_of_confusion(
     image = _virtual_image_of_infinity(camera, np.minimum(radius_px, camera.rim_radius_px))
     focus = lens_focus_coordinate(aperture, camera)
     gain = _px_per_focus_coordinate(aperture, camera, focus)
-    # An object at D has its image nearer than that of infinity by (cos(psi) / P) / (1 + P D);
+    # An object at D has its image nearer than infinity's by (cos(psi) / P) / (1 + P D);
     # 1/Z of both gives the same form with another offset, so one rational function serves both
     # kinds of camera.
     nearer = image.cos_psi / image.power_per_m

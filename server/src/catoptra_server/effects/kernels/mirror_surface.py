@@ -266,7 +266,7 @@ def _join_cells(parts: list[Floats], camera: OmniCamera) -> ContaminantCells:
 
 
 def _disc_cell_centres(cells_per_side: int) -> tuple[Floats, Floats]:
-    """Centres of those of cells_per_side^2 cells that lie in a disc of diameter 1."""
+    """Centres of the cells, of cells_per_side^2, that lie in a disc of diameter 1."""
     y, x = np.meshgrid(_cell_centres(cells_per_side), _cell_centres(cells_per_side))
     inside = np.hypot(x, y) <= 0.5
     return x[inside], y[inside]

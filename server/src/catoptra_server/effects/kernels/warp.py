@@ -156,7 +156,7 @@ def reflect_rays(
         if not (np.abs(above) > _CONVERGENCE_TOLERANCE * distance)[is_hit].any():
             break
         # Heights are measured along the ray from the viewpoint: its angle with the normal turns
-        # the slope along the capture ray into that of `above`.
+        # the slope along the capture ray into the slope of `above`.
         slope = _dot(normal, direction) / _dot(normal, _unit_vectors(point))
         distance = np.clip(distance - above / slope, lower, upper)
     is_hit &= np.abs(above) <= _CONVERGENCE_TOLERANCE * distance
@@ -245,7 +245,7 @@ def bound_motion(
 ) -> EffectBound:
     """Bound the change of an image in which everything moves, with its cause.
 
-    The change is that of the continuous image, which has no samples that pass an edge all at once.
+    The continuous image counts: it has no samples that pass an edge all at once.
 
     Args:
         summary: Distances and motions.

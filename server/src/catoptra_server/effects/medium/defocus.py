@@ -1,10 +1,10 @@
 """Defocus: the mirror's virtual image is curved, and the lens is sharp at one depth only.
 
 Every pixel is the mean of a uniform disc around it, with the diameter of infinity at its image
-radius: |infinity_diameter_px| of `lens_blur`, where the optics are derived. No range is needed:
-in a mirror everything beyond half a metre has nearly this disc, and without one everything beyond
-the hyperfocal distance. Nearer objects are the domain of `DefocusByDepth`, which then does all of
-the blur and supersedes this effect. Kernels: `convolution`. Domain: that of `lens_blur`; at a depth
+radius: |infinity_diameter_px| of `lens_blur`, where the optics are derived. No range is needed: in
+a mirror everything beyond half a metre has nearly this disc, and without one everything beyond the
+hyperfocal distance. Nearer objects are the domain of `DefocusByDepth`, which then does all of the
+blur and supersedes this effect. Kernels: `convolution`. Domain: as of `lens_blur`; at a depth
 discontinuity the pixel's own disc counts, not its neighbour's. An edge within a pixel is blurred as
 if the whole pixel had its mean: of the real camera's pixels at F/4 and F/2, 88 to 99 % are within 2
 grey levels of 256 rays through the aperture, and 98.6 to 100 % within 8, by world
@@ -64,7 +64,7 @@ class Defocus:
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the largest disc of anything in view."""
-        # Near discs count, too: this bound is then never below that of DefocusByDepth, for which
+        # Near discs count, too: this bound is then never below DefocusByDepth's, for which
         # this effect stands in where both discs differ by less than the threshold.
         radius_px = sample_radii_px(camera)
         circle = circle_of_confusion(self.aperture, camera, radius_px)

@@ -3,7 +3,7 @@
 Every pixel is the mean of a uniform disc around it, with the diameter of `lens_blur`'s circle of
 confusion at the range of the pixel's centre. The effect includes all of `Defocus` and supersedes
 that effect: an image blurred by another disc before cannot be made sharp again. Robot files that
-name both leave the choice to the two criteria. Domain: that of `Defocus`. Criterion: the largest
+name both leave the choice to the two criteria. Domain: as of `Defocus`. Criterion: the largest
 difference between the kernels of the nearest object in view and of infinity, times the contrast of
 black and the brightest.
 """

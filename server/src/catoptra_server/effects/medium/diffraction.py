@@ -3,11 +3,11 @@
 A circular aperture images a point as (2 J1(v) / v)^2, v = pi r / (lambda N): a disc with 83.8 % of
 the light within a first dark ring of diameter 2.44 lambda N, and rings around. A pixel's weight is
 the pattern's integral over its square, for a point at the centre of the central pixel; each colour
-has one wavelength in place of its filter's band. The pattern never ends: beyond r a fraction of
-2 lambda N / (pi^2 r) remains. The kernel is cut at a square five times as wide as the disc, which
-loses up to 3 %, and normalized to a sum of 1: no light is lost. Source: Airy
-1835; encircled energy 1 - J0^2 - J1^2, Rayleigh 1881. Domain: a lens without other aberrations, the
-same everywhere in the image; the f-number is that of the image side.
+has one wavelength in place of its filter's band. The pattern never ends: beyond r a fraction of 2
+lambda N / (pi^2 r) remains. The kernel is cut at a square five times as wide as the disc, which
+loses up to 3 %, and normalized to a sum of 1: no light is lost. Source: Airy 1835; encircled energy
+1 - J0^2 - J1^2, Rayleigh 1881. Domain: a lens without other aberrations, the same everywhere in the
+image; the f-number is the image side's.
 
 Criterion: the fraction of light that other pixels receive, beside the central weight, times the
 contrast of black and the brightest. The displacement is the radius of the first dark ring in red.

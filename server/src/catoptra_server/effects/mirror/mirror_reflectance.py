@@ -126,7 +126,7 @@ EFFECT_TYPE = EffectType(
     "MirrorReflectance",
     MirrorReflectance,
     (
-        # Approximately those of aluminium in green light.
+        # Approximately aluminium's in green light.
         EffectParameter("MirrorIndex", "refractive_index", 0.96, 0.01, 10.0),
         EffectParameter("MirrorExtinction", "extinction_coefficient", 6.7, 0.0, 20.0),
     ),
