@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects.sensor.bayer import Bayer
-from helpers.effect_measurement import (
-    CAMERA,
-    CAPTURE_CONTEXT,
-    assert_effect_negligible,
-    assert_effect_not_negligible,
-    assert_summary_bounds_effect,
-    make_test_pattern,
-)
+from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, assert_criterion, make_test_pattern
 
 
 def demosaic(image: np.ndarray) -> np.ndarray:
@@ -48,10 +41,5 @@ def test_colour_of_the_filters_red_green_green_blue_is_kept_and_alone_counts(
     np.testing.assert_array_equal(kept, demosaic(own)[row::2, column::2, channel])
 
 
-def test_night_is_disabled_by_the_criterion() -> None:
-    assert_effect_negligible(Bayer(), 1e-4)
-
-
-def test_day_is_enabled_by_the_criterion() -> None:
-    assert_effect_not_negligible(Bayer())
-    assert_summary_bounds_effect(Bayer(), 2.0)
+def test_criterion_enables_the_day_and_not_the_night() -> None:
+    assert_criterion(off=[(Bayer(), 1e-4)], on=[(Bayer(), 1.0)])
