@@ -53,6 +53,7 @@ SERVER = REPOSITORY / "server/src/catoptra_server"
 TESTS = REPOSITORY / "tests"
 DATA = REPOSITORY / "tests/conformance/data"
 DUMMY = "dummy"
+INI_KEY = re.compile(r'\.(?:get|has)_\w+\(\s*"(\w+)"')
 
 
 @cache
@@ -209,6 +210,20 @@ def sensors_without_reading(kinds: Iterable[SensorKind]) -> list[str]:
         if not any(name.startswith(known) for name in kind.readers for known in READING_PARSERS):
             unknown += list(kind.readers)
     return unknown
+
+
+def keys_not_documented(folder: Path) -> list[str]:
+    """Keys that modules of a folder read and the page of configurations does not name."""
+    page = text_of(CONFIGURATIONS_PAGE).lower()
+    read = {key for path in folder.glob("*.py") for key in INI_KEY.findall(text_of(path))}
+    return sorted(key for key in read if not re.search(rf"\b{key}\b".lower(), page))
+
+
+def test_keys_of_sensors_are_documented(tmp_path: Path) -> None:
+    assert keys_not_documented(SERVER / "simulation/sensors") == []
+    reader = 'section.get_float("MaxRange"), section.get_float("DummyKey", 1.0)'
+    (tmp_path / "dummy.py").write_text(reader, encoding="utf-8")
+    assert keys_not_documented(tmp_path) == ["DummyKey"]
 
 
 def test_sensors_are_specified_and_have_readings_and_vectors() -> None:

@@ -46,7 +46,7 @@ def choose(requested: str, *, is_reproducible: bool = False) -> RendererChoice:
 
 @pytest.fixture
 def _no_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(raster.gl_device, "EGL_LIBRARY", "libabsent.so.1")
+    monkeypatch.setattr(raster.device, "EGL_LIBRARY", "libabsent.so.1")
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import (
-    EMPTY_CONTEXT,
+    CaptureContext,
     EffectMode,
     EffectSetting,
     EffectSettings,
@@ -145,7 +145,7 @@ class FakeView:
         fakes.now_s += 1e-3 * ms
         image = np.zeros((self._camera.height_px, self._camera.width_px, 3), dtype=np.float32)
         for effect in effects:
-            image = effect.apply(image, self._camera, EMPTY_CONTEXT)
+            image = effect.apply(image, self._camera, CaptureContext())
         changes = {name: fakes.changes[name] for name in thresholds if name in fakes.changes}
         return RenderedImage(image.astype(np.uint8), {"trace": ms}, changes=changes)
 

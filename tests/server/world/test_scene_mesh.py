@@ -108,9 +108,6 @@ def test_scene_is_read_only() -> None:
         scene.corners[0, 0, 0] = 1.0
 
 
-# Textures.
-
-
 def test_texture_of_an_item_is_on_its_triangles_only(tmp_path: Path) -> None:
     make_quadrant_image().save(tmp_path / "q.png")
     textured = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png")
@@ -136,9 +133,6 @@ def test_scene_larger_than_the_memory_limit_is_rejected_before_it_is_built(shape
         build_scene(world, MemoryBudget(4 * MIB if count > 1 else 1024 * MIB))
 
 
-# Mesh files.
-
-
 def test_mesh_without_a_material_keeps_its_own_appearance(tmp_path: Path) -> None:
     path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
     scene = build_scene(World("w", (make_item(MeshFile(path), None),)))
@@ -153,16 +147,6 @@ def test_mesh_with_a_material_has_that_material(tmp_path: Path) -> None:
     assert scene.texture_index.tolist() == [-1, -1]
     assert scene.unlit.all()
     np.testing.assert_array_equal(scene.albedo, [[1, 0, 0], [1, 0, 0]])
-
-
-def test_mesh_is_transformed_by_its_pose(tmp_path: Path) -> None:
-    path = export_mesh(make_plain_square(), tmp_path / "m.stl")
-    scene = build_scene(World("w", (make_item(MeshFile(path), x_m=7.0),)))
-    centre = 0.5 * (scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1)))
-    np.testing.assert_allclose(centre, (7.0, 0.0, 0.0), atol=1e-6)  # STL keeps float32
-
-
-# Colours that vary over a triangle.
 
 
 def write_colourful_square(folder: Path) -> Path:
@@ -186,9 +170,6 @@ def test_corner_albedos_of_one_mesh_stand_beside_plain_triangles(tmp_path: Path)
     np.testing.assert_array_equal(scene.corner_albedo[:12], 0.5)
     np.testing.assert_array_equal(scene.corner_albedo[12], np.eye(3))
     np.testing.assert_allclose(scene.albedo, scene.corner_albedo.mean(axis=1))
-
-
-# The box around all triangles.
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 0.3])
@@ -325,13 +306,6 @@ def test_mesh_file_is_transformed_by_the_pose_with_its_normals(tmp_path: Path, p
     expected = pose.transform_points(at_origin.corners)
     np.testing.assert_allclose(placed.corners, expected, atol=1e-12)
     np.testing.assert_allclose(placed.normals, facet_normals(placed.corners)[0], atol=1e-12)
-
-
-def test_shape_has_unit_normals_in_the_world() -> None:
-    scene = build_scene(World("w", (Item("it", BOX, TURNED, GREY),)))
-    outward = scene.corners.mean(axis=1) - TURNED.translation
-    assert (np.einsum("ni,ni->n", scene.normals, outward) > 0.1).all()
-    np.testing.assert_allclose(np.linalg.norm(scene.normals, axis=-1), 1.0)
 
 
 @pytest.mark.parametrize("unlit", [True, False])

@@ -1,8 +1,8 @@
 """Faults that the server contains, and the signals that end its process.
 
-A fault ends the work that raised it: a command, a request, a frame's channel, a robot. It is
-reported to the client and logged here, the first time with its traceback and then as a line: a
-fault that a client can cause at will must not fill the log with tracebacks.
+A fault ends the work that raised it: a command, a request, a frame's channel, a robot. The client
+gets a report, and the log a traceback the first time and then a line: a fault that a client can
+cause at will must not fill the log with tracebacks.
 
 SIGTERM and SIGINT end the process within a second in every state. Python runs signal handlers in
 the main thread, between two bytecodes: a main thread that imports a library, waits for a lock or
@@ -76,8 +76,8 @@ class Termination:
 
     The first signal begins an orderly end, where one is registered (`call_on_signal`), for which
     the process has `grace_s`. After that time, at a second signal, or where none is registered, the
-    process ends at once. The exit status is that of the first signal: 0 of SIGTERM, 130 of SIGINT,
-    which is also reported in a line on standard error.
+    process ends at once. The exit status follows from the first signal: 0 after SIGTERM, 130 after
+    SIGINT, which is also reported in a line on standard error.
 
     Args:
         exit_process: ends the process with a status.

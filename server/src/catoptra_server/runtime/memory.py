@@ -5,10 +5,10 @@ of 16 x 16 samples a pixel needs 256 rays for each. Sizes are estimated from suc
 compared with a limit before memory is taken. The estimates are peaks of the resident size, start
 included, in tests/measurements/memory_per_item.py.
 
-Freed memory goes back to the system. The C library keeps it for later allocations: up to 64 MiB at
-the end of each of its heaps, and all gaps between what is still in use. Seven views of 193 MB in
-all, as clients get them by trying accuracies, left 62 MB of gaps; closing the gaps takes 0.4 to
-9 ms a view. To return each large array at once (M_MMAP_THRESHOLD, 4 MiB) saves as much and costs a
+Freed memory goes back to the system. The C library keeps some for later allocations: up to 64 MiB
+at the end of each of its heaps, and all gaps between what is still in use. Seven views of 193 MB in
+all, as clients get them by trying accuracies, left 62 MB of gaps; closing the gaps takes 0.4 to 9
+ms a view. To return each large array at once (M_MMAP_THRESHOLD, 4 MiB) saves as much and costs a
 frame with all effects 24 ms.
 
 Every connection takes at least one descriptor, so the limit of open files is raised at the start.

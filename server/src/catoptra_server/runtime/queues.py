@@ -1,12 +1,12 @@
 """Work of many clients in one queue, ordered so that heavy use of one delays no other.
 
 Within a share of the time that a client may use, work is taken in the order of arrival. Work of
-clients above their share waits behind all other work, the least used client first. One queue in
-the order of arrival let four seconds of one client's scans stop the reports of all for sixteen.
+clients above their share waits behind all other work, the least used client first. One queue in the
+order of arrival let four seconds of one client's scans stop the reports of all for sixteen.
 
-Long work of a client above its share leaves time to others even while they have none, if they had
-some a moment ago: a viewer that requests frame after frame would otherwise find it begun between
-two of its requests. Without a share the order of arrival decides alone, as lockstep needs it.
+Long work of a client above its share leaves time to others even while none of theirs waits, if some
+did a moment ago: otherwise it would begin between two requests of a viewer that requests frame
+after frame. Without a share the order of arrival decides alone, as lockstep needs it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 _Key = TypeVar("_Key", bound=Hashable)
 _Item = TypeVar("_Item")
 
-# Use that a client may have at once before its work waits behind that of others.
+# Use that a client may have at once before its work waits behind the others'.
 _BURST_S = 0.005
 # Time that long work leaves to others, as a multiple of its last duration.
 _PAUSE_OF_LONG_WORK = 4.0
@@ -59,7 +59,7 @@ class FairQueue(Generic[_Key, _Item]):
 
         Args:
             share: Part of the time, 0 to 1, that a client may use before its work waits behind
-                that of others; None keeps the order of arrival whatever is used.
+                the others'; None keeps the order of arrival whatever is used.
             patience_s: Age of the last work of a client with less use up to which long work waits
                 for the next; work is long from this duration on. 0 waits for nobody.
             monotonic: Clock, seconds.

@@ -131,7 +131,7 @@ class Shutter:
     exposure_s: float
     """Exposure time of a row."""
     readout_s: float
-    """Time from the first row's exposure to that of a row after the last; 0: a global shutter."""
+    """Time between the exposures of the first row and of a row after the last; 0: all at once."""
     num_steps: float
     """Displacement during both times, in steps that a slot may have; any number."""
     max_time_samples: int = MAX_TIME_SAMPLES

@@ -1,9 +1,9 @@
 """What a mesh file names or contains beside its triangles, counted before memory is taken for it.
 
-`MeshAssets` reads the files that a mesh file refers to: materials, buffers and images, none of them
-outside its folder. `reserve_gltf` counts what a glTF file announces, since a few bytes of JSON can
-name arrays of gigabytes: an accessor without a buffer view is zeros of any length, buffer views may
-overlap, and an image may be of any size. Source: glTF 2.0, 3.6 and 4.4.3.
+`MeshAssets` reads the files that a mesh file refers to: materials, buffers and images inside its
+folder. `reserve_gltf` counts what a glTF file announces, since a few bytes of JSON can name arrays
+of gigabytes: an accessor without a buffer view is zeros of any length, buffer views may overlap,
+and an image may be of any size. Source: glTF 2.0, 3.6 and 4.4.3.
 """
 
 from __future__ import annotations

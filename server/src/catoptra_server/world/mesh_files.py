@@ -44,7 +44,7 @@ from catoptra_server.world.world_description import MeshFile
 log = logging.getLogger(__name__)
 # Ten times the largest coordinate of a world's file. A float32 has steps of 6 cm there.
 _MAX_COORDINATE_M = 1e6
-# Readers of further formats (archives, CAD files) exist in trimesh; none of them is bounded.
+# Readers of further formats (archives, CAD files) exist in trimesh; their memory has no bound.
 _GLTF_SUFFIXES = (".glb", ".gltf")
 _SUFFIXES = (*_GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".dae")
 # While a file is read: lines of an OBJ or elements of a DAE are objects of Python.

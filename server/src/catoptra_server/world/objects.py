@@ -103,7 +103,7 @@ def build_object_mesh(parts: Iterable[tuple[Patch, Material]]) -> ObjectMesh:
     # Unit normals from the winding, as in scene_mesh; a degenerate triangle keeps a zero normal.
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(cross, axis=-1, keepdims=True)
-    # The box's centre: not that of the smallest sphere, but a closed form.
+    # The box's centre, a closed form; the smallest sphere has another.
     centre: Floats = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
     mesh = ObjectMesh(
         corners=corners,

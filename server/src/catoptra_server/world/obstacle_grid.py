@@ -101,7 +101,7 @@ def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> Obs
     for block in row_blocks(len(scene)):
         is_within = _reach_into_band(scene.corners[block], low_m, high_m)
         within.append(block.start + np.flatnonzero(is_within))
-    # From above many triangles of a scene are one: a third of those of the football field remain.
+    # From above many triangles of a scene are one: a third of the football field's remain.
     triangles = first_occurrences(outlines, np.concatenate(within))
     if not len(triangles):
         return ObstacleGrid(_MIN_CELL_M, outlines, {})
@@ -199,8 +199,7 @@ def penetration_depths(
 ) -> list[float]:
     """Least translation that separates a rectangle from each of some triangles, metres.
 
-    0 for a triangle that the rectangle does not intersect. The arguments are those of
-    `rectangle_intersects`.
+    0 for a triangle that the rectangle does not intersect. Arguments as of `rectangle_intersects`.
     """
     return [
         _penetration_depth(along, across, half_size_m)

@@ -87,7 +87,7 @@ _MaterialPatch = tuple[Patch, Material]
 
 def _deck_z(shape: RobotDimensions) -> float:
     """z of the deck."""
-    # The UDK's P3AT reports no height: that of its wheels then.
+    # The UDK's P3AT reports no height: its wheels' then.
     height = shape.dimensions_m[2] or 2.0 * shape.wheel_radius_m
     return shape.ride_height_m - height
 

@@ -140,7 +140,7 @@ def _refine(facets: _Facets, bounds: Floats, known: float) -> float:
     index = np.flatnonzero(bounds > _ROUNDED * known)
     corners = facets.scene.corners[index]
     if len(index) > _MAX_PIECES:
-        # Many facets of one brightness: their own boxes say as much as those of pieces would.
+        # Many facets of one brightness: their own boxes say as much as pieces' would.
         of_blocks = (facets.bound(index[block], corners[block]) for block in row_blocks(len(index)))
         return max(float(one.max()) for one in of_blocks)
     bounds = facets.bound(index, corners)

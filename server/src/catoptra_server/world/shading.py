@@ -74,7 +74,7 @@ def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
 def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -> Floats:
     """(n, 3) irradiance by point lights at (n, 3) points with (n, 3) normals.
 
-    At the light itself the irradiance is that of a millimetre.
+    At the light itself the irradiance is as at a millimetre.
     """
     total = np.zeros_like(normals)
     for light in point_lights(lights):

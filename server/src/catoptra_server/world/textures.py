@@ -9,8 +9,8 @@ neighbouring samples, in texels, are its footprint. Where these are longer than 
 in the image itself picks single texels of many: a distant pattern flickers. Each level halves the
 one before by the mean of what its texels cover, so a look-up in the level of the footprint averages
 all of it, at the cost of two look-ups. The footprint is an ellipse, a level's texel is a square. At
-a grazing angle the ellipse is long: the level of its longer axis would blur the texture across it,
-that of the shorter one would leave it aliased. As a compromise the longer axis counts at most
+a grazing angle the ellipse is long: the level of the longer axis would blur the texture across, the
+level of the shorter one would leave it aliased. As a compromise the longer axis counts at most
 `MAX_STRETCH` times the shorter. Source: Williams 1983 for levels, Igehy 1999 for steps on a
 surface, Heckbert 1989 for the ellipse. Twins: render/trace/kernel/src/texture_levels.h,
 glsl/include/texture_levels.glsl.
@@ -190,7 +190,7 @@ def uv_steps(
         normals: (n, 3) of the surfaces, of any length but zero.
         hits: (n,) distances along the directions, metres.
         directions: (n, 3) unit directions of the rays.
-        ray_steps: (n, 2, 3) from each direction to those of its neighbours.
+        ray_steps: (n, 2, 3) from each direction to its neighbours'.
     """
     # A ray beside this one meets the plane where it has gone further, or less far, by the slope.
     cosine = np.einsum("ni,ni->n", normals, directions)
@@ -290,7 +290,7 @@ def read_appearance(
         mesh: the mesh.
         faces: (n, 3) vertices of the triangles, in the order of the corners.
         make_texture: texture of an image of Pillow's.
-        is_gltf: whether colours are linear; those of other files are sRGB.
+        is_gltf: whether colours are linear; in other files they are sRGB.
     """
     visual = mesh.visual
     material = getattr(visual, "material", None)
@@ -364,7 +364,7 @@ def _base_colour(material: Any, default: Floats, *, is_gltf: bool) -> Floats:
 
 
 def _linear_light(colours: npt.ArrayLike, *, is_gltf: bool) -> Floats:
-    """(..., 3) linear light of (..., 3 or 4) colours: glTF's are linear, those of others sRGB.
+    """(..., 3) linear light of (..., 3 or 4) colours: linear in glTF, sRGB elsewhere.
 
     Whole numbers are fractions of the largest one of their type; fractions beyond [0, 1] and NaN
     are clipped. Source: glTF 2.0, 3.9.2 and 3.7.2.1: baseColorFactor and COLOR_0 are linear.

@@ -1,16 +1,17 @@
 """Long arrays of triangles: rows in blocks, equal rows, grid cells, clusters, exact distances.
 
-Rows: an expression over a million triangles writes every intermediate result to memory, and reads
-it back. In blocks the intermediate results stay in the processor's cache: normals of a million
-triangles take 42 ms in place of 300, bounds of their radiance a quarter of the time.
+Rows: an expression over a million triangles writes and reads every intermediate result in memory.
+In blocks the intermediate results stay in the processor's cache: normals of a million triangles
+take 42 ms in place of 300, bounds of their radiance a quarter of the time.
 
 Cells: a million boxes are sorted into the cells of a square grid in 0.1 s. Nearly all lie in one
-cell, the others are repeated for each cell that they reach into, and one sort puts the members of a
+cell, the others are repeated for each cell within their reach, and one sort puts the members of a
 cell side by side.
 
 Clusters: neighbouring triangles with a box around them, for culling. Raster sends a face no cluster
 outside the face's view: without culling, five faces send five times the scene, and a frame of
-60 000 or a million triangles takes a fifth longer on llvmpipe (tests/measurements/raster_faces.py).
+60 thousand or a million triangles takes a fifth longer on llvmpipe
+(tests/measurements/raster_faces.py).
 Distance bounds skip clusters that are far away.
 """
 
@@ -67,7 +68,7 @@ _HASH_FACTORS = np.random.default_rng(1).integers(0, 2**63, 16, dtype=np.uint64)
 
 
 def first_occurrences(values: Floats, rows: Indices) -> Indices:
-    """Those of some rows that equal no earlier one of them.
+    """Rows, of some, that equal no earlier one.
 
     Rows are compared by a hash of 64 bits, and in full where two hashes agree. Two equal rows with
     a different row of the same hash between them would both count.
@@ -92,7 +93,7 @@ def first_occurrences(values: Floats, rows: Indices) -> Indices:
 
 
 def _hash_rows(values: Floats) -> npt.NDArray[np.uint64]:
-    """(n,) hashes of (n, ...) numbers; those of equal rows are equal."""
+    """(n,) hashes of (n, ...) numbers; equal rows have equal hashes."""
     columns = np.ascontiguousarray(np.moveaxis(values, 0, -1)).reshape(-1, len(values))
     hashes = np.zeros(len(values), dtype=np.uint64)
     # -0.0 + 0.0 is 0.0: equal numbers have equal bits.
@@ -272,7 +273,7 @@ def triangle_distances(point: Floats, corners: Floats) -> Floats:
     """(n,) distances from a (3,) point to (n, 3, 3) triangles; those without area count as lines.
 
     Ericson 2005, Real-Time Collision Detection, 5.1.5: the plane's distance where the point's
-    projection lies within the triangle, else that of the nearest edge.
+    projection lies within the triangle, else the nearest edge's.
     """
     corner = corners - point
     edge = np.roll(corner, -1, axis=1) - corner

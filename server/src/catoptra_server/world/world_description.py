@@ -67,7 +67,7 @@ class Item:
     object_name: str = ""
     """Object that the item is a part of; empty: an object of the item's own name."""
     class_name: str = ""
-    """Class of the object, for labels; empty: `SceneObject`'s default, or that of a file's node."""
+    """Class of the object, for labels; empty: the node's name, or the default."""
 
 
 @dataclass(frozen=True, slots=True)

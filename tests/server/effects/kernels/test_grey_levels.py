@@ -1,4 +1,4 @@
-"""The hash against the published form in plain integers, variates against their distribution."""
+"""Bounds of changes by search, the hash in plain integers, variates by their distribution."""
 
 from __future__ import annotations
 

@@ -202,7 +202,6 @@ def test_candidates_are_bounded_once_for_all_targets_of_a_camera(
         (candidate_table, "generate_candidate_plans"),
         (candidate_table, "error_bound"),
         (explicit_choice, "plan_from_settings"),
-        (explicit_choice, "error_bound"),
     ):
         monkeypatch.setattr(module, name, refuse)
     budgets = [planner.choose_plan(camera_spec(AccuracyTarget(budget_ms=ms)), CAMERA_STATES)

@@ -10,7 +10,7 @@ near.
 
 Like the bounds of `distances`, the result holds for all viewpoints of a cell of a fixed grid, and
 does not depend on earlier queries. Of four sizes the largest cell counts whose result is little
-above that of its centre: 2 microseconds a frame, half a millisecond for a new cell.
+above its centre's: 2 microseconds a frame, half a millisecond for a new cell.
 """
 
 from __future__ import annotations
@@ -122,8 +122,8 @@ def _angle_ulps(near: _Proximity, position_ulp_m: float, size_ulps: float) -> fl
 _CELL_SIDES_M = (0.5, 0.25, 0.0625)
 # Robots drive on floors: above one, a cell may be wide and must be low.
 _CELL_HEIGHT_FRACTION = 0.125
-# Half a cell's diagonal over the distance of the nearest triangle: the result is 1.5 times that of
-# the centre at most.
+# Half a cell's diagonal over the distance of the nearest triangle: the result is at most 1.5
+# times the centre's.
 _MAX_CELL_LOSS = 1.0 / 3.0
 _CACHE_SIZE = 4096
 # Triangles a group, and groups: 0.1 ms a query for a million triangles and more.
@@ -134,7 +134,7 @@ _BATCH_SIZE = 12
 # A group counts with its box, not with its triangles, where that raises a result by less than half.
 _MAX_EXCESS = 1.5
 _TINY = 1e-30
-# Diagonal of a group's box over that of a square of its share of a surface.
+# Diagonal of a group's box over the diagonal of a square of its share of a surface.
 _MAX_BOX_RATIO = 8.0
 
 
@@ -162,7 +162,7 @@ class NearTriangles:
         return self._cached_in_cell.cache_info().misses + self._cached_at_point.cache_info().misses
 
     def proximity(self, viewpoint: Floats) -> _Proximity:
-        """Proximity of a (3,) viewpoint, no less than that of any in its cell."""
+        """Proximity of a (3,) viewpoint, no less than of any in its cell."""
         x, y, z = viewpoint.tolist()
         for side in _CELL_SIDES_M:
             cell = (round(x / side), round(y / side), round(z / (_CELL_HEIGHT_FRACTION * side)))
@@ -246,7 +246,7 @@ def _summarize_groups(corners: Floats, group_size: int) -> tuple[Floats, Floats,
 
 
 def _has_large_boxes(low: Floats, high: Floats) -> bool:
-    """Whether the boxes of groups are far larger than those of a divided surface would be."""
+    """Whether the boxes of groups are far larger than a divided surface would have."""
     if not len(low):
         return False
     whole_m = float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))

@@ -12,8 +12,8 @@ considered: a hidden triangle counts.
 
 All viewpoints of a cell share a bound. Cells belong to fixed grids and do not depend on earlier
 frames: a frame follows from its camera state alone. Of four sizes the largest cell counts whose
-bound is little below that of its centre. Cells are lower than wide, since robots drive on floors:
-above an open floor, half a metre up or down would change the bound by far more than half a metre
+bound is little below its centre's. Cells are lower than wide, since robots drive on floors: above
+an open floor, half a metre up or down would change the bound by far more than half a metre
 sideways.
 """
 
@@ -175,7 +175,7 @@ def image_rings(camera: RadialCamera) -> ImageRings:
 
 
 def box_distance_bounds(low: Floats, high: Floats, rings: ImageRings) -> Floats:
-    """Distance within which each ring shows nothing of a box; inf: none of the box in the ring.
+    """Distance within which each ring shows nothing of a box; inf: the box is not in the ring.
 
     Args:
         low: (n, 3) lower corners from the viewpoint, in axes whose z is the optical axis.
@@ -353,7 +353,7 @@ class RingDistanceBvh:
             np.maximum(in_front, behind) - np.abs(normals) @ viewpoints.half_extent, 0.0
         )
         # All corners lie on one side of a plane, and so does the triangle: this holds for any
-        # normal, so that of a degenerate triangle does no harm.
+        # normal, so a degenerate triangle's does no harm.
         cosine = (normals @ viewpoints.axis_rotation[2]) * np.where(in_front >= behind, 1.0, -1.0)
         return np.maximum(to_box, plane_distance_bounds(distance, cosine, rings))
 

@@ -71,13 +71,9 @@ def _scale_to_white(
         can_be_darker[:, None], 1.0 / np.maximum(lost_radiance + remaining_radiance, 1.0), 1.0
     )
     lost_radiance, remaining_radiance = factor * lost_radiance, factor * remaining_radiance
-    change = _encode_srgb(lost_radiance + remaining_radiance) - _encode_srgb(remaining_radiance)
+    lit = lost_radiance + remaining_radiance
+    change: Floats = srgb_from_linear(lit) - srgb_from_linear(remaining_radiance)
     return lost_radiance, remaining_radiance, change
-
-
-def _encode_srgb(radiance: Floats) -> Floats:
-    encoded: Floats = srgb_from_linear(np.minimum(radiance, 1.0))
-    return encoded
 
 
 # Sum over all culled lights. A tenth of the threshold of effects: an exposure of ten times the

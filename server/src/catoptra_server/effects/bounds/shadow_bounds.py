@@ -9,16 +9,16 @@ lights, at least by the dimmer half of the sky. Scenes of many triangles are bou
 `shadow_candidates` sorts out triangles without casting rays. For a triangle R to be occluded from a
 light, R has to face the light; a corner of some caster has to lie in front of R's plane; and the
 plane of some caster T has to separate the light from a corner of such an R. A floor, a single
-convex object, or a convex room around a point light do not meet all three. Corners are those of the
-scene where few, otherwise those of the scene's box, which reaches farther.
+convex object, or a convex room around a point light do not meet all three. A scene of many corners
+counts with the corners of its box, which reaches farther.
 
 `LightShafts` then decides for single triangles, in the order of what each could lose. The convex
 hull of a receiver R and of a light is its shaft. A caster T occludes the light from some point of R
-only if none of these planes separates them: the plane of R, with T behind it; the plane of T, with
-R on the light's side; and the planes through the light and an edge of R or of T. The last ones are
-the separating axes of two triangles in the light's projection (Ericson, Real-Time Collision
-Detection, 2005, 5.2.10), so that for one caster the test is exact but for a tolerance; two casters
-never help each other, so it is exact for the scene: some point of R is hidden or none.
+only if it is separated by no plane: the plane of R, with T behind it; the plane of T, with R on the
+light's side; and the planes through the light and an edge of R or of T. The last ones are the
+separating axes of two triangles in the light's projection (Ericson, Real-Time Collision Detection,
+2005, 5.2.10), so that for one caster the test is exact but for a tolerance; two casters never help
+each other, so it is exact for the scene: some point of R is hidden or none.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class ShadowBounds:
                     ]
                 )
             else:
-                # The rest counts as hidden; none of it loses more than this one.
+                # The rest counts as hidden, and loses no more than this one.
                 hidden = np.ones(len(shafts), dtype=bool)
             block = slice(triangle, triangle + 1)
             kept = remaining[block] + of_lights[~hidden & is_directional].sum(axis=0)
