@@ -1,15 +1,13 @@
-"""A rendered frame and its payloads, each encoded once for all connections.
-
-Difference of a picture from a reference of the same exposure, shown beside the picture.
-
-Frames to render, described completely by the simulation and rendered later in another thread.
+"""Requests for frames, and the frames that answer: image, labels, numbers and payloads.
 
 A request holds everything that the image depends on, frozen, so that the simulation goes on while
-the frame is rendered. One frame may consist of several views, one for each tile.
+another thread renders. One frame may consist of several views, one for each tile. Payloads of image
+and labels are encoded once for all connections. Frames know no renderer and no socket.
 
-Labels of one frame, and their payloads, each encoded once for all connections.
-
-Events about frames that mailboxes post to the simulation thread.
+* A channel is the image-port picture, one tile of it, or one camera of one robot: each has a
+  mailbox, a sequence and an interval of its own, and a tile requested alone is rendered alone.
+* A variant of a camera is a channel, too: a viewer tries what accuracy and effects cost while the
+  robot's own camera stays as its owner has set it.
 """
 
 from __future__ import annotations

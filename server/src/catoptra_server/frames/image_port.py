@@ -1,12 +1,10 @@
-"""Robots and cameras as frames see them: protocols, so that nothing here imports the simulation.
+"""Frames composed from the cameras of robots: multi-view, viewports, one camera, or a variant.
 
-The state of a camera on a robot, built in one function for every frame and every tool.
-
-Cameras that the image port shows: the tiles of a multi-view, or the viewports of one robot.
-
-Without a multi-view the image port displays the first robot with a camera, in the viewports that
-the robot's client has set. With one, each camera keeps a tile from the spawn of the robot to the
-removal: the first free tile.
+Robots and cameras are protocols, so that nothing here imports the simulation. Without a multi-view
+the image port displays the first robot with a camera, in the viewports that the robot's client has
+set. With one, each camera keeps a tile from the spawn of the robot to the removal: the first free
+tile. `mounted_camera_state` is the one function that builds the state of a camera on a robot, for
+frames, data sets and tools alike.
 """
 
 from __future__ import annotations

@@ -1,16 +1,13 @@
 """The render thread: frame requests become frames, one after the other.
 
-It owns renderers and views, because an OpenGL context belongs to the thread that made it. The
-simulation goes on while a frame is rendered. Channels share the time of the thread: one whose
-frames take long waits behind the others. A channel whose frame cannot be rendered is rejected with
-the reason, and the others go on.
+It owns the views, because an OpenGL context belongs to the thread that made it; the simulation goes
+on meanwhile. Channels share the time of the thread: one whose frames take long waits behind the
+others, and all variants pay from one account. A channel whose frame fails is rejected with the
+reason, and the others go on.
 
-Channels whose frames fail: rejected for a while, longer after each failure.
-
-A failed frame costs more than others, since renderers are made anew: a channel that always fails
-must not take the time of those that work.
-
-One frame of a request: all views rendered, composed into one image, with the frame's numbers.
+* A failing channel rests for a second, then twice as long each time, up to a minute: a failed frame
+  costs more than others, since renderers are made anew for it. Under lockstep each is tried.
+* At most one query of a plan is answered a frame, so that neither kind of work starves the other.
 """
 
 from __future__ import annotations

@@ -1,17 +1,20 @@
-"""Choice of a renderer, with its reason: the one module that creates renderers.
+"""Renderers of one scene: chosen with a reason, created on demand, made anew and replaced.
 
-As named; else raster where a graphics processor answers; else trace. On a processor the kernel
-draws faster than software OpenGL in 28 of 30 cases, by 1.2 to 20 times, and loses 1.18 and 1.38
-times with 4 x 4 samples under two lamps (tests/measurements/renderer_comparison.py): a rule with
-fitted rates, and trials of both renderers at run time, bought no more than these two. A renderer's
-library is imported only when that renderer is chosen or probed, so a machine without OpenGL runs
-trace.
+The one module that creates renderers. A renderer's library is imported only when that renderer is
+chosen or probed, so a machine without OpenGL runs trace. Which view a renderer draws is decided
+elsewhere. Belongs to the thread that made the first renderer: OpenGL contexts are bound to threads.
 
-To add a renderer: a member of `RendererKind`, a function here, its settings in `candidate_plans`.
+* `auto` is raster where a graphics processor answers, else trace. On a processor the kernel is
+  faster than software OpenGL in 28 of 30 cases, by 1.2 to 20 times, and loses 1.18 and 1.38 times
+  with 4 x 4 samples under two lamps (`tests/measurements/renderer_comparison.py`). A rule with
+  fitted rates, and trials of both at run time, bought no more than these two cases.
+* Under lockstep, in data sets and in studies `auto` is trace: bytes do not depend on the machine.
+* Raster has its image effects from the kernel, too, by reading its linear image back: less than a
+  millisecond on llvmpipe, where the same formulas as shaders took several times as long. Raster has
+  never run on a real GPU.
 
-The renderers of one scene: created on demand, made anew after a failure, and replaced.
-
-Belongs to the thread that made the first renderer: OpenGL contexts are bound to threads.
+To add a renderer: a member of `RendererKind`, a function here, its settings in
+`plan/candidates.py`.
 """
 
 from __future__ import annotations

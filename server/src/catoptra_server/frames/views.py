@@ -1,22 +1,18 @@
-"""Prepared views, bounded by the memory that they hold.
+"""Drawn views of cameras: prepared on first use, bounded in memory, renewed after faults.
 
-Cameras share a view if camera model and plan are equal: targets between two candidate plans, and
-robots of one class. Belongs to the thread of the renderers.
+What a view shows is decided in `frame_plan`; here it is drawn, and labelled where its request wants
+labels. Cameras of equal model and plan share a prepared view: targets between two candidate plans,
+robots of one class. A camera without a client costs nothing, nor do labels before the first request
+for a channel. Belongs to the thread that made the renderers.
 
-Work of renderers that goes on after a fault.
-
-A renderer that fails is made anew; if that fails, too, another one replaces it where that is
-allowed, else the view is refused. A decision that fails is no renderer's fault: that frame fails
-with its reason, and the renderer stays.
-
-Labels of frames: the rays that a frame's picture was drawn by, and where they lead to.
-
-Belongs to the thread of the renderers. Nothing exists before the first request for a channel.
-
-Drawn views of cameras: prepared on first use, and drawn again after a fault of a renderer.
-
-What a view shows is decided in `frame_plan`; here it is drawn. A camera without a client costs
-nothing. Belongs to the thread that made the renderers.
+* A renderer that fails is made anew. If that fails, too, another one replaces it where that is
+  allowed: not under lockstep, nor after a choice by name. Else the view is refused. A decision that
+  fails is no renderer's fault: its frame fails with the reason, and the renderer stays.
+* Labels are found while the image is drawn where its rays and times are theirs: all channels then
+  add 140 % to a clean image, by rays of their own 211 % (`tests/measurements/labels.py`).
+* Freed memory goes back once 4 MiB of views are prepared or closed. Seven views of 193 MB in all,
+  as clients get them by trying accuracies, left 62 MB of gaps; closing the gaps takes 0.4 to 9 ms.
+  To return each large array at once saves as much and costs a frame with all effects 24 ms.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
-"""SET of a robot's parts, and the RES that reports OK or Failed.
+"""Commands to one robot: wheels, joints, packages, SET, GETCONF, GETGEO; and who may drive whom.
 
-To add an opcode: a handler below, and its line in `_HANDLERS`.
+Each command returns its reports. A part that the robot does not have gets an empty reply to GETCONF
+and GETGEO, and a RES of Failed to SET. A robot whose owner shares its control may be driven by
+other clients. It halts once its driver disconnects or may not drive it any more.
 
-Replies to GETCONF and GETGEO; a type or name that the robot lacks has an empty reply.
-
-Commands that need a robot with power: motion of wheels, joints and packages, SET, viewports.
-
-Robots that clients other than their owners drive, where the owners allow it.
+To add an opcode of SET: a handler below, and its line in `_HANDLERS`.
 """
 
 from __future__ import annotations

@@ -1,15 +1,13 @@
-"""Kinematics of a skid-steered base: wheel spin to wheel travel, wheel travel to a new pose.
+"""Motion of a skid-steered base for one tick: wheel spin to wheel travel to a new pose.
 
 Both wheels of a side spin alike. Yaw grows clockwise (SAE), hence with the travel of the left side:
-turn = (left - right) / track, as USARSim's odometry integrates wheel rotations.
+turn = (left - right) / track, as USARSim's odometry integrates wheel rotations. Slip is random, by
+tick; the base stops at the first contact while its wheels roll on.
 
-Bases of USARSim's robots, which robot files leave to the source of the class.
-
-UT2004 P2AT and UDK P3AT: replies of real servers. P2DX: wheels and body from the manufacturer's
-data sheet of the Pioneer 2-DX, since no reply of that class is public; the wheel speed gives the
-driving speed of the P2AT. Ride heights are our choice: half the body's height.
-
-Motion of a robot's base for one tick, with wheel slip, up to the first contact.
+Bases of USARSim's robots are here, too: robot files leave them to the source of the class. UT2004
+P2AT and UDK P3AT are from replies of real servers. No reply of the P2DX's class is public: its
+wheels and body are from the manufacturer's data sheet of the Pioneer 2-DX, and the wheel speed
+gives the driving speed of the P2AT. Ride heights are our choice: half the body's height.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The robots of all clients: spawning, commands, motion, readings and frames."""
+"""The robots of all clients: spawning, commands, motion, readings and frames.
+
+The one face of robots, cameras and obstacles to the simulation loop; a command finds its robot here
+and is executed in `commands.py`. Knows no clock and no queue.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
 """Events on their way to the simulation thread: urgent ones, and the work of each client.
 
 The work of a client waits in a queue of its own, of bounded length, so that a flood of one client
-neither delays the others nor grows in memory.
+neither delays the others nor grows in memory. Within 1 % of the thread's time work keeps the order
+of arrival, above that it waits behind all other. A client has 64 commands waiting at most; then TCP
+holds it back. Departures and the server's end overtake all work.
 """
 
 from __future__ import annotations

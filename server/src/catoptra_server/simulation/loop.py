@@ -3,8 +3,16 @@
 Other threads post events; the simulation replies by methods of `Client` and callbacks, and hands
 over frame requests to be rendered elsewhere. A camera that no client requested is not captured.
 Time advances in ticks of fixed length: with the wall clock (realtime), or only by steps (lockstep),
-where equal seeds and commands give equal bytes. A fault in the work of a client ends that work, a
-fault in a robot removes the robot; the others go on.
+where equal seeds and commands give equal bytes.
+
+* A thread for the simulation, one for rendering, one asyncio loop for sockets. One thread for the
+  first two let the reports of 64 robots come every 0.35 s instead of 0.2 s.
+* The work of clients takes a twentieth of each tick, 1 of 20 ms, by least use (`inbox.py`). One
+  queue for all, drained before each tick, let four seconds of scans of one client stop the reports
+  of all for sixteen. Under lockstep the order of arrival alone decides.
+* A fault in the work of a client ends that work, a fault in a robot removes the robot; the others
+  go on. Each is logged once, with its traceback, and reported to the client.
+* Under lockstep the simulation waits for each image, and each step ends with a whole sensor cycle.
 """
 
 from __future__ import annotations

@@ -1,8 +1,13 @@
-"""A spawned robot: body, sensors, cameras, mission packages, battery and report schedule.
+"""A spawned robot: body, sensors, cameras, mission packages, battery, reports and notes.
 
-Times at which the sensors of a robot report.
+It moves by one tick at a time and reads its sensors when their reports are due. Who commands it is
+not known here. Viewers get the robots as a frozen `FleetState`: poses, commanded speeds, newest
+readings, published notes.
 
-The robots as a viewer sees them: poses, commanded speeds, newest readings, published notes.
+* All periods start together: the first reports are due at once. A period of 0.05 s keeps its mean
+  in ticks of 0.02 s.
+* Random numbers are keyed by the server's seed and the robot's name, never by the order of
+  connections: a drive is reproducible whichever clients are connected, too.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Class, place and name of a robot, from the parameters of INIT.
+"""Class, place and name of a new robot, from the parameters of INIT.
 
 A robot is spawned where it touches nothing: a base in contact could hardly move, and robots inside
-each other fill each other's images. A place that is not free is replaced by the nearest free one.
-
-Meshes of all robot classes, for the views of other robots and of a robot's own mirror.
+each other fill each other's images. A place that is not free is replaced by the nearest free one of
+the same heading, within 2 m.
 """
 
 from __future__ import annotations

@@ -1,16 +1,15 @@
-"""Ground truth of frames: rays of their cameras, prepared once, and what these meet.
+"""Ground truth of images: rays of their cameras, prepared once, and what these meet.
 
 Belongs to the thread of the renderers. The rays of a camera are kept as long as there is room.
 
-Fraction of each object that others hide: of the pixels that it would have alone in the world.
-
-Rays of pixels in a cone around the object's box are cast at its own triangles. At most MAX_RAYS of
-them, evenly spread over the image, decide: the standard error of the fraction is then below 0.01.
-
-Optical flow: where the point that a pixel shows is in the image of another exposure.
-
-The point moves with its object; its pixel there is that of the exact camera model; it is unknown
-where the point is outside that image, or where the ray of that pixel meets something else first.
+* Labels are found along the rays of the picture where its rays and times are theirs: proofs and
+  hits serve both, and the picture keeps its bytes. Else they are traced by themselves.
+* Occluded fraction: of the pixels that an object would have alone in the world, the part that
+  others hide. Rays in a cone around the object's box are cast at its own triangles; at most 4096 of
+  them, evenly spread over the image, leave a standard error below 0.01.
+* Flow: the point that a pixel shows moves with its object; its pixel in the other exposure is that
+  of the exact camera model. It is unknown where the point is outside that image, or where that
+  pixel's ray meets something else first.
 """
 
 from __future__ import annotations

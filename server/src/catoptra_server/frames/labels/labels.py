@@ -1,9 +1,9 @@
-"""Rays of the pixels' centres, and of their samples: the exact camera model, in one table.
+"""What labels are of: the image, the rays of its pixels, and the objects of its world.
 
-Of a displaced capture camera (`Misalignment`) each pixel has the ray of the point that its light
-came from; of a rolling shutter each ray has the time of its row.
-
-Numbers, classes and boxes of all objects of a world.
+The image decides the objects in view, the rows of a rolling shutter and a displaced capture camera.
+Of a displaced one each pixel has the ray of the point that its light came from (`Misalignment`);
+under a rolling shutter each ray has the time of its row. Numbers, classes and boxes of objects
+follow from the world and the order of spawning.
 """
 
 from __future__ import annotations

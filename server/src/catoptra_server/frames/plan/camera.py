@@ -1,15 +1,12 @@
-"""Cameras to plan and prepare views for: the camera model with the requested settings.
+"""Cameras to render: camera models with settings, their variants, and the choice of a viewpoint.
 
-Other settings for a camera's frames, beside the ones of its robot: for comparison, by anyone.
+A variant changes nothing of the camera that it belongs to: a viewer may try what accuracy and
+effects cost while the robot's own client goes on with the frames it chose.
 
-A variant changes nothing of the camera that it belongs to, so that a viewer may try what accuracy
-and effects cost while the robot's own client goes on with the frames it chose.
-
-Choice between the exact rays of a mirror without a viewpoint and rays from its best one.
-
-Seen from afar both are one: rays miss the best viewpoint by millimetres, which is an angle at the
-distance of what they show. `Central=auto` leaves the choice to each frame, by the nearest thing of
-the scene; the near limit is the distance from which the image errs by at most the allowed pixels.
+A mirror without a viewpoint has a ray for each sample. Seen from afar, its rays and those from its
+best viewpoint are one: they miss it by millimetres, an angle that falls with the distance of what
+they show. `Central=auto` leaves the choice to each frame, by the nearest thing of the scene. From
+the near limit on, the image errs by at most the allowed pixels.
 """
 
 from __future__ import annotations

@@ -1,15 +1,10 @@
-"""Candidate plans of a camera, and the few of them that are timed: the settings of each renderer.
+"""Candidate plans of a camera with their bounds and predicted times, from a few timed plans.
 
-Candidates vary every number of a plan in useful steps; some 130 for a camera with both renderers.
+Candidates vary every number of a plan in useful steps: some 130 for a camera with both renderers.
 Mesh and exact mirror are never exchanged for each other: a mesh costs more and shows less, but a
-robot's file that has one describes its mirror.
-
-Measured frame times of a few plans: median milliseconds of each stage, on this machine.
-
-One to two seconds a renderer on two cores, most of it preparation of views. The plans come from
-`candidate_plans`, the rates fitted to their times belong to `cost_model`.
-
-Candidates of one camera with their bounds and times, from measured costs of all renderers.
+robot's file that has one describes its mirror. Seven plans of this scene and camera are rendered
+for a few frames each, 1 to 3 s in all, most of it preparation; rates fitted to their medians
+(`costs.py`) predict the others. Constants of another machine are never used.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Prediction of frame times: rates for each stage, fitted to a few measured frames.
+"""Prediction of frame times: rates of each stage, fitted to measured frames, kept and corrected.
 
 A stage's time is a sum of rates times quantities of the plan: a constant, and so much a ray, a
 sample, a texel. Rates hold for one scene, one camera and one renderer on one machine.
@@ -11,18 +11,13 @@ sample, a texel. Rates hold for one scene, one camera and one renderer on one ma
 | raster   | mirror | samples of the image, and texels: a larger atlas exceeds the cache |
 | any      | other  | samples: averaging, read-back, time between the stages             |
 
-Effects are no stage of a calibration: `cost_corrections` adds them, once frames are
-drawn.
-
-Measured costs on disk: a restarted server does not measure again.
-
-A file belongs to one renderer on one processor or graphics card, one scene, camera, surface and
-release. An unreadable file only means a new measurement: the cache may be deleted at any time.
-
-Corrections of predicted frame times by drawn frames.
-
-Drawn frames differ from calibrated ones in two ways. The load of the machine and the viewpoint
-multiply all times of a renderer; stages that no calibration has, such as effects, add to them.
+* Drawn frames differ from timed ones in two ways. The load of the machine and the viewpoint
+  multiply all times of a renderer; stages that no timed plan has, such as effects, add to them.
+  Predictions are within 25 % of drawn frames in 27 of 30 cases
+  (`tests/measurements/predicted_times.py`).
+* Rates are stored on disk, so that a restarted server does not measure again. A file belongs to one
+  renderer on one processor or graphics card, one scene, camera, surface and release. An unreadable
+  file only means a new measurement: the cache may be deleted at any time.
 """
 
 from __future__ import annotations

@@ -3,65 +3,49 @@
 Each sample of a frame shows the scene in some direction. `geometric` bounds the distance between
 that sample and the pixel to which the camera model projects that direction, over the visible image,
 in pixels and as an angle at the effective viewpoint. Camera and plan alone determine the bound of a
-plan, before anything is rendered; each frame adds what its scene contributes.
+plan, before anything is rendered; each frame adds what its scene contributes. A bound, not an
+estimate: tests compare it with every ray of trace and with silhouettes of raster. It is never
+exceeded, and never twice the largest error seen. 3 to 27 ms at 640 px, 2 microseconds when cached.
 
-The bound is a sum of named components:
-
-| component | cause                                 | computed in                               |
-|-----------|---------------------------------------|-------------------------------------------|
-| polygons  | interpolation over flat facets        | `facet_error`: on the mesh, in float64    |
-| rim       | a mesh that ends within the rim       | `facet_error.rim_gap`: closed form        |
-| faces     | texels between viewpoint and mirror   | `face_lookup_error`: half a texel's image |
-| corners   | mesh corners on the rasterizer's grid | `rounding_error.corner_error`             |
-| rounding  | float32 directions and atlas          | `rounding_error`                          |
-| scene     | float32 coordinates of the scene      | `rounding_error.scene_error`: each frame  |
+| component | cause                                 | computed in                                  |
+|-----------|---------------------------------------|----------------------------------------------|
+| polygons  | interpolation over flat facets        | `facet_error.py`: on the mesh, in float64    |
+| rim       | a mesh that ends within the rim       | `facet_error.py:rim_gap`: closed form        |
+| faces     | texels between viewpoint and mirror   | here: half a texel's image                   |
+| corners   | mesh corners on the rasterizer's grid | here                                         |
+| rounding  | float32 directions and atlas          | here                                         |
+| scene     | float32 coordinates of the scene      | `effects/bounds/coordinate_rounding.py`      |
 
 All but the rim add up: beyond the end of the mesh nothing is shown that could be displaced as well,
-so the rim is a lower limit of the total rather than a summand.
+so the rim is a lower limit of the total rather than a summand. Not included: the spacing of the
+samples, which is `sampling` and adds to any measurement in a frame (`marker_error_px` is both, for
+the centroid of a disc); objects smaller than four of a face's texels; the tessellation of the scene
+itself; grey levels.
 
-Not included: the spacing of the samples, which is `sampling` and adds to any measurement in a frame
-(`marker_error_px` is both, for the centroid of a disc); objects smaller than four of a face's
-texels; the tessellation of the scene itself; grey levels.
+Faces. A texel holds the mean of its samples, and the image a bilinear mix of four texels; a
+straight edge appears where that mix passes one half. With one sample a texel the edge is displaced
+by at most half a texel. For let L be the signed distance from the edge at the texel centres, and w
+the bilinear weights at a point with L(point) = sum w L and half of the weight on centres with L >
+0: the largest such L(point) within a square of centres is 1/2, for an edge along the texels. Texels
+need not be square for that. With more samples a texel holds steps of its coverage, and the
+displacement depends on the sample pattern. An object smaller than a texel may be missed, and
+corners are rounded off (the tip of a right angle by 0.7 texels); that displaces nothing of the
+remainder. The bound is for edges with a radius of curvature of at least two texels.
+
+Rounding. Trace and the shader of mirror meshes hold directions as float32, each component rounded
+to a part in 2^24 =: 1 / u. A direction that is off by an angle is displaced by that angle times at
+most `max_px_per_rad`, so all that remains is the number of u. Raster also holds coordinates in the
+atlas, as fractions of its width. What the scene's coordinates displace depends on the viewpoint and
+on what is near: thousandths of a pixel in the bundled worlds.
+
+Samples. A sample stands for a square of the image, so an outline is displaced by half a square's
+diagonal at most, in any direction and for any shape. A frame keeps the mean of each pixel's
+samples: the centroid of a disc is displaced by the samples no more than its outline, and a little
+by the pixels. With texels denser than samples, one bilinear lookup a sample skips texels, and small
+objects flicker or vanish; with texels sparser than samples, the image is blurred.
 
 To add a component: a function that returns a GeometricError, and its line in
 `_additive_components`.
-
-Displacement by the texels of the cube's faces.
-
-A texel holds the mean of its samples, and the image holds a bilinear mix of four texels. A straight
-edge appears where that interpolation passes one half.
-
-With one sample a texel the edge is displaced by at most half a texel, in any direction. Let L be
-the signed distance from the edge at the texel centres, and w the bilinear weights at a point with
-L(point) = sum w L and half of the weight on centres with L > 0. The largest such L(point) within a
-square of centres is 1/2, for an edge along the texels. Texels need not be square for that: the
-bound is in their own unit. With more samples a texel holds steps of its coverage, and the
-displacement depends on the sample pattern.
-
-An object smaller than a texel may be missed altogether, and corners are rounded off (the tip of a
-right angle by 0.7 texels). That displaces nothing of the remainder and is not counted: the bound is
-for edges with a radius of curvature of at least two texels, so for objects from four texels on.
-
-Displacement by single precision: the floor under the error of every plan and every frame.
-
-Trace and the shader of mirror meshes hold directions as float32, each component rounded to a part
-in 2^24 =: 1 / u. The condition of the camera model is the image scale: a direction off by an angle
-is displaced by that angle times at most `max_px_per_rad`. So all that remains is the number of u by
-which a direction is off. Raster also holds coordinates in the atlas, as fractions of its width.
-
-Coordinates of the scene are float32, too. What that displaces depends on the viewpoint and on what
-is near: `bounds/coordinate_rounding` finds the angle for each frame.
-
-Error of a finite number of samples in an image whose every sample is exact.
-
-A sample stands for a square of the image. A surface is shown with the squares whose centres its
-image covers, so an outline is displaced by half a square's diagonal at most, in any direction and
-for any shape. A frame keeps the mean of each pixel's samples. The centre of a disc, measured as the
-centroid of that light, is displaced by the samples no more than its outline, and a little by the
-pixels; a disc smaller than a pixel can lie anywhere in its pixel.
-
-With texels denser than samples, one bilinear lookup a sample skips texels: small objects flicker or
-vanish. With texels sparser than samples, the image is blurred.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Displacement by a mirror mesh, evaluated on its facets in float64.
+"""Displacement by a mirror mesh, evaluated on its facets in float64; and the measure of any error.
 
 On a facet all is known in closed form: a point, its pixel in the capture camera, the direction
 interpolated there, and the pixel to which the camera model projects that direction. The distance of
-the two pixels is the error. It is evaluated on a grid of each triangle, borders included, and only
-in sectors that neither mesh nor cube repeat.
+the two pixels is the error. A grid of each triangle is evaluated, borders included, and only in
+sectors that neither mesh nor cube repeat.
 
 From a grid to a bound: the error vanishes at the corners, and in between is a quadratic form sum
 a_ij w_i w_j of the barycentric weights, up to terms that fall with the next power of the facet's
@@ -11,9 +11,6 @@ size. The error of linear interpolation between grid points 1/k apart is the sam
 smaller. So the largest error is at most the grid's divided by 1 - 1/k^2. Terms that are not
 quadratic, such as kinks where a coarse facet looks past the mirror's asymptote, are of first order
 in 1/k and smaller by a facet's angle: pi / S of 1/k is added for them.
-
-Displacement of an image from the camera model: the measure of every component of an error
-bound.
 """
 
 from __future__ import annotations

@@ -1,15 +1,10 @@
-"""Monitor of frame times against a budget: when a plan has to be chosen again.
+"""Plans for the cameras of one scene, with the measured costs of their frames.
 
-A budget is exceeded when the median of 30 frames is more than a fifth above. There is headroom when
-the next more accurate plan would take less than 0.85 of the budget, for many frames on end; each
-time a more accurate plan turns out too slow, the wait doubles. So plans do not oscillate.
-
-Plans for the cameras of one scene.
-
-Without an accuracy target a plan follows explicit numbers, by the renderer that `renderer_choice`
-took. With a target all renderers are measured once for the camera, and the rates are stored on
-disk; times of real frames then correct the predictions by one factor per renderer. Belongs to the
-thread of the renderers.
+Without an accuracy target a plan follows explicit numbers, by the renderer that the server chose.
+With a target all renderers are measured once for the camera, and the rates are stored on disk;
+times of drawn frames then correct the predictions by one factor a renderer and a time of the
+camera's effects. When to choose anew is decided by `frame_plan.py`. Belongs to the thread of the
+renderers.
 """
 
 from __future__ import annotations

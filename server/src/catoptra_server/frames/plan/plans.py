@@ -1,27 +1,18 @@
-"""Plan from explicit numbers: those of the robot's file, defaults for the rest.
+"""A camera's plan: by explicit numbers, or the one of many candidates that meets a target.
 
-The numbers are followed as they are; nothing is weighed. With an accuracy target `plan_choice`
-picks one of many such plans.
+Explicit numbers, those of the robot's file and defaults for the rest, are followed as they are, by
+the chosen renderer if it can show the image; nothing is weighed. For an accuracy target every
+candidate has an error bound, `ErrorBound.outline_error_px`, and a predicted time. A perspective
+image needs neither faces nor mirror: its plan is a number of samples. Sizes of views in memory
+follow from a plan's numbers alone.
 
-Size of a view in memory, from the numbers of its plan alone.
-
-Plan of a perspective camera's frames: the number of samples, with a reason.
-
-A perspective image needs no faces and no mirror, so nothing else is left to decide.
-
-Choice of a plan for an accuracy target: the cheapest within a tolerance, the best in a budget.
-
-Every candidate has an error bound, `ErrorBound.outline_error_px`, and a predicted time. Candidates
-that another one beats in both are dropped; the others form a Pareto front, from the cheapest to the
-most accurate. A choice is a point of the front and names both neighbours, so that a client
-sees the price of a little more accuracy, and the gain of a little less.
-
-Choice of a plan by explicit numbers: that of the chosen renderer, if it can show the image.
-
-Budget of a long exposure: a limit of its time samples, each of which renders the whole image.
-
-Counted in rays, not in milliseconds, so that a frame depends on its camera state and plan alone. An
-object costs the rays that may meet it, and the placing of its triangles.
+* Candidates that another one beats in both error and time are dropped; the others form a Pareto
+  front, from the cheapest to the most accurate. A choice is a point of the front and names both
+  neighbours: a client sees the price of a little more accuracy, and the gain of a little less.
+* A tolerance takes the cheapest plan within, a budget the most accurate. In conflict the budget
+  wins.
+* A long exposure is limited in rays, not in milliseconds, so that a frame depends on its camera
+  state and plan alone. An object costs the rays that may meet it, and the placing of its triangles.
 """
 
 from __future__ import annotations
