@@ -71,8 +71,8 @@ _MAX_CAMERAS = 256
 # Costs are measured here where no start poses are given.
 DEFAULT_CALIBRATION_STATES = (CameraState(Pose.identity()),)
 
-Plan = RenderPlan | PerspectivePlan
-ViewKey = tuple[OmniCamera | PerspectiveCamera, Plan]
+_Plan = RenderPlan | PerspectivePlan
+ViewKey = tuple[OmniCamera | PerspectiveCamera, _Plan]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ class FramePlan:
     """Camera to draw: the requested one, or that with one viewpoint for all its rays."""
     requested: CameraSpec
     """Camera as the client requested it, whose rays label the picture."""
-    plan: Plan
+    plan: _Plan
     view_key: ViewKey
     """Everything that a prepared view depends on; cameras with equal keys share a view."""
     plan_text: str
@@ -156,7 +156,7 @@ class ErrorBoundTable:
 class CameraPlan:
     """Plan that the frames of a camera follow until their times demand another."""
 
-    def __init__(self, camera: CameraSpec, plan: Plan, choice: PlanChoice | None = None) -> None:
+    def __init__(self, camera: CameraSpec, plan: _Plan, choice: PlanChoice | None = None) -> None:
         """Follow a plan.
 
         Args:

@@ -57,7 +57,7 @@ class _Pause:
     reason: str
 
 
-class ChannelBackoff:
+class _ChannelBackoff:
     """Pauses of failing channels."""
 
     def __init__(self, monotonic: Callable[[], float]) -> None:
@@ -82,7 +82,7 @@ class ChannelBackoff:
         self._pauses.pop(channel, None)
 
 
-class ViewProvider(Protocol):
+class _ViewProvider(Protocol):
     """Source of rendered views; the server's is `ViewCache`."""
 
     def render(self, request: ViewRequest) -> RenderedView:
@@ -99,7 +99,7 @@ class ViewProvider(Protocol):
 
 
 def render_frame(
-    request: FrameRequest, views: ViewProvider | None, *, monotonic: Callable[[], float]
+    request: FrameRequest, views: _ViewProvider | None, *, monotonic: Callable[[], float]
 ) -> Frame:
     """Render all views of a request and compose the frame; black without a view provider."""
     composition = request.composition
@@ -121,7 +121,7 @@ def render_frame(
     end_s = monotonic()
     present = [view for view in rendered if view is not None]
     single = present[0] if len(rendered) == len(present) == 1 else None
-    bounds = max_bounds(view.frame_plan.bounds for view in present)
+    bounds = _max_bounds(view.frame_plan.bounds for view in present)
     return Frame(
         sequence=request.sequence,
         time_s=request.time_s,
@@ -153,7 +153,7 @@ def _sum_stages(views: Sequence[RenderedView]) -> dict[str, float]:
     return stage_ms
 
 
-def max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float] | None:
+def _max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float] | None:
     """Largest value of each error bound, over all views of a frame.
 
     Returns:
@@ -221,7 +221,7 @@ class _PlanQuery:
     reply: PlanCallback
 
 
-class FrameSink(Protocol):
+class _FrameSink(Protocol):
     """Destination of frames and rejections, in the render thread; the server's is `Mailboxes`."""
 
     def put(self, frame: Frame) -> None:
@@ -236,7 +236,7 @@ class RenderThread:
 
     def __init__(
         self,
-        sink: FrameSink,
+        sink: _FrameSink,
         *,
         is_lockstep: bool = False,
         monotonic: Callable[[], float] = time.monotonic,
@@ -252,7 +252,7 @@ class RenderThread:
         """
         self._sink = sink
         self._monotonic = monotonic
-        self._backoff = None if is_lockstep else ChannelBackoff(monotonic)
+        self._backoff = None if is_lockstep else _ChannelBackoff(monotonic)
         # Guards all below.
         self._changed = threading.Condition()
         self._frames: FairQueue[Channel, _PendingFrame] = FairQueue(
@@ -308,7 +308,7 @@ class RenderThread:
             self._changed.notify()
 
     def run(
-        self, create_views: Callable[[], ViewProvider | None], on_ready: Callable[[], None]
+        self, create_views: Callable[[], _ViewProvider | None], on_ready: Callable[[], None]
     ) -> None:
         """Create the views, call `on_ready`, and render until stopped.
 
@@ -327,7 +327,7 @@ class RenderThread:
             if views is not None:
                 views.close()
 
-    def _serve_queue(self, views: ViewProvider | None) -> None:
+    def _serve_queue(self, views: _ViewProvider | None) -> None:
         """Answer requests until stopped."""
         while True:
             with self._changed:
@@ -348,7 +348,7 @@ class RenderThread:
                 query.reply(_find_plan(query.camera, views))
 
     def _answer_frame(
-        self, request: FrameRequest, future: Future[None] | None, views: ViewProvider | None
+        self, request: FrameRequest, future: Future[None] | None, views: _ViewProvider | None
     ) -> None:
         """Put the frame of a request, or reject its channel."""
         begin_s = self._monotonic()
@@ -362,7 +362,7 @@ class RenderThread:
         with self._changed:
             self._frames.charge(_account_of(request), duration_s, weight=weight)
 
-    def _render_or_fail(self, request: FrameRequest, views: ViewProvider | None) -> str:
+    def _render_or_fail(self, request: FrameRequest, views: _ViewProvider | None) -> str:
         """Render a frame and put it; the reason of a failure, empty after success."""
         channel, backoff = request.channel, self._backoff
         reason = backoff.find_reason(channel) if backoff else ""
@@ -405,7 +405,7 @@ def _account_of(request: FrameRequest) -> Channel:
     return channel
 
 
-def _find_plan(camera: OmniCameraSpec, views: ViewProvider | None) -> ViewState | PlanFailure:
+def _find_plan(camera: OmniCameraSpec, views: _ViewProvider | None) -> ViewState | PlanFailure:
     if views is None:
         return PlanFailure("this server has no camera")
     try:

@@ -56,7 +56,7 @@ log = logging.getLogger(__name__)
 # Mali, Adreno. Loading OpenGL to find that out takes 0.1 s of every start.
 _GPU_FILES = ("/dev/dri/renderD*", "/dev/nvidia[0-9]*", "/dev/dxg", "/dev/mali*", "/dev/kgsl*")
 
-RendererFactory = Callable[[], Renderer]
+_RendererFactory = Callable[[], Renderer]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,11 +66,11 @@ class RendererChoice:
     renderer: Renderer
     kind: RendererKind
     reason: str
-    factories: Mapping[RendererKind, RendererFactory] = field(default_factory=dict)
+    factories: Mapping[RendererKind, _RendererFactory] = field(default_factory=dict)
     """Factories of the renderers that may draw, to be called in the thread of the first one: its
     own, to be made anew, and others in its place; a renderer requested by name has its own alone.
     """
-    tracer: RendererFactory | None = None
+    tracer: _RendererFactory | None = None
     """Factory of the renderer whose rays label frames, whichever draws them."""
 
 
@@ -134,7 +134,7 @@ def choose_renderer(
 def _make_choice(
     kind: RendererKind,
     reason: str,
-    factories: Mapping[RendererKind, RendererFactory],
+    factories: Mapping[RendererKind, _RendererFactory],
     inputs: _Scene,
     renderer: Renderer | None = None,
 ) -> RendererChoice:

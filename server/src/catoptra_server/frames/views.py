@@ -61,14 +61,14 @@ log = logging.getLogger(__name__)
 
 # Clients choose tolerances and fields of view, and each choice may need a view of its own: 25
 # tolerances took 0.9 GB. Enough for 30 views of 360 x 360 px at 2 x 2 samples.
-MAX_VIEW_BYTES = 256 * 2**20
+_MAX_VIEW_BYTES = 256 * 2**20
 # A view of few pixels still holds tables of the scene's edges, and framebuffers on the device.
-MAX_VIEWS = 64
+_MAX_VIEWS = 64
 # Seven views of 193 MB in all left 62 MB of gaps between them. Closing the gaps takes 0.4 to 9 ms,
 # beside 30 ms or more for the rays of so many bytes.
 _RELEASE_BYTES = 4 * 2**20
 
-LabelRequester = Callable[[LabelledImage, tuple[str, ...]], LabelRequest | None]
+_LabelRequester = Callable[[LabelledImage, tuple[str, ...]], LabelRequest | None]
 
 
 class ViewFailedError(CatoptraError):
@@ -98,11 +98,11 @@ class ViewCache:
         planner: RenderPlanner,
         summarizer: SceneSummarizer,
         *,
-        max_bytes: int = MAX_VIEW_BYTES,
-        max_views: int = MAX_VIEWS,
+        max_bytes: int = _MAX_VIEW_BYTES,
+        max_views: int = _MAX_VIEWS,
         calibration_states: Sequence[CameraState] = DEFAULT_CALIBRATION_STATES,
         error_bounds: ErrorBoundTable | None = None,
-        request_labels: LabelRequester | None = None,
+        request_labels: _LabelRequester | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         """Create an empty cache.
@@ -226,8 +226,8 @@ class _ViewStore:
         self,
         renderers: RendererPool,
         *,
-        max_bytes: int = MAX_VIEW_BYTES,
-        max_views: int = MAX_VIEWS,
+        max_bytes: int = _MAX_VIEW_BYTES,
+        max_views: int = _MAX_VIEWS,
     ) -> None:
         """Create an empty store.
 

@@ -53,7 +53,7 @@ from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerSensor
 
 
-def execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report]:
+def _execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report]:
     """Execute SET of a part.
 
     Returns:
@@ -255,11 +255,11 @@ def _find_parts(robot: Robot, type_: str, name: str | None) -> list[Part]:
 
 
 # The others are executed without power, as in USARSim.
-ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | SetCommand | SetViewports | Trace
+_ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | SetCommand | SetViewports | Trace
 
 
 def execute_control(
-    robot: Robot, command: ControlCommand, time_s: float, sense: EnvironmentProvider
+    robot: Robot, command: _ControlCommand, time_s: float, sense: EnvironmentProvider
 ) -> list[Report]:
     """Execute a command of a robot that has power; its reports, mostly none.
 
@@ -280,7 +280,7 @@ def execute_control(
         case SetViewports():
             return [robot.viewports.execute(command, time_s)]
         case SetCommand():
-            return execute_set(robot, command, robot.sensor_context(time_s, sense()))
+            return _execute_set(robot, command, robot.sensor_context(time_s, sense()))
         case Trace():
             pass  # accepted: the colour trail of the original editor has no counterpart
         case _:

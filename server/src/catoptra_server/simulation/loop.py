@@ -60,11 +60,11 @@ _MAX_LAG_S = 0.5
 # end left each viewer among sixteen robots two frames a second.
 _MAX_TICKS_PER_TURN = 4
 # One step advances at most this far: no client occupies the simulation for longer.
-MAX_STEP_S = 60.0
+_MAX_STEP_S = 60.0
 # Wall time for the work of clients between two ticks of 20 ms: a twentieth, some ten commands. The
 # rest is left to robots and sensors, and to the other threads, which share one interpreter: with
 # 5 ms a flood of commands slowed the frames of all viewers to a third.
-WORK_BUDGET_S = 0.001
+_WORK_BUDGET_S = 0.001
 
 
 class ClockMode(Enum):
@@ -103,7 +103,7 @@ class Simulation:
         self._clock = clock
         self._monotonic = monotonic
         self._inbox = Inbox(keep_order=clock is ClockMode.LOCKSTEP, monotonic=monotonic)
-        self._work_left_s = WORK_BUDGET_S
+        self._work_left_s = _WORK_BUDGET_S
         self._time_ns = 0
         self._started_s = 0.0
         self._frame_capture = FrameCapture(
@@ -278,8 +278,8 @@ class Simulation:
         if self._clock is not ClockMode.LOCKSTEP:
             return "no step: the server's clock is real time; run it with --clock lockstep"
         # A chained comparison is false for NaN, too.
-        if not 0.0 <= duration_s <= MAX_STEP_S:
-            return f"no step: a step is 0 s to {MAX_STEP_S:g} s, not {duration_s:g} s"
+        if not 0.0 <= duration_s <= _MAX_STEP_S:
+            return f"no step: a step is 0 s to {_MAX_STEP_S:g} s, not {duration_s:g} s"
         return ""
 
     def _catch_up(self) -> None:
@@ -308,7 +308,7 @@ class Simulation:
     def _tick(self, duration_ns: int) -> None:
         self._time_ns += duration_ns
         self._frame_capture.begin_tick(self._time_s)
-        self._work_left_s = WORK_BUDGET_S
+        self._work_left_s = _WORK_BUDGET_S
         self._fleet.step(duration_ns / NS_PER_S, self._time_s)
         self._fleet.deliver_due_reports(self._time_s)
         for client in self._fleet.pop_faulty_clients():

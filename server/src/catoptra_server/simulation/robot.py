@@ -46,7 +46,7 @@ from catoptra_server.world.world_description import AT_REST, Twist
 _SAME_TIME_S = 1e-6
 
 
-class ReportSchedule:
+class _ReportSchedule:
     """Periods that start together: all first reports are due at once."""
 
     def __init__(self, intervals_s: Sequence[float], time_s: float) -> None:
@@ -136,7 +136,7 @@ class Robot:
         }
         # The last entry of the schedule is the status, which has no sensor.
         intervals = [sensor.interval_s for sensor in self.sensors]
-        self._schedule = ReportSchedule([*intervals, description.status_interval_s], time_s)
+        self._schedule = _ReportSchedule([*intervals, description.status_interval_s], time_s)
         self._battery_empty_s = time_s + description.battery_s
         self._light = False
         self._twist = AT_REST

@@ -421,7 +421,7 @@ def test_fewer_rays_estimate_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = LabelledImage(CAMERAS["fish-eye"], STATE)
     found = []
     for limit in (4096, 1000):
-        monkeypatch.setattr(occluded_fraction, "MAX_RAYS", limit)
+        monkeypatch.setattr(occluded_fraction, "_MAX_RAYS", limit)
         with open_labels() as labels:
             found.append(labels.measure_occlusion(drawn, labels.render(drawn, CHANNELS)))
     for number, fraction in found[0].items():

@@ -7,7 +7,7 @@ Belongs to the thread of the renderers. The rays of a camera are kept as long as
 * Occluded fraction: of the pixels that an object would have alone in the world, the part that
   others hide. Rays in a cone around the object's box are cast at its own triangles; at most 4096 of
   them, evenly spread over the image, leave a standard error below 0.01.
-* Flow: the point that a pixel shows moves with its object; its pixel in the other exposure is that
+* _Flow: the point that a pixel shows moves with its object; its pixel in the other exposure is that
   of the exact camera model. It is unknown where the point is outside that image, or where that
   pixel's ray meets something else first.
 """
@@ -62,13 +62,13 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 
-MAX_RAYS = 4096
+_MAX_RAYS = 4096
 
 # Whether rays from (n, 3) origins along (n, 3) unit directions meet an object.
 _RayTest = Callable[[Floats, Floats], Bools]
 
 
-class PixelRayGrid:
+class _PixelRayGrid:
     """Rays of the pixels' centres in the mirror frame."""
 
     def __init__(self, table: RayTable) -> None:
@@ -86,7 +86,7 @@ class PixelRayGrid:
         """Largest distance of an origin from the viewpoint."""
 
 
-class OcclusionMeter:
+class _OcclusionMeter:
     """Occluded fractions of the objects of one world; meshes are committed at their first use."""
 
     def __init__(self, scene: SceneMesh, labels: SceneLabels, instruction_set: str = AUTO) -> None:
@@ -108,7 +108,7 @@ class OcclusionMeter:
         self,
         objects: tuple[LabelledObject, ...],
         ids: npt.NDArray[np.uint16],
-        rays: PixelRayGrid,
+        rays: _PixelRayGrid,
         camera_state: CameraState,
     ) -> dict[int, float]:
         """Occluded fraction of each object in view, by number.
@@ -159,8 +159,8 @@ class OcclusionMeter:
         return lambda origins, ways: caster.closest_triangles(origins, ways)[1] >= 0
 
 
-def _candidates(rays: PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
-    """Numbers of at most MAX_RAYS pixels whose rays may meet a sphere in the mirror frame."""
+def _candidates(rays: _PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
+    """Numbers of at most _MAX_RAYS pixels whose rays may meet a sphere in the mirror frame."""
     possible = rays.valid.reshape(-1)
     distance = float(np.linalg.norm(centre))
     reach = radius_m + rays.max_miss_m
@@ -169,13 +169,13 @@ def _candidates(rays: PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDAr
         along = rays.directions.reshape(-1, 3) @ (centre / distance).astype(np.float32)
         possible = possible & (along >= cosine)
     pixels = np.flatnonzero(possible)
-    step = len(pixels) / MAX_RAYS
-    return pixels if step <= 1.0 else pixels[(np.arange(MAX_RAYS) * step).astype(np.intp)]
+    step = len(pixels) / _MAX_RAYS
+    return pixels if step <= 1.0 else pixels[(np.arange(_MAX_RAYS) * step).astype(np.intp)]
 
 
 def _hidden_fraction(
     meets: _RayTest,
-    rays: PixelRayGrid,
+    rays: _PixelRayGrid,
     pixels: npt.NDArray[np.intp],
     object_from_mirror: Pose,
     is_visible: Bools,
@@ -191,7 +191,7 @@ def _hidden_fraction(
     return 1.0 - float(is_visible.sum() / own.sum()) if own.any() else 0.0
 
 
-Flow = npt.NDArray[np.float32]
+_Flow = npt.NDArray[np.float32]
 
 # A point is visible if the ray of its pixel ends as far away, up to float32 and to the slope of its
 # facet: a pixel's ray passes the point by a few hundred thousandths of the distance.
@@ -205,7 +205,7 @@ _AIM_STEPS = 9
 _MIN_PLACE = 1e-300
 
 
-def find_flow(
+def _find_flow(
     renderer: TraceRenderer,
     rays: TracedRays,
     source: RaySource,
@@ -214,7 +214,7 @@ def find_flow(
     ids: npt.NDArray[np.uint16],
     motions: Mapping[int, Pose],
     gone: Collection[int],
-) -> Flow:
+) -> _Flow:
     """(h, w, 2) displacement of each pixel's point from here to the other image, px.
 
     Args:
@@ -440,9 +440,9 @@ class _PreparedRays:
         return mask_of_rays(self.table).astype(np.uint8)
 
     @cached_property
-    def grid(self) -> PixelRayGrid:
+    def grid(self) -> _PixelRayGrid:
         """The same rays in rows, for occluded fractions."""
-        return PixelRayGrid(self.table)
+        return _PixelRayGrid(self.table)
 
 
 class LabelRenderer:
@@ -464,7 +464,7 @@ class LabelRenderer:
         self._renderer = renderer
         self.labels = SceneLabels(scene)
         """Numbers of objects and classes."""
-        self._meter = OcclusionMeter(scene, self.labels, instruction_set)
+        self._meter = _OcclusionMeter(scene, self.labels, instruction_set)
         self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
 
     def render(
@@ -490,7 +490,7 @@ class LabelRenderer:
         wanted = {channel.name for channel in parse_channels(tuple(channels))}
         found = self._trace(image, wanted) if found_beside is None else dict(found_beside)
         if "flow" in wanted:
-            found |= self._find_flow(image, found, other)
+            found |= self._flow_of(image, found, other)
         if "valid" in wanted:
             found["valid"] = self._prepare(image.ray_source, 1).mask.copy()
         objects = self.labels.describe(image.camera_state.objects)
@@ -546,7 +546,7 @@ class LabelRenderer:
             self.labels.class_table,
         )
 
-    def _find_flow(
+    def _flow_of(
         self, image: LabelledImage, found: PixelLabels, other: CameraState | None
     ) -> PixelLabels:
         if other is None:
@@ -560,7 +560,7 @@ class LabelRenderer:
             if self.labels.number_of(here) == self.labels.number_of(there)
         }
         gone = {self.labels.number_of(here) for here in image.camera_state.objects} - set(motions)
-        flow = find_flow(
+        flow = _find_flow(
             self._renderer,
             self._prepare(image.ray_source, 1).rays,
             image.ray_source,

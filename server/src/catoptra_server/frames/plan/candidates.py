@@ -119,7 +119,7 @@ def _calibration_settings(kind: RendererKind, surface: MirrorSurface) -> Iterato
         yield replace(base, samples=samples, texels_per_px=texels_per_px, face_samples=face_samples)
 
 
-Clock = Callable[[], float]
+_Clock = Callable[[], float]
 
 # Nine frames give a stable median; slow frames stop at five, so that a million triangles at several
 # samples do not hold up the first frame of a camera by seconds. Three were off by up to a half on a
@@ -140,7 +140,7 @@ def measure_costs(
     surface: MirrorSurface,
     camera_states: Sequence[CameraState],
     *,
-    clock: Clock = time.perf_counter,
+    clock: _Clock = time.perf_counter,
 ) -> list[PlanTiming]:
     """Measure the calibration plans of a renderer.
 
@@ -159,7 +159,7 @@ def measure_costs(
 
 
 def _measure_stages(
-    view: View, camera_states: Sequence[CameraState], clock: Clock
+    view: View, camera_states: Sequence[CameraState], clock: _Clock
 ) -> dict[str, float]:
     turns = itertools.cycle(camera_states)
     for _ in range(_NUM_WARM_UP_FRAMES):

@@ -76,19 +76,19 @@ from catoptra_server.world.mirror_mesh import Tessellation
 # radius two departs from a chord of one texel. More: the worst of arcs from radius two to straight,
 # in the standard sample patterns of drivers, and a twentieth in reserve; searched in
 # tests/server/frames/plan/test_error_bound.py.
-MAX_EDGE_DISPLACEMENT_TEXELS = {1: 0.5 + 1.0 / 16.0, 2: 0.50, 4: 0.38, 8: 0.32, 16: 0.29}
+_MAX_EDGE_DISPLACEMENT_TEXELS = {1: 0.5 + 1.0 / 16.0, 2: 0.50, 4: 0.38, 8: 0.32, 16: 0.29}
 # Hardware holds triangle corners and texture coordinates in 256ths, rounded by half a step along
 # both sides: twice sqrt(2) / 512.
 _FIXED_POINT_TEXELS = math.sqrt(2.0) / 256.0
 
 
-def max_edge_displacement_texels(face_samples: int) -> float:
+def _max_edge_displacement_texels(face_samples: int) -> float:
     """Largest displacement of an edge by texels; drivers take at least the requested samples."""
-    tabulated = max(samples for samples in MAX_EDGE_DISPLACEMENT_TEXELS if samples <= face_samples)
-    return MAX_EDGE_DISPLACEMENT_TEXELS[tabulated] + _FIXED_POINT_TEXELS
+    tabulated = max(samples for samples in _MAX_EDGE_DISPLACEMENT_TEXELS if samples <= face_samples)
+    return _MAX_EDGE_DISPLACEMENT_TEXELS[tabulated] + _FIXED_POINT_TEXELS
 
 
-def face_lookup_error(
+def _face_lookup_error(
     camera: OmniCamera, regions: tuple[FaceRegion, ...], *, face_samples: int
 ) -> GeometricError:
     """Displacement by the texels of face regions.
@@ -96,7 +96,7 @@ def face_lookup_error(
     The rms is that of edges uniformly distributed between two texels: 1 / sqrt 3 of the maximum.
     """
     footprint = texel_footprint(camera, regions)
-    displacement = max_edge_displacement_texels(face_samples)
+    displacement = _max_edge_displacement_texels(face_samples)
     rms = displacement / math.sqrt(3.0)
     return GeometricError(
         max_px=displacement * footprint.max_px,
@@ -114,10 +114,10 @@ _RMS_FRACTION_OF_MAX = 0.2
 # world, three products and two sums of rounded factors, each at most 1 u of a component. All at
 # their worst and in one direction would be 8.7 u; the largest of 40 million rays in 200 rotations
 # was 2.4 u.
-TRACE_ULPS = 3.0
+_TRACE_ULPS = 3.0
 # The shader of a mesh interpolates the direction between corners: about ten operations, all of them
 # well conditioned, each at most 1 u.
-SHADER_ULPS = 8.0
+_SHADER_ULPS = 8.0
 # An atlas coordinate is divided by the width, rounded, and multiplied again by the sampler: each at
 # most 1 u of a width.
 _ATLAS_ULPS = 3.0
@@ -143,7 +143,7 @@ def coordinate_errors(camera: OmniCamera, plan: RenderPlan) -> CoordinateErrors:
     return replace(_TRACE_COORDINATES, miss_m=miss_m)
 
 
-def scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
+def _scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
     """Displacement by the scene's coordinates.
 
     Args:
@@ -152,15 +152,15 @@ def scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
     return _angle_error(camera, angle_rad)
 
 
-def rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
+def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     """Displacement by float32 directions and atlas coordinates."""
     if not plan.renderer.uses_faces:
-        return _direction_error(camera, TRACE_ULPS)
+        return _direction_error(camera, _TRACE_ULPS)
     lookup = _atlas_coordinate_error(camera, plan.face_regions)
     # The exact mirror's lookup map is computed in float64 and stored: no direction is ever float32.
     if isinstance(plan.surface, PerPixel):
         return lookup
-    return sum_errors((_direction_error(camera, SHADER_ULPS), lookup))
+    return sum_errors((_direction_error(camera, _SHADER_ULPS), lookup))
 
 
 def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
@@ -191,7 +191,7 @@ def _atlas_coordinate_error(camera: OmniCamera, regions: tuple[FaceRegion, ...])
     )
 
 
-def corner_error(camera: OmniCamera, samples: int) -> GeometricError:
+def _corner_error(camera: OmniCamera, samples: int) -> GeometricError:
     """Displacement by the snapped corners of a rasterized mesh, with samples^2 a pixel."""
     max_px = _CORNER_PX / samples
     scale = compute_image_scale(camera)
@@ -204,11 +204,11 @@ def corner_error(camera: OmniCamera, samples: int) -> GeometricError:
 
 # Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
 # samples; less for larger discs. Searched in tests/server/frames/plan/test_error_bound.py.
-PIXEL_CENTROID_ERROR_PX = 0.07
+_PIXEL_CENTROID_ERROR_PX = 0.07
 
 
 @dataclass(frozen=True, slots=True)
-class SamplingError:
+class _SamplingError:
     """Error of a plan's samples."""
 
     samples: int
@@ -221,7 +221,7 @@ class SamplingError:
     @property
     def centroid_error_px(self) -> float:
         """Largest displacement of the measured centroid of a disc of one pixel or more."""
-        return self.edge_error_px + PIXEL_CENTROID_ERROR_PX
+        return self.edge_error_px + _PIXEL_CENTROID_ERROR_PX
 
     @property
     def minification(self) -> float:
@@ -236,21 +236,18 @@ class SamplingError:
         return self.minification > 1.0
 
 
-def sampling_error(camera: OmniCamera, plan: RenderPlan) -> SamplingError:
+def _sampling_error(camera: OmniCamera, plan: RenderPlan) -> _SamplingError:
     """Error of a plan's samples in a camera's image."""
     has_texels = plan.renderer.uses_faces
-    return SamplingError(
+    return _SamplingError(
         samples=plan.samples,
         edge_error_px=math.sqrt(0.5) / plan.samples,
         texel_footprint=texel_footprint(camera, plan.face_regions) if has_texels else None,
     )
 
 
-__all__ = ["ErrorBound", "ErrorComponent", "GeometricError", "SamplingError", "error_bound"]
-
-
 @dataclass(frozen=True, slots=True)
-class ErrorComponent:
+class _ErrorComponent:
     """Contribution of one cause."""
 
     name: str
@@ -265,9 +262,9 @@ class ErrorBound:
 
     geometric: GeometricError
     """Displacement of samples, all components together."""
-    sampling: SamplingError
+    sampling: _SamplingError
     """Further displacement by the spacing of the samples."""
-    components: tuple[ErrorComponent, ...]
+    components: tuple[_ErrorComponent, ...]
     """Components of the geometric error."""
     rim_radius_px: float
     polygons_by_radius_px: tuple[float, ...] = ()
@@ -354,10 +351,10 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
         geometric = apply_floor(geometric, gap)
         reason = f"{plan.surface.sectors} straight sides end within the rim"
         components = (*components, ("rim", gap, reason))
-    named = tuple(ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
+    named = tuple(_ErrorComponent(name, error.max_px, reason) for name, error, reason in components)
     return ErrorBound(
         geometric,
-        sampling_error(camera, plan),
+        _sampling_error(camera, plan),
         named,
         camera.rim_radius_px,
         facet_error_by_radius(camera, plan.surface)
@@ -374,12 +371,12 @@ def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorB
         angle_rad: Largest displacement by the scene's coordinates
             (`bounds/coordinate_rounding`).
     """
-    error = scene_error(camera, angle_rad)
+    error = _scene_error(camera, angle_rad)
     reason = "float32 coordinates of corners and viewpoint"
     return replace(
         bound,
         geometric=sum_errors((bound.geometric, error)),
-        components=(*bound.components, ErrorComponent("scene", error.max_px, reason)),
+        components=(*bound.components, _ErrorComponent("scene", error.max_px, reason)),
     )
 
 
@@ -396,10 +393,10 @@ def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Compone
         components.append(_face_component(camera, plan))
     # Trace intersects no rasterized corner: its mesh is evaluated in float64 at each sample.
     if has_faces and has_mesh:
-        corners = corner_error(camera, plan.samples)
+        corners = _corner_error(camera, plan.samples)
         components.append(("corners", corners, "snapped to 256ths of the rendered pixels"))
     cause = "float32 atlas coordinates" if has_faces else "float32 rays, rotated"
-    return (*components, ("rounding", rounding_error(camera, plan), cause))
+    return (*components, ("rounding", _rounding_error(camera, plan), cause))
 
 
 def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Component:
@@ -409,7 +406,7 @@ def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Compone
 
 
 def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
-    error = face_lookup_error(camera, plan.face_regions, face_samples=plan.face_samples)
-    displacement = max_edge_displacement_texels(plan.face_samples)
+    error = _face_lookup_error(camera, plan.face_regions, face_samples=plan.face_samples)
+    displacement = _max_edge_displacement_texels(plan.face_samples)
     reason = f"edges move by {displacement:.2f} texels, the finest {plan.face_size_px} a face"
     return "faces", error, reason

@@ -56,7 +56,7 @@ DEFAULT_SAMPLES = 2
 # measured in tests/measurements/raster_faces.py.
 DEFAULT_FACE_SAMPLES = 1
 # Finer faces cost in proportion and gain little, measured likewise.
-DEFAULT_TEXELS_PER_PX = 1.0
+_DEFAULT_TEXELS_PER_PX = 1.0
 
 
 def requested_samples(settings: RenderSettings) -> int:
@@ -78,7 +78,7 @@ def plan_from_settings(
         camera,
         limit_rad,
         size_px=settings.face_size_px,
-        texels_per_px=settings.texels_per_px or DEFAULT_TEXELS_PER_PX,
+        texels_per_px=settings.texels_per_px or _DEFAULT_TEXELS_PER_PX,
     )
     return RenderPlan(
         renderer=kind,

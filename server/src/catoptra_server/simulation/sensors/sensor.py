@@ -182,7 +182,7 @@ class Sensor(Protocol):
         """Report at one time."""
 
 
-class SensorKeys(Protocol):
+class _SensorKeys(Protocol):
     """Keys of a section or an item of a robot file; an invalid value raises ConfigError."""
 
     def get_float(self, key: str, default: float, *, min_value: float, max_value: float) -> float:
@@ -214,11 +214,11 @@ class ConfiguredSensor(Protocol):
         """Mounting pose."""
 
     @property
-    def struct(self) -> SensorKeys:
+    def struct(self) -> _SensorKeys:
         """Keys of the item."""
 
     @property
-    def section(self) -> SensorKeys:
+    def section(self) -> _SensorKeys:
         """Keys of the class, shared by all items of the class."""
 
     def get_float(self, key: str, default: float, max_value: float = 1e4) -> float:
