@@ -41,46 +41,6 @@ from catoptra_server.world.camera_state import CameraState
 
 
 @dataclass(frozen=True, slots=True)
-class ImageDifference:
-    """Difference in encoded grey levels."""
-
-    reference_plan: str
-    """Plan of the reference in words."""
-    max_levels: int
-    """Largest absolute difference of a value."""
-    rms_levels: float
-    """Root mean square over all pixels and colours."""
-    changed_fraction: float
-    """Fraction of the pixels that differ in a colour."""
-
-
-def append_difference(
-    rgb: Image, reference: Image, reference_plan: str
-) -> tuple[Image, ImageDifference]:
-    """Image of twice the width, with the absolute differences to the right of the picture.
-
-    Args:
-        rgb: (h, w, 3) uint8.
-        reference: Likewise, of the same exposure.
-        reference_plan: Plan of the reference in words.
-
-    Returns:
-        The (h, 2 w, 3) image, read-only, and the difference in numbers.
-    """
-    # In uint8: the larger minus the smaller never wraps around.
-    levels = np.maximum(rgb, reference) - np.minimum(rgb, reference)
-    image = np.concatenate((rgb, levels), axis=1)
-    image.setflags(write=False)
-    squares = np.bincount(levels.ravel(), minlength=256) * np.arange(256.0) ** 2
-    return image, ImageDifference(
-        reference_plan,
-        max_levels=int(levels.max(initial=0)),
-        rms_levels=math.sqrt(float(squares.sum()) / max(1, levels.size)),
-        changed_fraction=float(levels.any(axis=2).mean()),
-    )
-
-
-@dataclass(frozen=True, slots=True)
 class ImagePortChannel:
     """The image of the image port, or one tile of a multi-view."""
 
@@ -167,6 +127,86 @@ class FrameRequest:
     composition: FrameComposition
 
 
+@dataclass(frozen=True, slots=True)
+class FrameRequested:
+    """A connection waits for a frame of a channel."""
+
+    newer_than: float = math.inf
+    """Sequence number of the newest frame already at hand; a frame captured after that number and
+    still being rendered satisfies the request, infinity always has a new one captured."""
+    channel: Channel = IMAGE_PORT
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRendered:
+    """A requested frame is finished: the channel may capture the next one."""
+
+    channel: Channel
+
+
+# The events of `Mailboxes`, a part of those of the simulation.
+FrameEvent = FrameRequested | FrameRendered
+_Encoding = ImageType | ImageEncoding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """A rendered image of a channel, and the measurements of its rendering."""
+
+    sequence: int
+    """Number of the frame within the channel, from 1."""
+    time_s: float
+    """Simulation time of the exposure."""
+    rgb: Image
+    """(h, w, 3) uint8, read-only."""
+    exposed_at_s: float
+    """Time of the exposure on the server's monotonic clock."""
+    finished_at_s: float
+    """End of the rendering on the server's monotonic clock."""
+    channel: Channel = IMAGE_PORT
+    metadata: FrameMetadata = field(default_factory=FrameMetadata)
+    stage_ms: dict[str, float] = field(default_factory=dict)
+    """Duration of each rendering stage, summed over all views."""
+    render_duration_s: float = 0.0
+    plan: str | None = None
+    """Plans of all views in words; None for a black frame."""
+    error_bound_px: float | None = None
+    """Upper bound on the displacement of any outline; None where unknown."""
+    error_bounds: dict[str, float] | None = None
+    """All error bounds and their parts by name; None where unknown."""
+    effect_decisions: tuple[EffectDecision, ...] = ()
+    """Decisions about the effects of the camera, in a frame of one camera."""
+    choice: PlanChoice | None = None
+    """Choice of the plan, in a frame of one omnidirectional camera."""
+    difference: ImageDifference | None = None
+    """Set where the right half of the image shows a difference from a reference."""
+    labels: FrameLabels | None = None
+    """Labels of the picture, where the channel has any."""
+    # A frozen frame with caches: encodings follow from the image alone.
+    _encoded: dict[_Encoding, Payload] = field(default_factory=dict)
+    _running: dict[_Encoding, asyncio.Task[Payload]] = field(default_factory=dict)
+
+    async def encode(self, encoding: _Encoding) -> Payload:
+        """Image as `encode_without_blocking` has it, encoded once for all; on the event loop."""
+        # The stream's JPEG has the quality of type GOOD: both transports share one payload.
+        if encoding is ImageEncoding.JPEG:
+            return payload_of_reply(await self.encode(ImageType.GOOD))
+        encoded = self._encoded.get(encoding)
+        if encoded is None:
+            encoded = self._encoded[encoding] = await self._encode_once(encoding)
+        return encoded
+
+    async def _encode_once(self, encoding: _Encoding) -> Payload:
+        if is_quick(self.rgb, encoding):
+            # Ends without a pause: the next client finds the payload.
+            return await encode_without_blocking(self.rgb, encoding)
+        if encoding not in self._running:
+            encode = encode_without_blocking(self.rgb, encoding)
+            self._running[encoding] = asyncio.create_task(encode)
+        # Shielded: several connections wait for one thread, and any of them may disconnect.
+        return await asyncio.shield(self._running[encoding])
+
+
 # Level 1: ranges shrink to 60 % and ids to 1 % of their bytes; higher levels take twice the time
 # for a few per cent.
 _ZLIB_LEVEL = 1
@@ -216,89 +256,47 @@ class FrameLabels:
         return self._encoded[encoding]
 
 
+@dataclass(frozen=True, slots=True)
+class ImageDifference:
+    """Difference in encoded grey levels."""
+
+    reference_plan: str
+    """Plan of the reference in words."""
+    max_levels: int
+    """Largest absolute difference of a value."""
+    rms_levels: float
+    """Root mean square over all pixels and colours."""
+    changed_fraction: float
+    """Fraction of the pixels that differ in a colour."""
+
+
+def append_difference(
+    rgb: Image, reference: Image, reference_plan: str
+) -> tuple[Image, ImageDifference]:
+    """Image of twice the width, with the absolute differences to the right of the picture.
+
+    Args:
+        rgb: (h, w, 3) uint8.
+        reference: Likewise, of the same exposure.
+        reference_plan: Plan of the reference in words.
+
+    Returns:
+        The (h, 2 w, 3) image, read-only, and the difference in numbers.
+    """
+    # In uint8: the larger minus the smaller never wraps around.
+    levels = np.maximum(rgb, reference) - np.minimum(rgb, reference)
+    image = np.concatenate((rgb, levels), axis=1)
+    image.setflags(write=False)
+    squares = np.bincount(levels.ravel(), minlength=256) * np.arange(256.0) ** 2
+    return image, ImageDifference(
+        reference_plan,
+        max_levels=int(levels.max(initial=0)),
+        rms_levels=math.sqrt(float(squares.sum()) / max(1, levels.size)),
+        changed_fraction=float(levels.any(axis=2).mean()),
+    )
+
+
 def _compress(channels: Channels) -> Mapping[str, Payload]:
     return {
         name: zlib.compress(values.data.cast("B"), _ZLIB_LEVEL) for name, values in channels.items()
     }
-
-
-_Encoding = ImageType | ImageEncoding
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """A rendered image of a channel, and the measurements of its rendering."""
-
-    sequence: int
-    """Number of the frame within the channel, from 1."""
-    time_s: float
-    """Simulation time of the exposure."""
-    rgb: Image
-    """(h, w, 3) uint8, read-only."""
-    exposed_at_s: float
-    """Time of the exposure on the server's monotonic clock."""
-    finished_at_s: float
-    """End of the rendering on the server's monotonic clock."""
-    channel: Channel = IMAGE_PORT
-    metadata: FrameMetadata = field(default_factory=FrameMetadata)
-    stage_ms: dict[str, float] = field(default_factory=dict)
-    """Duration of each rendering stage, summed over all views."""
-    render_duration_s: float = 0.0
-    plan: str | None = None
-    """Plans of all views in words; None for a black frame."""
-    error_bound_px: float | None = None
-    """Upper bound on the displacement of any outline; None where unknown."""
-    error_bounds: dict[str, float] | None = None
-    """All error bounds and their parts by name; None where unknown."""
-    effect_decisions: tuple[EffectDecision, ...] = ()
-    """Decisions about the effects of the camera, in a frame of one camera."""
-    choice: PlanChoice | None = None
-    """Choice of the plan, in a frame of one omnidirectional camera."""
-    difference: ImageDifference | None = None
-    """Set where the right half of the image shows a difference from a reference."""
-    labels: FrameLabels | None = None
-    """Labels of the picture, where the channel has any."""
-    # A frozen frame with caches: encodings follow from the image alone.
-    _encoded: dict[_Encoding, Payload] = field(default_factory=dict)
-    _running: dict[_Encoding, asyncio.Task[Payload]] = field(default_factory=dict)
-
-    async def encode(self, encoding: _Encoding) -> Payload:
-        """Image as by `encode_without_blocking`, encoded once for all clients; on the event loop."""
-        # The stream's JPEG has the quality of type GOOD: both transports share one payload.
-        if encoding is ImageEncoding.JPEG:
-            return payload_of_reply(await self.encode(ImageType.GOOD))
-        encoded = self._encoded.get(encoding)
-        if encoded is None:
-            encoded = self._encoded[encoding] = await self._encode_once(encoding)
-        return encoded
-
-    async def _encode_once(self, encoding: _Encoding) -> Payload:
-        if is_quick(self.rgb, encoding):
-            # Ends without a pause: the next client finds the payload.
-            return await encode_without_blocking(self.rgb, encoding)
-        if encoding not in self._running:
-            encode = encode_without_blocking(self.rgb, encoding)
-            self._running[encoding] = asyncio.create_task(encode)
-        # Shielded: several connections wait for one thread, and any of them may disconnect.
-        return await asyncio.shield(self._running[encoding])
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRequested:
-    """A connection waits for a frame of a channel."""
-
-    newer_than: float = math.inf
-    """Sequence number of the newest frame already at hand; a frame captured after that number and
-    still being rendered satisfies the request, infinity always has a new one captured."""
-    channel: Channel = IMAGE_PORT
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRendered:
-    """A requested frame is finished: the channel may capture the next one."""
-
-    channel: Channel
-
-
-# The events of `Mailboxes`, a part of those of the simulation.
-FrameEvent = FrameRequested | FrameRendered

@@ -202,13 +202,6 @@ def fit_omni_camera(tile: Tile, camera: OmniCamera) -> OmniCamera:
     )
 
 
-def _overlapping_range(first: int, length: int, *, tile: int, size: int) -> range:
-    """Indices of the intervals [i tile, (i + 1) tile) that overlap an interval in [0, size)."""
-    low = min(first, size - 1)
-    high = min(max(first + length, low + 1), size)
-    return range(low // tile, -(-high // tile))  # rounded down and up
-
-
 _CONFIGS = tuple(config.value for config in ViewportConfig)
 # Clients differ in the word that switches a viewport off.
 _DISABLE_KEYWORDS = ("disable", "disabled", "none")
@@ -255,3 +248,10 @@ class Viewports:
             if camera.lower() == name.lower():
                 return Viewport(camera)
         return Viewport(CAMERA_MISSING, STATUS_FAILED)
+
+
+def _overlapping_range(first: int, length: int, *, tile: int, size: int) -> range:
+    """Indices of the intervals [i tile, (i + 1) tile) that overlap an interval in [0, size)."""
+    low = min(first, size - 1)
+    high = min(max(first + length, low + 1), size)
+    return range(low // tile, -(-high // tile))  # rounded down and up

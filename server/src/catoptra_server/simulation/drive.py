@@ -66,6 +66,41 @@ class WheelTravel:
 NO_TRAVEL = WheelTravel(0.0, 0.0)
 
 
+@dataclass(frozen=True, slots=True)
+class RobotBody:
+    """State of a base."""
+
+    base: DriveBase
+    pose: PlanarPose
+    spin: WheelSpin
+    tick: int = 0
+    """Number of ticks simulated; index of the random slip."""
+
+
+def step_body(
+    body: RobotBody, duration_s: float, *, obstacles: ObstacleGrid, random_source: RandomSource
+) -> tuple[RobotBody, WheelTravel]:
+    """Move a base by one tick.
+
+    At an obstacle the base stops within a tenth of a millimetre while the wheels roll on, as
+    encoders of a blocked robot measure. A base that starts in contact only moves to where the
+    contact is less deep: never through an obstacle, and never into another one.
+
+    Args:
+        random_source: Source of the random slip.
+
+    Returns:
+        The base after the tick, and the travel of the wheels before slip.
+    """
+    travel = wheel_travel(body.base, body.spin, duration_s)
+    pose = body.pose
+    if travel != NO_TRAVEL:
+        # Random numbers by tick: a drive repeats itself whatever other robots do.
+        travel_on_floor = apply_slip(body.base, travel, random_source.generator(body.tick))
+        pose = _move_until_contact(body, travel_on_floor, obstacles)
+    return RobotBody(body.base, pose, body.spin, body.tick + 1), travel
+
+
 def wheel_travel(base: DriveBase, spin: WheelSpin, duration_s: float) -> WheelTravel:
     """Travel of spinning wheels as encoders measure, before any slip."""
     # One product: the tachometer divides by the same one, and half of 1.0 prints as 0.5000.
@@ -138,51 +173,13 @@ _P3AT = DriveBase(
     turn_slip=0.0,
     slip_noise=0.0,
 )
-
 # By the name of the class without its package, in lower case.
 STANDARD_BASES = {"p2at": _P2AT, "omnip2at": _P2AT, "p2dx": _P2DX, "omnip2dx": _P2DX, "p3at": _P3AT}
-
-
 # Halvings of a tick's motion towards the wall: 2^-7 of at most 14 mm is a tenth of a millimetre.
 _BISECTION_STEPS = 7
 # Depth up to which a base only touches: two robots compute their contact in axes of their own, and
 # coordinates of 1e5 m round to 1.5e-11 m. A hundredth of the distance that bisection leaves.
 _TOUCH_M = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class RobotBody:
-    """State of a base."""
-
-    base: DriveBase
-    pose: PlanarPose
-    spin: WheelSpin
-    tick: int = 0
-    """Number of ticks simulated; index of the random slip."""
-
-
-def step_body(
-    body: RobotBody, duration_s: float, *, obstacles: ObstacleGrid, random_source: RandomSource
-) -> tuple[RobotBody, WheelTravel]:
-    """Move a base by one tick.
-
-    At an obstacle the base stops within a tenth of a millimetre while the wheels roll on, as
-    encoders of a blocked robot measure. A base that starts in contact only moves to where the
-    contact is less deep: never through an obstacle, and never into another one.
-
-    Args:
-        random_source: Source of the random slip.
-
-    Returns:
-        The base after the tick, and the travel of the wheels before slip.
-    """
-    travel = wheel_travel(body.base, body.spin, duration_s)
-    pose = body.pose
-    if travel != NO_TRAVEL:
-        # Random numbers by tick: a drive repeats itself whatever other robots do.
-        travel_on_floor = apply_slip(body.base, travel, random_source.generator(body.tick))
-        pose = _move_until_contact(body, travel_on_floor, obstacles)
-    return RobotBody(body.base, pose, body.spin, body.tick + 1), travel
 
 
 def _move_until_contact(

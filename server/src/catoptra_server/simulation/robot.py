@@ -42,31 +42,8 @@ from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.obstacle_grid import ObstacleGrid
 from catoptra_server.world.world_description import AT_REST, Twist
 
-# Two times closer than this are one tick: due times are sums of periods as floats.
-_SAME_TIME_S = 1e-6
-
-
-class _ReportSchedule:
-    """Periods that start together: all first reports are due at once."""
-
-    def __init__(self, intervals_s: Sequence[float], time_s: float) -> None:
-        """Start the periods at a simulation time, one for each interval."""
-        self._intervals_s = tuple(intervals_s)
-        self._due_s = [time_s] * len(self._intervals_s)
-
-    def pop_due(self, time_s: float) -> list[int]:
-        """Indices that are due at a time, in order; their next times are set."""
-        found = [i for i, due_s in enumerate(self._due_s) if time_s >= due_s - _SAME_TIME_S]
-        for i in found:
-            # Counted from the due time, not from now, so that a period of 0.05 s keeps its mean in
-            # ticks of 0.02 s; after a pause from now, so that no burst of reports follows.
-            self._due_s[i] = max(self._due_s[i] + self._intervals_s[i], time_s)
-        return found
-
-
 CameraSensor = OmniCameraSensor | PerspectiveCameraSensor
 EnvironmentProvider = Callable[[], SensorEnvironment]
-
 # Name of the random numbers of wheel slip.
 _SLIP_STREAM = "slip"
 
@@ -337,23 +314,6 @@ class Robot:
         return [part for part in parts if part.type.lower() == type_.lower()]
 
 
-def _mean_twist(before: PlanarPose, after: PlanarPose, duration_s: float) -> Twist:
-    """Mean motion between two poses."""
-    # In plain floats: computed for every robot in every tick, where arrays of three are slow.
-    if before == after:
-        return AT_REST
-    # The short way around: yaw is wrapped to (-pi, pi], and no tick turns by half a turn.
-    turn_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
-    velocity = ((after.x_m - before.x_m) / duration_s, (after.y_m - before.y_m) / duration_s, 0.0)
-    return Twist(velocity, (0.0, 0.0, turn_rad / duration_s))
-
-
-def _stream_name(part: str) -> str:
-    """Name of a part's random numbers: the part's own, made distinct from the slip's."""
-    # Names of parts have no space: "part slip" is no other part's name.
-    return f"part {part}" if part == _SLIP_STREAM else part
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotSnapshot:
     """One robot at one time."""
@@ -399,3 +359,42 @@ def _snapshot(robot: Robot) -> RobotSnapshot:
         robot.wheel_speeds_rad_s,
         robot.shares_control,
     )
+
+
+# Two times closer than this are one tick: due times are sums of periods as floats.
+_SAME_TIME_S = 1e-6
+
+
+class _ReportSchedule:
+    """Periods that start together: all first reports are due at once."""
+
+    def __init__(self, intervals_s: Sequence[float], time_s: float) -> None:
+        """Start the periods at a simulation time, one for each interval."""
+        self._intervals_s = tuple(intervals_s)
+        self._due_s = [time_s] * len(self._intervals_s)
+
+    def pop_due(self, time_s: float) -> list[int]:
+        """Indices that are due at a time, in order; their next times are set."""
+        found = [i for i, due_s in enumerate(self._due_s) if time_s >= due_s - _SAME_TIME_S]
+        for i in found:
+            # Counted from the due time, not from now, so that a period of 0.05 s keeps its mean in
+            # ticks of 0.02 s; after a pause from now, so that no burst of reports follows.
+            self._due_s[i] = max(self._due_s[i] + self._intervals_s[i], time_s)
+        return found
+
+
+def _mean_twist(before: PlanarPose, after: PlanarPose, duration_s: float) -> Twist:
+    """Mean motion between two poses."""
+    # In plain floats: computed for every robot in every tick, where arrays of three are slow.
+    if before == after:
+        return AT_REST
+    # The short way around: yaw is wrapped to (-pi, pi], and no tick turns by half a turn.
+    turn_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
+    velocity = ((after.x_m - before.x_m) / duration_s, (after.y_m - before.y_m) / duration_s, 0.0)
+    return Twist(velocity, (0.0, 0.0, turn_rad / duration_s))
+
+
+def _stream_name(part: str) -> str:
+    """Name of a part's random numbers: the part's own, made distinct from the slip's."""
+    # Names of parts have no space: "part slip" is no other part's name.
+    return f"part {part}" if part == _SLIP_STREAM else part

@@ -72,189 +72,6 @@ from catoptra_server.render.render_settings import PerPixel
 from catoptra_server.render.renderer import FaceRegion, RenderPlan
 from catoptra_server.world.mirror_mesh import Tessellation
 
-# Largest displacement in texels by samples a texel. 1: one half, and 1 / (8 * 2) by which an arc of
-# radius two departs from a chord of one texel. More: the worst of arcs from radius two to straight,
-# in the standard sample patterns of drivers, and a twentieth in reserve; searched in
-# tests/server/frames/plan/test_error_bound.py.
-_MAX_EDGE_DISPLACEMENT_TEXELS = {1: 0.5 + 1.0 / 16.0, 2: 0.50, 4: 0.38, 8: 0.32, 16: 0.29}
-# Hardware holds triangle corners and texture coordinates in 256ths, rounded by half a step along
-# both sides: twice sqrt(2) / 512.
-_FIXED_POINT_TEXELS = math.sqrt(2.0) / 256.0
-
-
-def _max_edge_displacement_texels(face_samples: int) -> float:
-    """Largest displacement of an edge by texels; drivers take at least the requested samples."""
-    tabulated = max(samples for samples in _MAX_EDGE_DISPLACEMENT_TEXELS if samples <= face_samples)
-    return _MAX_EDGE_DISPLACEMENT_TEXELS[tabulated] + _FIXED_POINT_TEXELS
-
-
-def _face_lookup_error(
-    camera: OmniCamera, regions: tuple[FaceRegion, ...], *, face_samples: int
-) -> GeometricError:
-    """Displacement by the texels of face regions.
-
-    The rms is that of edges uniformly distributed between two texels: 1 / sqrt 3 of the maximum.
-    """
-    footprint = texel_footprint(camera, regions)
-    displacement = _max_edge_displacement_texels(face_samples)
-    rms = displacement / math.sqrt(3.0)
-    return GeometricError(
-        max_px=displacement * footprint.max_px,
-        rms_px=rms * footprint.rms_px,
-        max_deg=math.degrees(displacement * footprint.max_rad),
-        rms_deg=math.degrees(rms * footprint.rms_rad),
-    )
-
-
-# Rounding errors of a handful of operations rarely all have one sign. Measured in rays: an rms of
-# 0.51 u where the largest was 2.44 u.
-_RMS_FRACTION_OF_MAX = 0.2
-
-# Trace computes in float64 and rounds twice: a unit vector (at most 1 u), and its rotation into the
-# world, three products and two sums of rounded factors, each at most 1 u of a component. All at
-# their worst and in one direction would be 8.7 u; the largest of 40 million rays in 200 rotations
-# was 2.4 u.
-_TRACE_ULPS = 3.0
-# The shader of a mesh interpolates the direction between corners: about ten operations, all of them
-# well conditioned, each at most 1 u.
-_SHADER_ULPS = 8.0
-# An atlas coordinate is divided by the width, rounded, and multiplied again by the sampler: each at
-# most 1 u of a width.
-_ATLAS_ULPS = 3.0
-# The rasterizer snaps corners to 256ths of a rendered pixel: half a step along both sides.
-_CORNER_PX = math.sqrt(2.0) / 512.0
-
-# Corners and viewpoint are rounded once each, relative to the scene's centre; Embree's arithmetic
-# on both adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
-# displaced by 1.0 times their size over distance in the kernel, 2.5 times in the reference,
-# rounding of corners included (tests/server/render/test_scene_rounding.py).
-_TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
-# Positions have 48 bits until the viewpoint is subtracted. What is left are products of that
-# difference, and the rasterizer's clipping of triangles that are larger than the view: 14 times
-# their size over distance in llvmpipe.
-_RASTER_COORDINATES = CoordinateErrors(position_ulps=0.0, size_ulps=32.0)
-
-
-def coordinate_errors(camera: OmniCamera, plan: RenderPlan) -> CoordinateErrors:
-    """Errors of the coordinates of a plan's renderer, and the miss of an approximated viewpoint."""
-    if plan.renderer.uses_faces:
-        return replace(_RASTER_COORDINATES, miss_m=max_miss_m(camera))
-    miss_m = max_miss_m(camera) if camera.is_approximated else 0.0
-    return replace(_TRACE_COORDINATES, miss_m=miss_m)
-
-
-def _scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
-    """Displacement by the scene's coordinates.
-
-    Args:
-        angle_rad: As of `bounds/coordinate_rounding`.
-    """
-    return _angle_error(camera, angle_rad)
-
-
-def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
-    """Displacement by float32 directions and atlas coordinates."""
-    if not plan.renderer.uses_faces:
-        return _direction_error(camera, _TRACE_ULPS)
-    lookup = _atlas_coordinate_error(camera, plan.face_regions)
-    # The exact mirror's lookup map is computed in float64 and stored: no direction is ever float32.
-    if isinstance(plan.surface, PerPixel):
-        return lookup
-    return sum_errors((_direction_error(camera, _SHADER_ULPS), lookup))
-
-
-def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
-    return _angle_error(camera, ulps * UNIT_ROUNDOFF)
-
-
-def _angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
-    """Displacement of directions that are off by an angle at most."""
-    scale = compute_image_scale(camera)
-    return GeometricError(
-        max_px=angle_rad * scale.max_px_per_rad,
-        rms_px=_RMS_FRACTION_OF_MAX * angle_rad * scale.rms_px_per_rad,
-        max_deg=math.degrees(angle_rad),
-        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(angle_rad),
-    )
-
-
-def _atlas_coordinate_error(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> GeometricError:
-    """Displacement in the widest atlas that could be packed: all regions side by side."""
-    # The packing is the renderer's and not known here; a wider atlas only makes the bound larger.
-    displacement_texels = _ATLAS_ULPS * UNIT_ROUNDOFF * sum(max(r.size_texels) for r in regions)
-    footprint = texel_footprint(camera, regions)
-    return GeometricError(
-        max_px=displacement_texels * footprint.max_px,
-        rms_px=_RMS_FRACTION_OF_MAX * displacement_texels * footprint.rms_px,
-        max_deg=math.degrees(displacement_texels * footprint.max_rad),
-        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(displacement_texels * footprint.rms_rad),
-    )
-
-
-def _corner_error(camera: OmniCamera, samples: int) -> GeometricError:
-    """Displacement by the snapped corners of a rasterized mesh, with samples^2 a pixel."""
-    max_px = _CORNER_PX / samples
-    scale = compute_image_scale(camera)
-    min_px_per_rad = float(min(scale.radial.min(), scale.tangential.min()))
-    max_deg = math.degrees(max_px / min_px_per_rad)
-    return GeometricError(
-        max_px, _RMS_FRACTION_OF_MAX * max_px, max_deg, _RMS_FRACTION_OF_MAX * max_deg
-    )
-
-
-# Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
-# samples; less for larger discs. Searched in tests/server/frames/plan/test_error_bound.py.
-_PIXEL_CENTROID_ERROR_PX = 0.07
-
-
-@dataclass(frozen=True, slots=True)
-class _SamplingError:
-    """Error of a plan's samples."""
-
-    samples: int
-    """Samples along a pixel's side."""
-    edge_error_px: float
-    """Largest displacement of an outline."""
-    texel_footprint: TexelFootprint | None
-    """Texels of the faces; None without faces."""
-
-    @property
-    def centroid_error_px(self) -> float:
-        """Largest displacement of the measured centroid of a disc of one pixel or more."""
-        return self.edge_error_px + _PIXEL_CENTROID_ERROR_PX
-
-    @property
-    def minification(self) -> float:
-        """Largest number of texels from one sample to the next; 0 without faces."""
-        return (
-            self.texel_footprint.max_texels_per_px / self.samples if self.texel_footprint else 0.0
-        )
-
-    @property
-    def is_undersampled(self) -> bool:
-        """Whether one lookup a sample skips texels anywhere in the image."""
-        return self.minification > 1.0
-
-
-def _sampling_error(camera: OmniCamera, plan: RenderPlan) -> _SamplingError:
-    """Error of a plan's samples in a camera's image."""
-    has_texels = plan.renderer.uses_faces
-    return _SamplingError(
-        samples=plan.samples,
-        edge_error_px=math.sqrt(0.5) / plan.samples,
-        texel_footprint=texel_footprint(camera, plan.face_regions) if has_texels else None,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _ErrorComponent:
-    """Contribution of one cause."""
-
-    name: str
-    max_px: float
-    """Largest displacement by this cause alone."""
-    reason: str
-
 
 @dataclass(frozen=True, slots=True)
 class ErrorBound:
@@ -335,6 +152,50 @@ class ErrorBound:
         return f"{text}; {density} texels a px{undersampled}"
 
 
+@dataclass(frozen=True, slots=True)
+class _ErrorComponent:
+    """Contribution of one cause."""
+
+    name: str
+    max_px: float
+    """Largest displacement by this cause alone."""
+    reason: str
+
+
+# Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
+# samples; less for larger discs. Searched in tests/server/frames/plan/test_error_bound.py.
+_PIXEL_CENTROID_ERROR_PX = 0.07
+
+
+@dataclass(frozen=True, slots=True)
+class _SamplingError:
+    """Error of a plan's samples."""
+
+    samples: int
+    """Samples along a pixel's side."""
+    edge_error_px: float
+    """Largest displacement of an outline."""
+    texel_footprint: TexelFootprint | None
+    """Texels of the faces; None without faces."""
+
+    @property
+    def centroid_error_px(self) -> float:
+        """Largest displacement of the measured centroid of a disc of one pixel or more."""
+        return self.edge_error_px + _PIXEL_CENTROID_ERROR_PX
+
+    @property
+    def minification(self) -> float:
+        """Largest number of texels from one sample to the next; 0 without faces."""
+        return (
+            self.texel_footprint.max_texels_per_px / self.samples if self.texel_footprint else 0.0
+        )
+
+    @property
+    def is_undersampled(self) -> bool:
+        """Whether one lookup a sample skips texels anywhere in the image."""
+        return self.minification > 1.0
+
+
 # Candidates of a target are some 130 plans a camera; two cameras' fit. 3 to 27 ms at 640 px, 2
 # microseconds from the cache.
 @lru_cache(maxsize=256)
@@ -380,6 +241,25 @@ def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorB
     )
 
 
+# Corners and viewpoint are rounded once each, relative to the scene's centre; Embree's arithmetic
+# on both adds its own. Rectangles of up to 200 km with an edge 2 cm to 5 m from the viewpoint were
+# displaced by 1.0 times their size over distance in the kernel, 2.5 times in the reference,
+# rounding of corners included (tests/server/render/test_scene_rounding.py).
+_TRACE_COORDINATES = CoordinateErrors(position_ulps=2.0, size_ulps=4.0)
+# Positions have 48 bits until the viewpoint is subtracted. What is left are products of that
+# difference, and the rasterizer's clipping of triangles that are larger than the view: 14 times
+# their size over distance in llvmpipe.
+_RASTER_COORDINATES = CoordinateErrors(position_ulps=0.0, size_ulps=32.0)
+
+
+def coordinate_errors(camera: OmniCamera, plan: RenderPlan) -> CoordinateErrors:
+    """Errors of the coordinates of a plan's renderer, and the miss of an approximated viewpoint."""
+    if plan.renderer.uses_faces:
+        return replace(_RASTER_COORDINATES, miss_m=max_miss_m(camera))
+    miss_m = max_miss_m(camera) if camera.is_approximated else 0.0
+    return replace(_TRACE_COORDINATES, miss_m=miss_m)
+
+
 _Component = tuple[str, GeometricError, str]  # name, error, reason
 
 
@@ -410,3 +290,124 @@ def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
     displacement = _max_edge_displacement_texels(plan.face_samples)
     reason = f"edges move by {displacement:.2f} texels, the finest {plan.face_size_px} a face"
     return "faces", error, reason
+
+
+# Largest displacement in texels by samples a texel. 1: one half, and 1 / (8 * 2) by which an arc of
+# radius two departs from a chord of one texel. More: the worst of arcs from radius two to straight,
+# in the standard sample patterns of drivers, and a twentieth in reserve; searched in
+# tests/server/frames/plan/test_error_bound.py.
+_MAX_EDGE_DISPLACEMENT_TEXELS = {1: 0.5 + 1.0 / 16.0, 2: 0.50, 4: 0.38, 8: 0.32, 16: 0.29}
+# Hardware holds triangle corners and texture coordinates in 256ths, rounded by half a step along
+# both sides: twice sqrt(2) / 512.
+_FIXED_POINT_TEXELS = math.sqrt(2.0) / 256.0
+
+
+def _max_edge_displacement_texels(face_samples: int) -> float:
+    """Largest displacement of an edge by texels; drivers take at least the requested samples."""
+    tabulated = max(samples for samples in _MAX_EDGE_DISPLACEMENT_TEXELS if samples <= face_samples)
+    return _MAX_EDGE_DISPLACEMENT_TEXELS[tabulated] + _FIXED_POINT_TEXELS
+
+
+def _face_lookup_error(
+    camera: OmniCamera, regions: tuple[FaceRegion, ...], *, face_samples: int
+) -> GeometricError:
+    """Displacement by the texels of face regions.
+
+    The rms is that of edges uniformly distributed between two texels: 1 / sqrt 3 of the maximum.
+    """
+    footprint = texel_footprint(camera, regions)
+    displacement = _max_edge_displacement_texels(face_samples)
+    rms = displacement / math.sqrt(3.0)
+    return GeometricError(
+        max_px=displacement * footprint.max_px,
+        rms_px=rms * footprint.rms_px,
+        max_deg=math.degrees(displacement * footprint.max_rad),
+        rms_deg=math.degrees(rms * footprint.rms_rad),
+    )
+
+
+# Rounding errors of a handful of operations rarely all have one sign. Measured in rays: an rms of
+# 0.51 u where the largest was 2.44 u.
+_RMS_FRACTION_OF_MAX = 0.2
+# Trace computes in float64 and rounds twice: a unit vector (at most 1 u), and its rotation into the
+# world, three products and two sums of rounded factors, each at most 1 u of a component. All at
+# their worst and in one direction would be 8.7 u; the largest of 40 million rays in 200 rotations
+# was 2.4 u.
+_TRACE_ULPS = 3.0
+# The shader of a mesh interpolates the direction between corners: about ten operations, all of them
+# well conditioned, each at most 1 u.
+_SHADER_ULPS = 8.0
+# An atlas coordinate is divided by the width, rounded, and multiplied again by the sampler: each at
+# most 1 u of a width.
+_ATLAS_ULPS = 3.0
+# The rasterizer snaps corners to 256ths of a rendered pixel: half a step along both sides.
+_CORNER_PX = math.sqrt(2.0) / 512.0
+
+
+def _rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
+    """Displacement by float32 directions and atlas coordinates."""
+    if not plan.renderer.uses_faces:
+        return _direction_error(camera, _TRACE_ULPS)
+    lookup = _atlas_coordinate_error(camera, plan.face_regions)
+    # The exact mirror's lookup map is computed in float64 and stored: no direction is ever float32.
+    if isinstance(plan.surface, PerPixel):
+        return lookup
+    return sum_errors((_direction_error(camera, _SHADER_ULPS), lookup))
+
+
+def _scene_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
+    """Displacement by the scene's coordinates.
+
+    Args:
+        angle_rad: As of `bounds/coordinate_rounding`.
+    """
+    return _angle_error(camera, angle_rad)
+
+
+def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
+    return _angle_error(camera, ulps * UNIT_ROUNDOFF)
+
+
+def _angle_error(camera: OmniCamera, angle_rad: float) -> GeometricError:
+    """Displacement of directions that are off by an angle at most."""
+    scale = compute_image_scale(camera)
+    return GeometricError(
+        max_px=angle_rad * scale.max_px_per_rad,
+        rms_px=_RMS_FRACTION_OF_MAX * angle_rad * scale.rms_px_per_rad,
+        max_deg=math.degrees(angle_rad),
+        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(angle_rad),
+    )
+
+
+def _atlas_coordinate_error(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> GeometricError:
+    """Displacement in the widest atlas that could be packed: all regions side by side."""
+    # The packing is the renderer's and not known here; a wider atlas only makes the bound larger.
+    displacement_texels = _ATLAS_ULPS * UNIT_ROUNDOFF * sum(max(r.size_texels) for r in regions)
+    footprint = texel_footprint(camera, regions)
+    return GeometricError(
+        max_px=displacement_texels * footprint.max_px,
+        rms_px=_RMS_FRACTION_OF_MAX * displacement_texels * footprint.rms_px,
+        max_deg=math.degrees(displacement_texels * footprint.max_rad),
+        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(displacement_texels * footprint.rms_rad),
+    )
+
+
+def _corner_error(camera: OmniCamera, samples: int) -> GeometricError:
+    """Displacement by the snapped corners of a rasterized mesh, with samples^2 a pixel."""
+    max_px = _CORNER_PX / samples
+    scale = compute_image_scale(camera)
+    min_px_per_rad = float(min(scale.radial.min(), scale.tangential.min()))
+    max_deg = math.degrees(max_px / min_px_per_rad)
+    return GeometricError(
+        max_px, _RMS_FRACTION_OF_MAX * max_px, max_deg, _RMS_FRACTION_OF_MAX * max_deg
+    )
+
+
+def _sampling_error(camera: OmniCamera, plan: RenderPlan) -> _SamplingError:
+    """Error of a plan's samples in a camera's image."""
+    has_texels = plan.renderer.uses_faces
+    return _SamplingError(
+        samples=plan.samples,
+        edge_error_px=math.sqrt(0.5) / plan.samples,
+        texel_footprint=texel_footprint(camera, plan.face_regions) if has_texels else None,
+    )

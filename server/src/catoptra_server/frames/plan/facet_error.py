@@ -64,6 +64,11 @@ def apply_floor(error: GeometricError, floor: GeometricError) -> GeometricError:
     )
 
 
+def weighted_rms(values: Floats, weight: Floats) -> float:
+    """Root mean square over image areas."""
+    return math.sqrt(float((np.square(values) * weight).sum() / weight.sum()))
+
+
 # Rings of the bound by place: a picture of 640 px has rings of 5 px.
 _NUM_RADII = 64
 _SAME_RADIUS = 1e-9
@@ -96,6 +101,17 @@ def facet_error_by_radius(camera: OmniCamera, tessellation: Tessellation) -> tup
     return _facet_errors(camera, tessellation)[1]
 
 
+def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
+    """Distance by which the mesh ends within the rim, largest at the centres of its outer edges."""
+    radius_px = camera.rim_radius_px
+    chord_px = radius_px * math.cos(math.pi / tessellation.sectors)
+    # 1 - cos as 2 sin^2 of the half: no cancellation for many sectors.
+    gap_px = 2.0 * radius_px * math.sin(0.5 * math.pi / tessellation.sectors) ** 2
+    t = camera.projection.t_from_radius_ratio(np.array(chord_px / camera.scale_px))
+    gap_deg = math.degrees(camera.rim_rad - 2.0 * math.atan(float(t)))
+    return GeometricError(gap_px, 0.0, gap_deg, 0.0)
+
+
 @lru_cache(maxsize=256)
 def _facet_errors(
     camera: OmniCamera, tessellation: Tessellation
@@ -118,9 +134,9 @@ def _facet_errors(
     reserve = (1.0 + math.pi / tessellation.sectors / steps) / (1.0 - 1.0 / steps**2)
     error = GeometricError(
         max_px=reserve * float(error_px[projected.is_near_image].max()),
-        rms_px=_weighted_rms(error_px, area),
+        rms_px=weighted_rms(error_px, area),
         max_deg=reserve * math.degrees(float(error_rad[projected.is_near_image].max())),
-        rms_deg=math.degrees(_weighted_rms(error_rad, area)),
+        rms_deg=math.degrees(weighted_rms(error_rad, area)),
     )
     return error, _max_by_radius(camera, projected, reserve * error_px)
 
@@ -139,17 +155,6 @@ def _max_by_radius(
         float(largest[(first <= ring) & (ring <= last)].max(initial=0.0))
         for ring in range(_NUM_RADII)
     )
-
-
-def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
-    """Distance by which the mesh ends within the rim, largest at the centres of its outer edges."""
-    radius_px = camera.rim_radius_px
-    chord_px = radius_px * math.cos(math.pi / tessellation.sectors)
-    # 1 - cos as 2 sin^2 of the half: no cancellation for many sectors.
-    gap_px = 2.0 * radius_px * math.sin(0.5 * math.pi / tessellation.sectors) ** 2
-    t = camera.projection.t_from_radius_ratio(np.array(chord_px / camera.scale_px))
-    gap_deg = math.degrees(camera.rim_rad - 2.0 * math.atan(float(t)))
-    return GeometricError(gap_px, 0.0, gap_deg, 0.0)
 
 
 def _distinct_triangles(camera: OmniCamera, tessellation: Tessellation) -> tuple[Floats, Floats]:
@@ -276,7 +281,3 @@ def _displacement_rad(camera: OmniCamera, point_px: Floats, lookup_direction: Fl
     chord = np.linalg.norm(unit - model_direction, axis=-1)
     angle: Floats = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
     return angle
-
-
-def _weighted_rms(values: Floats, weight: Floats) -> float:
-    return math.sqrt(float((np.square(values) * weight).sum() / weight.sum()))
