@@ -13,22 +13,19 @@ import pytest
 
 from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.mirrors import SphericalMirror
-from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.frames.frame_plan import CameraPlan, ErrorBoundTable, FramePlanner
 from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
-from catoptra_server.frames.plan.candidates import generate_calibration_plans
-from catoptra_server.frames.plan.costs import PlanTiming
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
-from catoptra_server.frames.renderers import RendererChoice, RendererPool
-from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
+from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState
+from helpers.invented_costs import make_pool, measure_per_sample
 from helpers.mirror_checks import make_camera
 from helpers.robots import CAMERA
 from helpers.worlds import make_omni_camera
@@ -47,27 +44,9 @@ class FarScene:
         return 1e-6
 
 
-class Renderer:
-    """A renderer that is described, and draws nothing."""
-
-    def describe(self) -> str:
-        return "test renderer"
-
-    def close(self) -> None:
-        pass
-
-
 def make_plans(published: ErrorBoundTable | None = None) -> FramePlanner:
     """Plans by a renderer that was measured at 1 ms a sample."""
-
-    def measure(
-        renderer: object, kind: RendererKind, camera: OmniCamera, surface: MirrorSurface, *_: object
-    ) -> list[PlanTiming]:
-        plans = generate_calibration_plans(kind, camera, surface)
-        return [PlanTiming(plan, {"trace": 1.0 * plan.samples**2}) for plan in plans]
-
-    choice = RendererChoice(Renderer(), RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
-    planner = RenderPlanner(RendererPool(choice), measure=measure)
+    planner = RenderPlanner(make_pool(), measure=measure_per_sample())
     scene: Any = FarScene()
     # The clock stands still: a frame takes the time of its drawing.
     return FramePlanner(planner, scene, error_bounds=published, clock=lambda: 0.0)

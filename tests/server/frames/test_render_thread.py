@@ -1,8 +1,4 @@
-"""Requests become frames in another thread: in order, composed; a failure ends one channel.
-
-Pauses of channels whose frames fail.
-
-Frames composed of one view or several, with their times, bounds and decisions."""
+"""Requests become frames in another thread; a failure pauses one channel alone."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Wheel spin to travel to pose: directions, limits, slip, and the hard cases of the arc.
-
-A robot's base at walls."""
+"""Wheel spin to travel to pose: directions, limits, slip, arcs; a base at walls."""
 
 from __future__ import annotations
 

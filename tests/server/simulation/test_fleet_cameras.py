@@ -1,8 +1,4 @@
-"""Environments: the other robots as boxes, and their names.
-
-Queries of a channel: the camera that it names, at the robot's present pose.
-
-Cameras of several robots: which one a channel shows, its tile, and what it can see."""
+"""Environments, cameras of channels, and queries about what a camera sees."""
 
 from __future__ import annotations
 
