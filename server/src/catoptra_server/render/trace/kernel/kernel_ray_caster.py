@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.kernel.library import AUTO, KernelDevice, choose_instruction_set
+from catoptra_server.render.renderer_kind import AUTO
+from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
 from catoptra_server.render.trace.kernel.scene_arrays import corner_arrays
 from catoptra_server.render.trace.trace_engine import scene_centre
 from catoptra_server.runtime.memory import count_processors

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_server import __version__
-from catoptra_server.render.trace.kernel.library import AUTO
+from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.scene_arrays import MAX_TRIANGLES
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
