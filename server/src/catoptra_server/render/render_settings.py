@@ -1,4 +1,7 @@
-"""Render settings of a robot's camera, as the robot file requests them."""
+"""Render settings of a robot's camera, as the robot file requests them.
+
+Data only: `frames/plan` makes a plan of them, either of the numbers or for the accuracy target.
+"""
 
 from __future__ import annotations
 

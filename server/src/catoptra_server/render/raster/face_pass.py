@@ -22,7 +22,7 @@ from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 from catoptra_server.world.camera_state import CameraState
 
 
-class Projection(Protocol):
+class _Projection(Protocol):
     """One planar image from the viewpoint and its rectangle in the texture; see AtlasCell."""
 
     @property
@@ -46,7 +46,7 @@ class Projection(Protocol):
         """Largest ratio of a point's distance from the viewpoint to its depth."""
 
 
-class FaceLayout(Protocol):
+class _FaceLayout(Protocol):
     """A texture of planar images: an atlas of faces, or one perspective image."""
 
     @property
@@ -58,54 +58,14 @@ class FaceLayout(Protocol):
         """Number of rows of texels."""
 
     @property
-    def cells(self) -> Sequence[Projection]:
+    def cells(self) -> Sequence[_Projection]:
         """The planar images."""
 
 
-FaceLayoutT = TypeVar("FaceLayoutT", bound=FaceLayout)
+_LayoutT = TypeVar("_LayoutT", bound=_FaceLayout)
 
 
-@dataclass(frozen=True, slots=True)
-class DrawCounts:
-    """Cost of a frame's faces."""
-
-    num_cells: int
-    """Planar images rendered."""
-    num_texels: int
-    """Texels of all cells, guard bands included."""
-    num_draw_calls: int
-    """OpenGL draw calls."""
-    num_triangles: int
-    """Triangles sent to the device."""
-
-
-def frame_depth_range(
-    scene: SceneBuffers, camera_state: CameraState, max_depth_ratio: float
-) -> DepthRange:
-    """Depth range of a frame, from the distances of the scene and of the dynamic objects.
-
-    max_depth_ratio: the largest of all cells, since one range serves the whole atlas.
-    """
-    viewpoint = camera_state.world_from_mirror.translation
-    object_distances = object_distance_range(
-        camera_state.objects, viewpoint, MAX_NEAR_M * max_depth_ratio
-    )
-    return scene.depth_range_finder.find_range(
-        viewpoint - scene.origin,
-        max_depth_ratio=max_depth_ratio,
-        object_distances_m=object_distances,
-    )
-
-
-def frustum_planes(clip_from_scene: Floats) -> Floats:
-    """(n, 5, 3) inward normals of the frustum planes of (n, 3, 3) maps to clip x, y, w."""
-    x, y, w = np.moveaxis(clip_from_scene, 1, 0)
-    # Clipping keeps -w <= x, y <= w and w > 0; each inequality is linear in the direction, so its
-    # coefficients are the plane's normal (Gribb and Hartmann 2001).
-    return np.stack((w + x, w - x, w + y, w - y, w), axis=1)
-
-
-class FacePass(Generic[FaceLayoutT]):
+class FacePass(Generic[_LayoutT]):
     """Renders the faces of one view into a texture."""
 
     name = "faces"
@@ -114,7 +74,7 @@ class FacePass(Generic[FaceLayoutT]):
         self,
         context: moderngl.Context,
         scene: SceneBuffers,
-        atlas: FaceLayoutT,
+        atlas: _LayoutT,
         samples: int,
         spacing: SampleSpacing | None = None,
     ) -> None:
@@ -211,3 +171,43 @@ class FacePass(Generic[FaceLayoutT]):
         """Free the texture and its framebuffers."""
         for resource in (*self._owned, self.texture):
             resource.release()
+
+
+@dataclass(frozen=True, slots=True)
+class DrawCounts:
+    """Cost of a frame's faces."""
+
+    num_cells: int
+    """Planar images rendered."""
+    num_texels: int
+    """Texels of all cells, guard bands included."""
+    num_draw_calls: int
+    """OpenGL draw calls."""
+    num_triangles: int
+    """Triangles sent to the device."""
+
+
+def frame_depth_range(
+    scene: SceneBuffers, camera_state: CameraState, max_depth_ratio: float
+) -> DepthRange:
+    """Depth range of a frame, from the distances of the scene and of the dynamic objects.
+
+    max_depth_ratio: the largest of all cells, since one range serves the whole atlas.
+    """
+    viewpoint = camera_state.world_from_mirror.translation
+    object_distances = object_distance_range(
+        camera_state.objects, viewpoint, MAX_NEAR_M * max_depth_ratio
+    )
+    return scene.depth_range_finder.find_range(
+        viewpoint - scene.origin,
+        max_depth_ratio=max_depth_ratio,
+        object_distances_m=object_distances,
+    )
+
+
+def frustum_planes(clip_from_scene: Floats) -> Floats:
+    """(n, 5, 3) inward normals of the frustum planes of (n, 3, 3) maps to clip x, y, w."""
+    x, y, w = np.moveaxis(clip_from_scene, 1, 0)
+    # Clipping keeps -w <= x, y <= w and w > 0; each inequality is linear in the direction, so its
+    # coefficients are the plane's normal (Gribb and Hartmann 2001).
+    return np.stack((w + x, w - x, w + y, w - y, w), axis=1)

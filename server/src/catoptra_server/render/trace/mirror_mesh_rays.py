@@ -1,7 +1,9 @@
 """The rays of the paper's mirror mesh, in float64: the reference for raster's UV-mapped mesh.
 
 A camera ray from the pinhole hits a flat facet; the looked-up direction is interpolated between the
-facet's corners at that point. Embree finds the facet, the interpolation is done here in float64.
+facet's corners at that point. Each corner carries the direction that is looked up, and UV and
+position interpolation differ only in its length. So the paper's comparison needs no OpenGL. Embree
+finds the facet, the interpolation is done here in float64.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""The rays of one camera on a kernel device: frames, hits, labels and flow.
+"""The native engine: a scene on a kernel device, and the rays of cameras.
 
-The native engine: a scene on a kernel device, and the rays of cameras.
-
-A frame is one call, from the rays and the camera's pose to pixels. C code: `src/`.
+A frame is one call, from the rays and the camera's pose to pixels, without the interpreter and on
+the kernel's own threads. embreex calls Embree for single rays, and NumPy around it cost as much
+again, while half of all threads waited for the interpreter: a fifth to a half of this speed. What a
+frame computes, and in which file, is in README.md.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from catoptra_server.render.trace.kernel.library import (
     choose_instruction_set,
 )
 from catoptra_server.render.trace.kernel.scene_arrays import (
-    Owned,
+    OwningStruct,
     caster_arrays,
     encoded_table,
     hemisphere_struct,
@@ -146,7 +147,7 @@ class KernelRays:
 
     def _label_beside(
         self, request: LabelRequest | None
-    ) -> tuple[PixelLabels | None, Owned | None]:
+    ) -> tuple[PixelLabels | None, OwningStruct | None]:
         """Channels to be found beside a picture; without any where these rays cannot find them."""
         if request is None:
             return None, None
@@ -180,7 +181,7 @@ class KernelRays:
         *arrays: npt.NDArray[np.generic],
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
         inverse_range: Float32s | None = None,
-        labels: Owned | None = None,
+        labels: OwningStruct | None = None,
     ) -> None:
         self.last_counts = self._engine.render(
             self._require_view(),
@@ -308,12 +309,12 @@ class KernelEngine:
         self._owners.append(radiance)
         return radiance.ctypes.data
 
-    def _keep(self, owned: Owned) -> Any:
+    def _keep(self, owned: OwningStruct) -> Any:
         """Structure whose arrays live as long as the engine."""
         self._owners += [owned.struct, *owned.owners]
         return owned.struct
 
-    def _commit(self, owned: Owned) -> int:
+    def _commit(self, owned: OwningStruct) -> int:
         """Mesh of the device, released with the engine."""
         mesh = self._device.commit_mesh(self._keep(owned))
         self._meshes.append(mesh)
@@ -345,8 +346,8 @@ class KernelEngine:
         *arrays: npt.NDArray[np.generic],
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
         inverse_range: Float32s | None = None,
-        labels: Owned | None = None,
-        flow: Owned | None = None,
+        labels: OwningStruct | None = None,
+        flow: OwningStruct | None = None,
     ) -> FrameCounts:
         """Render an exposure into arrays: an image, hits, labels or flow."""
         if first_state(exposure).has_shadows:
