@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
-from catoptra_server.render.trace.reference import engine as module
-from catoptra_server.render.trace.reference.engine import (
+from catoptra_server.render.trace.reference import reference_engine as module
+from catoptra_server.render.trace.reference.reference_engine import (
     ReferenceEngine,
     mean_pixels,
     read_batch,
