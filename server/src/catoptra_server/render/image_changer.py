@@ -3,7 +3,7 @@
 An image effect is its float64 formula in `effects/`, which is its definition, and one native stage
 (`trace/kernel/image.py`). Both renderers hand over an image in linear light: raster reads its own
 back, since shaders with the same formulas took several times as long on llvmpipe. NumPy needs 36 ms
-for the effects of the real camera; it applies whatever has no stage, and everything where the
+for the effects of the real camera; NumPy applies whatever has no stage, and everything where the
 kernel cannot run.
 
 Also sRGB bytes of linear light by a table, which NumPy and the kernel share: images behind effects
@@ -52,7 +52,7 @@ class ChangedImage(Generic[_ImageT]):
 
 
 class ImageChanger(Protocol):
-    """Applies image effects in their order; thresholds are those of `renderer.View`."""
+    """Applies image effects in order; thresholds as of `renderer.View`."""
 
     @property
     def description(self) -> str:
@@ -131,8 +131,8 @@ _MAX_LEVEL = 2**16 - 1
 
 
 def encode_srgb(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    """uint8 sRGB of linear light, clipped to [0, 1]; black where it is not a number."""
-    # Black where it is not a number: fmax prefers numbers.
+    """uint8 sRGB of linear light, clipped to [0, 1]; black for NaN."""
+    # Black for NaN: fmax prefers numbers.
     clipped = np.minimum(np.fmax(light, np.float32(0.0)), np.float32(1.0))
     levels = (clipped * np.float32(_MAX_LEVEL) + np.float32(0.5)).astype(np.int32)
     return srgb_table().take(levels)

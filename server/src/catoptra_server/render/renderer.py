@@ -65,7 +65,7 @@ class Renderer(Protocol):
 class View(Protocol):
     """A camera that is ready to be rendered: all constants of the view are precomputed.
 
-    Image effects change the image in linear light, before it is encoded. Their resources are built
+    Image effects change the image in linear light, before the encoding. Resources are built
     at their first use; without effects the image is encoded directly.
     """
 
@@ -168,7 +168,7 @@ class RenderPlan:
 
     @property
     def description(self) -> str:
-        """All numbers of the plan in words, without its reason."""
+        """All numbers of the plan in words, without the reason."""
         match self.surface:
             case PerPixel():
                 surface = "per pixel"
@@ -246,7 +246,7 @@ class StageClock:
         self._last = now
 
 
-# Between two rotations 2 degrees apart the entries are those of a rotation to 2e-4.
+# Between two rotations 2 degrees apart interpolated entries are a rotation's to 2e-4.
 _MAX_TURN_RAD = 0.035
 # A robot that spins for the longest exposure of a minute: coarser, but bounded.
 _MAX_TURNS = 256
@@ -292,6 +292,7 @@ def trajectory(camera_state: CameraState) -> tuple[CameraState, ...]:
     twists = (camera_state.twist, *(placed.twist for placed in camera_state.objects))
     turn_rad = total_s * max(math.hypot(*twist.angular_rad_s) for twist in twists)
     steps = min(1 + int(turn_rad / _MAX_TURN_RAD), _MAX_TURNS)
+    # Centred: the camera state is that of the middle of the exposure.
     return tuple(advance(camera_state, (i / steps - 0.5) * total_s) for i in range(steps + 1))
 
 

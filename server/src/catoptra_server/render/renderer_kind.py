@@ -4,8 +4,8 @@ Command lines import this module: no numpy, and nothing of a renderer. The kinds
 in five modules: here, in `frames/plan/renderers.py` (creation), in `frames/plan/candidates.py`
 (settings), in `frames/plan/costs.py` (stages) and in `commands/doctor/devices.py` (checks).
 
-Embree comes with the package embreex, whose wheels are for x86-64 and for macOS. Without it raster
-renders, and nothing casts rays.
+Embree comes with the package embreex, whose wheels are for x86-64 and for macOS. Without the
+package raster renders, and nothing casts rays.
 """
 
 from __future__ import annotations

@@ -2,14 +2,14 @@
 
 The atlas is one 2-D texture for all drawn regions of the faces, instead of a cube map: a viewport
 for each region, regions of different sizes, and only directions that the mirror reflects have
-texels. A guard band of a few texels around every region keeps bilinear look-ups within it, so there
+texels. A guard band of a few texels around every region keeps bilinear look-ups inside, so there
 are no seams. Row 0 of the texture is the top of every region.
 
-The lookup map holds the atlas coordinates of every sample. They never change, so they are computed
-once in float64 by the camera model and rounded to float32 as a position between texels: within 6e-4
-px of the model up to 4096 px (1.4e-3 within 1.5 degrees of the asymptote at k = 2.001). A shader
-that evaluated the model in float32 lost 2e-3 there and took up to half as long again on llvmpipe.
-No mirror needs a shader of its own. The price is 8 bytes a sample.
+The lookup map holds the atlas coordinates of every sample. Coordinates never change, so all are
+computed once in float64 by the camera model and rounded to float32 as a position between texels:
+within 6e-4 px of the model up to 4096 px (1.4e-3 within 1.5 degrees of the asymptote at k = 2.001).
+A shader that evaluated the model in float32 lost 2e-3 there and took up to half as long again on
+llvmpipe. No mirror needs a shader of its own. The price is 8 bytes a sample.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Atlas:
 
     @property
     def num_faces(self) -> int:
-        """Number of faces that a direction is compared with: U only where it has a cell."""
+        """Number of faces that a direction is compared with: U only if U has a cell."""
         return (
             len(Face) if any(cell.region.face is Face.U for cell in self.cells) else len(Face) - 1
         )

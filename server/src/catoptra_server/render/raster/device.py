@@ -13,7 +13,7 @@ triangles takes 1.05 times as long on llvmpipe.
 
 The level of a texture on a cube's face follows from the samples of the image, not from the face's
 texels: how many texels a sample covers depends on where on the mirror it is. The angles between
-samples vary smoothly with the incidence angle, so a polynomial of their logarithms holds them;
+samples vary smoothly with the incidence angle, so a polynomial of their logarithms is enough;
 `glsl/include/texture_levels.glsl` evaluates it.
 """
 
@@ -55,7 +55,7 @@ SPLIT_FORMAT = "3f 3f"
 COARSE_FORMAT = "3f 12x"
 """Buffer format that reads the first of its two numbers alone."""
 _NUM_TERMS = 8
-"""Coefficients of a polynomial; the bundled mirrors need them for an error below 1 %."""
+"""Coefficients of a polynomial; the bundled mirrors need eight for an error below 1 %."""
 Definitions = tuple[tuple[str, int], ...]
 
 

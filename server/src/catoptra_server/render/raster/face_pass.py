@@ -107,7 +107,7 @@ class FacePass(Generic[_LayoutT]):
         # Clamped, since look-ups at the outer border of the atlas must not wrap to the opposite
         # cell.
         self.texture.repeat_x = self.texture.repeat_y = False
-        # A multisampled texture cannot be looked up with filtering: it is resolved into the
+        # A multisampled texture cannot be looked up with filtering: samples are resolved into the
         # texture.
         multi = samples if samples > 1 else 0
         colour = (
@@ -142,7 +142,7 @@ class FacePass(Generic[_LayoutT]):
         self.counts = DrawCounts(len(self.atlas.cells), self._texels, calls, triangles)
 
     def _begin(self, background: tuple[float, float, float]) -> None:
-        """Clear the whole target at once, which drivers do much faster than a part of it."""
+        """Clear the whole target at once, which drivers do much faster than a part."""
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
         self._target.viewport = (0, 0, self.atlas.width, self.atlas.height)

@@ -30,7 +30,7 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
 
 # Sides of the polygon around the rim circle: 1.3 % more area than the disc, a square has 27 % more;
-# on llvmpipe more sides cost more in half-empty blocks of fragments than they save.
+# on llvmpipe more sides cost more in half-empty blocks of fragments than is saved.
 _NUM_RIM_SIDES = 16
 
 
@@ -141,8 +141,8 @@ def render_lookup_texture(
 ) -> moderngl.Texture:
     """Lookup map of a mirror mesh, OUTSIDE_MIRROR for samples beside the mesh.
 
-    The mesh is rendered once, `samples` times larger than the image: its samples then coincide with
-    those of trace, which multisampling would leave to the driver.
+    The mesh is rendered once, `samples` times larger than the image: the samples then coincide with
+    trace's, which multisampling would leave to the driver.
     """
     lookup_map = context.texture(_lookup_map_size(context, camera, samples), 2, dtype="f4")
     lookup_map.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -151,7 +151,7 @@ def render_lookup_texture(
     program = programs.get(spec)
     set_atlas_uniforms(program, atlas)
     mesh = build_mirror_mesh(camera, tessellation)
-    # Clip positions and directions in one buffer: used for a single draw call and freed after it.
+    # Clip positions and directions in one buffer: freed after a single draw call.
     corners = np.concatenate((mirror_mesh_clip_positions(camera, mesh), mesh.directions), axis=-1)
     buffer = context.buffer(corners.astype(np.float32).tobytes())
     vertices = context.vertex_array(

@@ -1,8 +1,8 @@
 """The passes of a view, and the images that they draw into.
 
 Each pass renders from textures of earlier passes into a target: the mean of samples, a long
-exposure as sharp images that are added up. Images are in linear light until the last pass encodes
-them; `OutputImage` and `LinearImageTarget` are read back.
+exposure as sharp images that are added up. Images are in linear light until the last pass encodes;
+`OutputImage` and `LinearImageTarget` are read back.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class RangePass:
         self._max_depth_ratio = max(cell.max_depth_ratio for cell in atlas.cells)
         size = (atlas.width, atlas.height)
         self._texels = _make_texture(context, size)
-        # A depth buffer of its own: that of the faces may be multisampled, ranges are not.
+        # A depth buffer of its own: the faces' may be multisampled, ranges are not.
         self._depth = context.depth_renderbuffer(size)
         self._target = context.framebuffer([self._texels], self._depth)
         self._ranges = _make_texture(context, (camera.width_px, camera.height_px))

@@ -86,8 +86,8 @@ class RasterRenderer:
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
         """Prepare a view of an omnidirectional camera.
 
-        Face pass and lookup map are built here; the passes behind them when a frame first needs
-        them, since effects and shutter may differ from frame to frame.
+        Face pass and lookup map are built here; later passes when a frame first needs
+        each, since effects and shutter may differ from frame to frame.
         """
         self._check_thread()
         with self._device.context as context, ExitStack() as undo:

@@ -243,6 +243,7 @@ class ViewPasses:
         """Sequence to the finished image; linear light is written only for a long exposure."""
         if not has_shutter:
             return _PassSequence((self.faces, self.make_image_pass(self.output.target, ENCODED)))
+        # Sharp images are added up in linear light, so the sum is encoded by a pass of its own.
         exposed = self.make_exposure(has_ranges=False, has_shutter=True)
         assert exposed.light is not None
         encode = AveragePass(

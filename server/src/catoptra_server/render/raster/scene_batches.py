@@ -1,10 +1,10 @@
 """Triangles on the device with the attributes and programs of one lighting model.
 
-Static triangles stand in batches, one for each texture. A batch has only the attributes that it
-needs: no texture coordinates without a texture, no normals where light is constant over each
-triangle. Dynamic objects share one vertex buffer, written for every camera state that has any;
-without objects there is no buffer, no program and no draw call. Objects share the faces' program,
-and each triangle's light is computed at the object's current pose.
+Static triangles stand in batches, one for each texture. A batch has no more attributes than needed:
+no texture coordinates without a texture, no normals where light is constant over each triangle.
+Dynamic objects share one vertex buffer, written for every camera state that has any; without
+objects there is no buffer, no program and no draw call. Objects share the faces' program, and each
+triangle's light is computed at the object's current pose.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from catoptra_server.world.world_description import Light, srgb_from_linear
 _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
 # Definition of programs that hide a part of the sky from fragments.
 _OCCLUDED: Definitions = (("OCCLUDED", 1),)
-# Units 0 to 2 are those of textures and shadow maps.
+# Units 0 to 2 have textures and shadow maps.
 _OCCLUSION_UNIT = 3
-# GL_SRGB8: the sampler turns texels into linear light before it filters them.
+# GL_SRGB8: the sampler turns texels into linear light and filters then.
 _SRGB8 = 0x8C41
 _VertexAttribute = tuple[moderngl.Buffer, str]
 """Buffer and its format."""
@@ -243,7 +243,7 @@ def _atlas_positions(occlusion: OcclusionMap, corners: Floats) -> Floats:
 
 
 def _corner_radiance(scene: SceneMesh, lights: tuple[Light, ...]) -> Floats:
-    """(n, 3, 3) radiance at the corners of each triangle by lights that are constant over it."""
+    """(n, 3, 3) radiance at the corners of each triangle by lights that are constant there."""
     if scene.corner_albedo is None:
         return _repeat_at_corners(shading.facet_radiance(scene, lights))
     return shading.corner_radiance(scene, scene.corner_albedo, lights)
@@ -353,7 +353,7 @@ class DynamicObjectBuffer:
         return self._context.vertex_array(program, [(buffer, layout, *names)])
 
     def set_frame(self, frame: FrameUniforms) -> None:
-        """Write the uniforms of a frame, if any object is drawn in it."""
+        """Write the uniforms of a frame, if any object is drawn."""
         for program in self.programs:
             frame.apply_to(program)
 

@@ -95,6 +95,7 @@ class SceneBuffers:
         self._scene = scene
         self._world = world
         lights = world.lights if scene_lights is None else scene_lights
+        # Two lightings: objects move towards lights that are too weak for the static scene.
         lighting, object_lighting = _make_facet_lighting(lights), _make_facet_lighting(world.lights)
         self.background = world.background
         low, high = (scene.corners.min((0, 1)), scene.corners.max((0, 1))) if len(scene) else (0, 0)
@@ -115,12 +116,12 @@ class SceneBuffers:
     def make_position_array(self, program: moderngl.Program) -> moderngl.VertexArray:
         """Vertex array of all corners, cluster by cluster, without other attributes.
 
-        The caller frees the array, not the buffer behind it.
+        The caller frees the array, not the buffer.
         """
         return self._context.vertex_array(program, [(self._position, COARSE_FORMAT, "position")])
 
     def with_lighting(self, camera_state: CameraState) -> LitScene:
-        """Scene under the lighting of a camera state: with shadows where some light casts them."""
+        """Scene under the lighting of a camera state: with shadows where some light casts any."""
         if not camera_state.has_shadows or not shading.shadow_casting_lights(self._world.lights):
             return self
         # Built at the first frame with shadows: maps of up to 128 MiB that most worlds never need.
@@ -224,7 +225,7 @@ class _ShadowedScene:
             viewpoint: (3,) position in the scene's frame, metres.
             depth_from_forward: (a, b) of clip z = a w + b.
         """
-        # Without point lights: the shadowed program takes them from the shadow maps' uniforms
+        # Without point lights: the shadowed program has the shadow maps' uniforms
         # instead.
         frame = FrameUniforms.from_viewpoint(
             viewpoint, depth_from_forward, lights=(), origin=self._origin

@@ -3,9 +3,9 @@
 The static scene is drawn once; objects in every frame, into maps fitted around them. A texel holds
 the depth of one ray, through the texel's centre; elsewhere in the texel the same surface may be
 nearer, by its slope times half a texel in both directions, and would shadow itself. Every caster is
-therefore pushed back by its slope times SLOPE_BIAS_TEXELS: it casts no shadow on a surface closer
-behind it than that, measured across the caster's plane at most SLOPE_BIAS_TEXELS texels, however
-low the light. A map is read with a single tap: nearly everywhere a texel is smaller than a pixel. A
+therefore pushed back by its slope times SLOPE_BIAS_TEXELS: no shadow falls on a surface closer
+behind than that, measured across the caster's plane at most SLOPE_BIAS_TEXELS texels, however low
+the light. A map is read with a single tap: nearly everywhere a texel is smaller than a pixel. A
 frame with shadows takes 2.8 times as long as one without.
 """
 
@@ -108,7 +108,7 @@ class ShadowMaps:
 
     @property
     def texture_bytes(self) -> int:
-        """Size of the maps at 4 bytes a texel; objects' maps count once they exist."""
+        """Size of the maps at 4 bytes a texel; objects' maps count once there are any."""
         textures = (
             self._scene_maps,
             *((self._object_maps,) if self._object_maps is not None else ()),

@@ -46,8 +46,8 @@ def mirror_mesh_directions(
     corners, directions = mesh.corners[triangle[valid]], mesh.directions[triangle[valid]]
     weights = _barycentric_weights(corners - pinhole, rays[valid])
     looked_up[valid] = np.einsum("nc,nci->ni", weights, directions)
-    # Normalized last, as a GPU does with interpolated attributes: lengths at the corners matter,
-    # they are the difference between UV and position interpolation.
+    # Normalized last, as a GPU does with interpolated attributes: lengths at the corners matter:
+    # the difference between UV and position interpolation.
     looked_up /= np.linalg.norm(looked_up, axis=-1, keepdims=True)
     return looked_up.reshape(*pixel.shape[:-1], 3), valid.reshape(pixel.shape[:-1])
 

@@ -1,8 +1,8 @@
 """Distances along rays in the static scene, for sensors that measure range, without any radiance.
 
 By the native kernel, and by embreex where the kernel cannot run: the same bits, since both cast
-single rays by one Embree. Its rays are watertight: none slips between two triangles that share an
-edge. Not the triangles of the renderer, which is made anew after a fault while sensors measure.
+single rays by one Embree. Embree's rays are watertight: none slips between two triangles that share
+an edge. Not the triangles of the renderer, which is made anew after a fault while sensors measure.
 """
 
 from __future__ import annotations

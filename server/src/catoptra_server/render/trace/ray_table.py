@@ -3,8 +3,7 @@
 A pixel has samples x samples rays; side by side the samples of all pixels form one grid, `samples`
 times finer than the image. A tile is 4 x 4 pixels: samples x samples blocks of 4 x 4 rays, so that
 the rays of a block are neighbours at any number of samples. Computed once per view in float64, from
-the camera model or from the mirror mesh that replaces it, and stored in float32, as Embree takes
-it.
+the camera model or from the mirror mesh that replaces it, and stored in float32 for Embree.
 
 A mirror without a viewpoint has an origin for each ray besides its direction; a frame then takes
 1.07 to 1.23 times as long as from one viewpoint.
@@ -35,7 +34,7 @@ BLOCK_RAYS = TILE_PX * TILE_PX
 """Rays of a block."""
 MAX_SAMPLES = 16
 """Samples along a pixel's side."""
-# Float64 directions and what they are computed from take 130 bytes a sample, the result 13: a whole
+# Float64 directions and all intermediate arrays take 130 bytes a sample, the result 13: a whole
 # image of 8192 px took 8 GB. 9 MB, which are used again for the next batch: in a new process, where
 # each page of memory has to be mapped first, batches of eight times the size take 20 % longer.
 _SAMPLES_PER_BATCH = 2**16
@@ -117,7 +116,7 @@ def face_ray_table(camera: FaceCamera, samples: int) -> RayTable:
 
 
 def _grid_lookup(look_up: _PixelLookup) -> _GridLookup:
-    """Directions of a grid by those of pixel positions."""
+    """Directions of a grid by a function of pixel positions."""
     return lambda u, v: (None, *look_up(np.stack(np.meshgrid(u, v), axis=-1)))
 
 

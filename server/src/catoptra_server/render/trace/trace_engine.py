@@ -39,7 +39,7 @@ STATIC_SCENE = 0
 NOTHING = -1
 """Object and triangle number of a ray without a hit."""
 NO_MOTION = -1
-"""Index of the motion of what stays where it is."""
+"""Index of the motion of an object at rest."""
 # Any pixel may change from the darkest grey level to the brightest.
 ANY_CHANGE = 255.0
 
@@ -67,7 +67,7 @@ class TracedRays(Protocol):
 
     @property
     def memory_bytes(self) -> int:
-        """Size of the rays and of the engine's tables for them."""
+        """Size of the rays and of the engine's tables."""
 
     def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
         """A frame and all other outputs that are wanted."""
@@ -82,7 +82,7 @@ class TracedRays(Protocol):
         """First hit of each ray."""
 
     def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
-        """Labels without an image; their agreement is that of these rays."""
+        """Labels without an image; the agreement is of these rays."""
 
     def close(self) -> None:
         """Free what belongs to these rays."""
@@ -99,12 +99,12 @@ class TraceRequest:
     thresholds: Mapping[str, float] = field(default_factory=dict)
     """Change that nobody sees, grey levels, by effect: see `OmniView.render`."""
     labels: LabelRequest | None = None
-    """Labels that are wanted, too, of an exposure at rest; an engine may leave them out."""
+    """Labels that are wanted, too, of an exposure at rest; an engine may leave out labels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TracedFrame:
-    """A frame, and what it took."""
+    """A frame with all that was requested of it."""
 
     image: npt.NDArray[Any]  # of the type that the request names
     """(h, w, 3) sRGB, read-only, each sample clipped to [0, 1]; or linear light, not clipped."""
@@ -173,7 +173,7 @@ class LabelTables:
     triangle_numbers: LabelNumbers
     """(n,) number of the object of each triangle of the static scene."""
     object_numbers: LabelNumbers
-    """(o,) number of each dynamic object of an exposure, in its order."""
+    """(o,) number of each dynamic object, in the order of the exposure."""
     class_table: LabelNumbers
     """(65536,) number of the class of each object's number."""
 
@@ -189,7 +189,7 @@ class FlowTables:
     motions: Mapping[int, Pose]
     """Motion of each moving object by number, world there from world here."""
     gone: Collection[int]
-    """Numbers of objects that the other exposure lacks."""
+    """Numbers of objects that are missing in the other exposure."""
     places: Floats
     """(n,) evenly spaced places of the camera's domain: t / (1 + t), t = tan(angle / 2)."""
     radius_px: Floats
@@ -238,9 +238,10 @@ def camera_states(exposure: TracedExposure) -> tuple[CameraState, ...]:
 
 
 def find_ego_body(exposure: TracedExposure) -> int:
-    """Number in hits of the ego body, 0 if it is none of the objects."""
+    """Number in hits of the ego body, 0 where no object is the body."""
     state = first_state(exposure)
     for number, placed in enumerate(state.objects):
+        # By the mesh: at another time sample the body has another pose.
         if state.ego_body is not None and placed.mesh is state.ego_body.mesh:
             return 1 + number
     return STATIC_SCENE

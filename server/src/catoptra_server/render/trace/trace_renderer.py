@@ -128,7 +128,7 @@ def create_engine(
     scene_lights: tuple[Light, ...],
     instruction_set: str,
 ) -> tuple[EngineName, TraceEngine]:
-    """Create an engine, and name it.
+    """Create an engine, with its name.
 
     Args:
         request: Engine; "auto" takes the kernel and falls back on the reference, with a warning.
@@ -143,6 +143,7 @@ def create_engine(
     """
 
     def create_kernel() -> TraceEngine:
+        # Loaded where the engine is needed: see `commands/server.py`.
         from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 
         return KernelEngine(
@@ -163,7 +164,7 @@ def create_engine(
         except KernelUnavailableError as error:
             # The message names the missing part and the remedy.
             log.warning("%s; tracing with the NumPy reference, many times slower", error)
-    # As above, where the engine is needed: see `commands/server.py`.
+    # Loaded late, as the kernel.
     from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
 
     return "reference", ReferenceEngine(scene, world, threads=threads, scene_lights=scene_lights)

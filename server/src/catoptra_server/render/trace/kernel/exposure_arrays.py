@@ -41,7 +41,7 @@ from catoptra_server.world.objects import ObjectMesh
 
 # Every box costs a frame up to six candidates.
 _MAX_BOXES = 8
-# A division that saves less of the boxes' surface does not pay for the sides that it adds.
+# A division that saves less of the boxes' surface does not pay for the sides that are added.
 _LEAST_SAVING = 0.05
 _NO_BOXES = np.zeros((0, 6), dtype=np.float32)
 _LINE_BYTES = 64
@@ -114,6 +114,7 @@ def _shutter_fractions(exposure: TracedExposure) -> tuple[float, float, int]:
     shutter = exposure.shutter if isinstance(exposure, CameraState) else None
     if shutter is None:
         return 0.0, 0.0, 0
+    # The kernel knows no seconds, only places between the first pose and the last.
     total_s = shutter.exposure_s + shutter.readout_s
     return shutter.exposure_s / total_s, shutter.readout_s / total_s, shutter.max_time_samples
 
@@ -140,6 +141,7 @@ class ObjectTable:
         """
         self._device = device
         self._centre = centre
+        # By identity: robots of one class share a mesh.
         self._meshes: dict[ObjectMesh, _CommittedMesh] = {}
 
     def __len__(self) -> int:
@@ -236,7 +238,7 @@ class CentreMatch:
 def match_centres(
     device: KernelDevice, view: int, table: RayTable, centres: RayTable
 ) -> CentreMatch:
-    """Match the rays of pixels' centres with those of a view; once for all frames.
+    """Match the rays of pixels' centres with the rays of a view; once for all frames.
 
     Args:
         device: Device of the view.
@@ -245,7 +247,7 @@ def match_centres(
         centres: Rays of the pixels' centres of the same image.
 
     Raises:
-        DomainError: The view lacks tiles of the centres.
+        DomainError: Tiles of the centres are missing in the view.
     """
     centre_tile = np.arange(len(table.tiles), dtype=np.int32)
     is_held = np.ones(len(table.tiles), dtype=np.uint8)
@@ -255,7 +257,7 @@ def match_centres(
 
 
 def label_arrays(match: CentreMatch, request: LabelRequest) -> tuple[PixelLabels, OwningStruct]:
-    """Channels to be written, and the structure that names them."""
+    """Channels to be written, and the structure with the addresses."""
     arrays = _allocate(match.centres, [name for name in _MEMBERS if name in request.channels])
     tables = request.tables
     numbers = (tables.triangle_numbers, tables.object_numbers, tables.class_table)
@@ -297,7 +299,7 @@ def _whole_lines(size: int) -> int:
 
 
 def flow_arrays(tables: FlowTables, centre: Floats) -> tuple[Float32s, OwningStruct]:
-    """Flow to be written whole, and the structure that names it.
+    """Flow to be written whole, and the structure with the addresses.
 
     Args:
         tables: Points, motions and projection.

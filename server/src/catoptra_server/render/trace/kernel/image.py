@@ -1,8 +1,9 @@
 """Image effects by the kernel: one call for all, each a stage with milliseconds of its own.
 
-A stage is the numbers and maps that `src/image.h` asks for. It leaves plain each cell of 16 x 8 px
-that it can change by no more than the threshold, and measures the largest change exactly, whatever
-the threads. Effects without a stage are applied by their own formula, in their place in the order.
+A stage is the numbers and maps that `src/image.h` describes. The kernel leaves plain each cell of
+16 x 8 px that a stage can change by no more than the threshold, and measures the largest change
+exactly, whatever the threads. Effects without a stage are applied by their own formula, in their
+place in the order.
 
 To give an effect native code: a kind in `src/image.h`, its C code, and a function in STAGE_MAKERS.
 Maps are cached by effect and camera; a stage keeps the arrays that the kernel reads.
@@ -67,6 +68,7 @@ from catoptra_server.world.camera_state import NoiseSeed
     _BAYER,
 ) = range(13)
 _ALIGNMENT = 64
+# The table of quantiles is computed at its first use: not for frames without noise.
 _NOISE_EFFECTS = frozenset({"ShotNoise", "ReadNoise"})
 _Array = npt.NDArray[Any]
 
@@ -76,7 +78,7 @@ def open_image_changer(threads: int, instruction_set: str = AUTO) -> KernelImage
 
     Args:
         threads: Threads, the calling one included.
-        instruction_set: As Embree names it; "auto" for the processor's best.
+        instruction_set: Embree's name; "auto" for the processor's best.
 
     Raises:
         KernelUnavailableError: The kernel's or Embree's library is missing.

@@ -89,7 +89,7 @@ class KernelRays:
 
     @property
     def memory_bytes(self) -> int:
-        """Size of the rays and of the beams around them."""
+        """Size of the rays and of their beams."""
         own = 0 if self._view is None else self._device.view_bytes(self._view)
         return self._table.memory_bytes + own
 
@@ -110,7 +110,7 @@ class KernelRays:
             inverse_range=inverse,
             labels=owned,
         )
-        # Frames are handed to other threads, which encode them while the next one is rendered.
+        # Other threads encode a frame while the next one is rendered.
         if not request.is_linear:
             image.setflags(write=False)
         counts, shutter = self.last_counts, first_state(exposure).shutter
@@ -140,7 +140,7 @@ class KernelRays:
         return RayHits(range_m, triangle, hit_object)
 
     def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
-        """Labels without an image; their agreement is that of these rays."""
+        """Labels without an image; the agreement is of these rays."""
         arrays, owned = label_arrays(self._match(request.centres), request)
         self._engine.render(self._require_view(), exposure, OUTPUT_LABELS, labels=owned)
         return arrays
@@ -148,7 +148,7 @@ class KernelRays:
     def _label_beside(
         self, request: LabelRequest | None
     ) -> tuple[PixelLabels | None, OwningStruct | None]:
-        """Channels to be found beside a picture; without any where these rays cannot find them."""
+        """Channels to be found with a picture; none where these rays cannot find any."""
         if request is None:
             return None, None
         try:
@@ -244,7 +244,7 @@ class KernelEngine:
             world: Lights of dynamic objects, and background.
             threads: Threads, the calling one included.
             scene_lights: Lights of the static scene.
-            instruction_set: As Embree names it; "auto" for the processor's best.
+            instruction_set: Embree's name; "auto" for the processor's best.
             packet_width: Rays of a packet, 1, 4, 8 or 16; 0 for the instruction set's.
 
         Raises:
@@ -267,7 +267,7 @@ class KernelEngine:
         try:
             self._scene = self._make_scene()
         except BaseException:
-            # Nobody else knows the device: its threads would stay.
+            # Nobody else knows the device: the threads would stay.
             self._device.close()
             raise
 
@@ -287,6 +287,7 @@ class KernelEngine:
         scene = SceneStruct(
             mesh=self._commit(scene_arrays(self._mesh, self.centre)),
             sharp_radiance=radiance.ctypes.data,
+            # Read for shadows and hidden sky alone; until then the same table stands in.
             ambient_radiance=radiance.ctypes.data,
             encoded=encoded.ctypes.data,
             num_textures=len(self._mesh.textures),
@@ -326,6 +327,7 @@ class KernelEngine:
             return
         if self._mesh.occlusion is None:
             self._scene.ambient_radiance = self._tabulate_ambient()
+        # Else the triangles that are seen occlude as well: no second hierarchy.
         if not self._mesh.casts_shadows.all():
             self._scene.casters = self._commit(caster_arrays(self._mesh, self.centre))
             casters = np.flatnonzero(self._mesh.casts_shadows).astype(np.int32)

@@ -41,7 +41,7 @@ _REQUIRED_FLAGS = {
     "avx2": {"avx2", "fma", "f16c", "bmi1", "bmi2"},
     "sse4.2": {"sse4_2"},
 }
-# These names are those of build_kernel.py, which compiles the kernel once for each processor.
+# The same names as in build_kernel.py, which compiles the kernel once for each processor.
 LIBRARY_OF_INSTRUCTION_SET = {
     "sse4.2": "libcatoptra_trace.so",
     "avx2": "libcatoptra_trace_avx2.so",
@@ -65,7 +65,7 @@ class KernelUnavailableError(CatoptraError):
 
 
 class KernelError(CatoptraError):
-    """The kernel failed, such as for lack of memory; the message has its reason."""
+    """The kernel failed, such as for lack of memory; the message has the reason."""
 
 
 class KernelDevice:
@@ -78,7 +78,7 @@ class KernelDevice:
         """Open a device.
 
         Args:
-            instruction_set: As Embree names it: sse4.2, avx2 or avx512.
+            instruction_set: Embree's name: sse4.2, avx2 or avx512.
             threads: Threads, the calling one included.
             packet_width: One of PACKET_WIDTHS; 0 for the widest that the instruction set has.
 
@@ -140,7 +140,7 @@ class KernelDevice:
             is_held: (t,) receives whether proofs about the view's tile hold for the centres' rays.
 
         Raises:
-            DomainError: The view lacks tiles of the centres.
+            DomainError: Tiles of the centres are missing in the view.
             KernelError: Memory is short.
         """
         addresses = (centre_tile.ctypes.data, is_held.ctypes.data)
@@ -304,7 +304,7 @@ def _read_flags(cpu_info: Path) -> set[str]:
 
 
 def kernel_library_path(instruction_set: str) -> Path:
-    """Path of the kernel's library for an instruction set, as Embree names it.
+    """Path of the kernel's library for an instruction set of Embree.
 
     Raises:
         KernelUnavailableError: CATOPTRA_KERNEL=off, or the installation brought no library.
@@ -318,7 +318,7 @@ def kernel_library_path(instruction_set: str) -> Path:
 
 
 def _missing_library(path: Path) -> str:
-    """Reason that the build left beside the place of the library, or its plain absence."""
+    """Reason that the build left in place of the library, or the plain absence."""
     try:
         reason = (path.parent / REASON_NAME).read_text(encoding="utf-8").strip()
     except OSError:
@@ -335,7 +335,7 @@ def embree_library_path() -> Path:
     package = importlib.util.find_spec("embreex")
     if package is None or package.origin is None:
         raise KernelUnavailableError("the package embreex is not installed")
-    # Where wheels keep the libraries that they bring along. Not by the wheel's list of files:
+    # Wheels keep other libraries in this folder. Not by the wheel's list of files:
     # importlib.metadata takes 0.02 s of every start.
     folder = Path(package.origin).parents[1] / "embreex.libs"
     found = next(folder.glob(_EMBREE_PATTERN), None)

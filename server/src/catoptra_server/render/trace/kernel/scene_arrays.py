@@ -3,7 +3,7 @@
 Texels have a border: the image is repeated by one texel on every side, so that a bilinear look-up
 never leaves the array. Twin: `world/textures.py:sample_levels`.
 
-The kernel proves for parts of an image that one flat surface fills them (`src/coverage.h`). Every
+The kernel proves for parts of an image that one flat surface fills all (`src/coverage.h`). Every
 surface is a candidate in every part of the image, so their number is limited; small triangles are
 enclosed in spheres, which can only prevent a proof.
 """
@@ -64,10 +64,10 @@ _Indices = npt.NDArray[np.int32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwningStruct:
-    """A structure of addresses, and the objects that must outlive it."""
+    """A structure of addresses, and the objects that must outlive the structure."""
 
     struct: Any
-    """A ctypes structure, or an array of them."""
+    """A ctypes structure, or an array of structures."""
     owners: tuple[object, ...]
     """Arrays that the structure points into."""
 
@@ -96,7 +96,7 @@ def object_arrays(mesh: ObjectMesh) -> OwningStruct:
 
 
 def caster_arrays(scene: SceneMesh, centre: Floats) -> OwningStruct:
-    """Triangles that occlude lights; nothing of them is ever seen."""
+    """Triangles that occlude lights, without materials: no ray shows a caster."""
     casters = scene.casts_shadows
     normals = scene.normals[casters]
     flags = np.zeros(len(normals), dtype=np.uint8)
@@ -423,8 +423,8 @@ def _join_triangles(
     first = (np.cumsum(count) - count)[count == 2]
     # Flat indices 3 * triangle + edge of the two sides of each edge that two triangles share.
     sides = np.stack((order[first], order[first + 1]), axis=-1)
-    # One edge, one normal: the triangles lie on its two sides if they pass it in opposite
-    # directions. Copies of one triangle do not, and end there.
+    # One edge, one normal: triangles that pass the edge in opposite directions lie on both
+    # sides. Copies of one triangle do not, and end there.
     is_forward = (triangles < follower).reshape(-1)[sides]
     sides = sides[is_forward[:, 0] != is_forward[:, 1]]
     sides = sides[_continue_each_other(scene, large[sides // 3])]

@@ -45,7 +45,7 @@ _MIN_NODE_DISTANCE_M = 0.05
 # Nodes along a side, whatever the surface's size: OpenGL 3.3 guarantees textures of 1024 texels.
 _MAX_SIDE_NODES = 1000
 _MAX_SMALL_TRIANGLES = 8000
-# What rises less over a plane occludes nothing of it: markings lie on floors, posters on walls.
+# Lower things occlude nothing of a plane: markings lie on floors, posters on walls.
 _MIN_HEIGHT_M = 0.005
 # Boxes in all, at least; a scene of few triangles has one each.
 _NUM_BOXES = 500
@@ -55,7 +55,7 @@ _SURFACES_AT_ONCE = 256
 _BIAS_M = 0.003
 _INSET_M = 0.005
 # Rays of which more than this share meet back faces within the radius start inside a solid, or on
-# its side: a node at the foot of a wall sees half of its rays inside.
+# its side: at the foot of a wall half of a node's rays are inside.
 _INSIDE_SHARE = 0.1
 _NODES_AT_ONCE = 2000
 # Rows of nodes inside a solid that the filter or an interpolation near a visible node reaches.
@@ -109,6 +109,7 @@ def _choose_layout(scene: SceneMesh, frames: _SurfaceFrames) -> tuple[_GridLayou
                 return layout, near
         else:
             excess = size / _MAX_TEXELS
+        # The number of nodes falls with the square of their distance.
         distance_m *= max(1.1, float(np.sqrt(excess)))
 
 
@@ -121,7 +122,7 @@ class _SurfaceFrames:
     origin: Floats
     """(m, 3) corner of the rectangle, world frame, metres."""
     side_x: Floats
-    """(m, 3) one side of it."""
+    """(m, 3) one side of the rectangle."""
     side_y: Floats
     """(m, 3) the other."""
     normal: Floats
@@ -288,12 +289,12 @@ def enclose_casters(corners: Floats) -> _CasterBoxes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _NearPairs:
-    """Surfaces, and boxes of casters near them."""
+    """Surfaces, and the boxes of casters near each."""
 
     surface: _Numbers
     """(p,) surface of each pair."""
     frames: _SurfaceFrames
-    """Its coordinate system."""
+    """Coordinate system of that surface."""
     boxes: _CasterBoxes
     """The box of each pair."""
     radius_m: float
@@ -336,6 +337,7 @@ def find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes, radius_m: float
     diagonals = np.stack((frames.side_x + frames.side_y, frames.side_x - frames.side_y))
     limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + radius_m
     pairs = []
+    # In parts: 4000 surfaces and 500 boxes would take 48 MB in each array of vectors.
     for first in range(0, len(middle), _SURFACES_AT_ONCE):
         part = slice(first, first + _SURFACES_AT_ONCE)
         offset = boxes.centre - middle[part, None]
@@ -448,12 +450,13 @@ def _measure_all(
         is_hit = triangles >= 0
         is_back = is_hit & (distances < RADIUS_M)
         is_back &= np.einsum("ri,ri->r", normals[triangles], flat) > 0.0
+        # A thing that casts no shadow stops the ray and hides nothing.
         weights = occluder_weights(distances) * (is_hit & scene.casts_shadows[triangles])
         factors[part] = 1.0 - weights.reshape(rays).mean(axis=1)
         inside[part] = is_back.reshape(rays).mean(axis=1) > _INSIDE_SHARE
 
     with ThreadPoolExecutor(max(1, threads), thread_name_prefix="occlusion") as pool:
-        # list() waits for all and raises the first error of any; each writes rows of its own.
+        # list() waits for all and raises the first error of any; no two write the same rows.
         list(pool.map(measure, range(0, count, _NODES_AT_ONCE)))
     return factors, inside
 
@@ -486,7 +489,7 @@ def filter_factors(
 
 
 def _fill(values: Floats, known: Bools, grid: npt.NDArray[np.int32]) -> Floats:
-    """Values with those of unknown nodes continued from known nodes of the grid, else 1."""
+    """Values, continued from known to unknown nodes of the grid, else 1."""
     for _ in range(_NUM_FILLED):
         row, column = np.nonzero(~known)
         total, count = np.zeros(len(row)), np.zeros(len(row))
@@ -511,7 +514,7 @@ def _look(
     at: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
     step: tuple[int, int],
 ) -> tuple[Floats, Bools]:
-    """(k,) values a step away from nodes, and whether they are known and of the same grid."""
+    """(k,) values a step away from nodes, and whether each is known and of the same grid."""
     y, x = (index + offset for index, offset in zip(at, step, strict=True))
     inside = (y >= 0) & (y < grid.shape[0]) & (x >= 0) & (x < grid.shape[1])
     y, x = np.where(inside, y, 0), np.where(inside, x, 0)
@@ -521,13 +524,13 @@ def _look(
 def _blur(values: Floats, grid: npt.NDArray[np.int32], *, axis: int, is_filtered: Bools) -> Floats:
     """Tent over three nodes along an axis of the grids; the outermost nodes count twice."""
     before, after = _shift(values, grid, axis, 1), _shift(values, grid, axis, -1)
-    # The last entry is that of nodes without a grid.
+    # The last entry is for nodes without a grid.
     is_kept = ~np.append(is_filtered, False)[grid]
     return np.where(is_kept, values, 0.25 * (before + after) + 0.5 * values)
 
 
 def _shift(values: Floats, grid: npt.NDArray[np.int32], axis: int, step: int) -> Floats:
-    """Values of the nodes a step before each; its own where that is not of the same grid."""
+    """Values of the nodes a step before each; the own value at the border of a grid."""
     is_same = np.roll(grid, step, axis=axis) == grid
     # Rolled round from the other border: a grid as wide as the atlas would meet itself.
     border = [slice(None), slice(None)]

@@ -44,7 +44,7 @@ class WorldRays:
     directions: Floats
     """(n, 3) unit."""
     steps: Floats
-    """(n, 2, 3) from a direction to those of the samples to the right and below."""
+    """(n, 2, 3) from a direction to its neighbours to the right and below."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ def find_first_hits(meshes: Sequence[PlacedMesh], rays: WorldRays) -> FirstHits:
     first = FirstHits(np.full(count, np.inf), nothing, nothing.copy(), np.zeros((count, 2)))
     for number, placed in enumerate(meshes):
         # Rays are moved into the mesh's frame, and nothing is committed anew. Directions keep the
-        # length that the transform gives them: distances are then those of the world.
+        # length that the transform gives them: distances are then the world's.
         transform = placed.world_from_mesh
         hits = placed.mesh.surface.first_hits(
             transform.inverse_points(rays.origins), transform.inverse_vectors(rays.directions)
@@ -100,7 +100,7 @@ class TracedMesh:
     surface: EmbreeMesh
     """Triangles that rays of the camera meet."""
     casters: EmbreeMesh
-    """Those of them that occlude lights."""
+    """Triangles that occlude lights."""
     facets: LitFacets
     """Normals and materials of all triangles, in the mesh's frame."""
     lights: tuple[Light, ...]
@@ -221,7 +221,7 @@ class _MeshHits:
 
 
 def hit_triangles(origins: Floats, directions: Floats, corners: Floats) -> tuple[Floats, Floats]:
-    """Where rays hit triangles that they are known to hit.
+    """Where rays hit the triangles that Embree found.
 
     Source: Moeller & Trumbore 1997. A ray that misses its triangle by Embree's rounding hits its
     edge.
@@ -268,7 +268,7 @@ def interpolate_poses(poses: Sequence[Pose], times: Floats | None) -> _Affine:
     rotations = np.stack([pose.rotation for pose in poses])
     offsets = np.stack([pose.translation for pose in poses])
     matrix = _interpolate(rotations, before, fraction[..., None])
-    # Inverted once for points, vectors and normals; between rotations it is well conditioned.
+    # Inverted once for points, vectors and normals; well conditioned between rotations.
     inverse = np.linalg.inv(matrix).astype(np.float64)
     return _Affine(matrix, inverse, _interpolate(offsets, before, fraction))
 

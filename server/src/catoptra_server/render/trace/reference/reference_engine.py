@@ -1,7 +1,7 @@
 """The reference engine: every valid ray of a table on its own, in batches on a thread pool.
 
 Bytes depend on scene and rays alone, neither on batches nor on threads. A long exposure is the mean
-of sharp frames; effects are drawn everywhere and measured against a second frame without them.
+of sharp frames; effects are drawn everywhere and measured against a second frame.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class ReferenceEngine:
         return Pose(pose.rotation, pose.translation - self._centre)
 
     def _find_object(self, mesh: ObjectMesh) -> TracedMesh:
-        """An object's mesh with all lights: it moves towards those that the scene culls."""
+        """An object's mesh with all lights: objects move towards lights that the scene culls."""
         if mesh not in self._objects:
             self._objects[mesh] = trace_object(mesh, self._world.lights)
         return self._objects[mesh]
@@ -184,6 +184,7 @@ class _ReferenceRays:
     def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
         """A frame and all other outputs that are wanted; effects are drawn everywhere."""
         image = self.render_linear(exposure) if request.is_linear else self.render_srgb(exposure)
+        # Changes and ranges are of the middle of the exposure, as the kernel's.
         sharp = exposure if isinstance(exposure, MovingExposure) else advance(exposure, 0.0)
         changes = {}
         if "Shadows" in request.thresholds and first_state(exposure).has_shadows:
@@ -236,7 +237,7 @@ class _ReferenceRays:
             image = encode_srgb(self.render_linear(exposure))
         else:
             image = self._render(exposure, encode_pixels, np.uint8(0))
-        # Frames are handed to other threads, which encode them while the next one is rendered.
+        # Other threads encode a frame while the next one is rendered.
         image.setflags(write=False)
         return image
 
@@ -286,7 +287,7 @@ class _ReferenceRays:
         return found
 
     def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
-        """Labels without an image; their agreement is that of these rays."""
+        """Labels without an image; the agreement is of these rays."""
         static, _ = self._make_frame(exposure).meshes[0]
         centres = _ReferenceRays(request.centres, self._make_frame, self._pool)
         hits = centres.find_hits(exposure)
@@ -299,12 +300,12 @@ class _ReferenceRays:
         return {name: found[name] for name in found if name in request.channels}
 
     def _for_all_batches(self, work: Callable[[_RayBatch], None]) -> None:
-        """Work on all batches; each writes tiles of its own, so the threads share no element."""
+        """Work on all batches; no two write the same tiles, so the threads share no element."""
 
         def work_on(tiles: slice) -> None:
             work(read_batch(self._table, tiles))
 
-        # list() waits for all of them and raises the first error of any. Embree and NumPy release
+        # list() waits for all batches and raises the first error of any. Embree and NumPy release
         # the GIL.
         list(self._pool.map(work_on, split_tiles(self._table)))
 
@@ -325,7 +326,7 @@ class _RayBatch:
     origins: Floats
     """(n, 3) metres."""
     steps: Floats
-    """(n, 2, 3) from a direction to those of the samples to the right and below; one mean step each
+    """(n, 2, 3) from a direction to its neighbours to the right and below; one mean step each
     for the rays of a block."""
     times: Floats | None
     """(n,) times within the exposure, if the table has times."""
