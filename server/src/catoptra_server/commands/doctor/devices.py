@@ -24,7 +24,7 @@ from typing import Any
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.commands.doctor.egl_devices import LIBRARY
 from catoptra_server.commands.doctor.machine import Finding, fault, ok, warning
-from catoptra_server.render.renderer_kind import PACKAGE, has_embreex
+from catoptra_server.render.renderer_kind import EMBREEX_PACKAGE, has_embreex
 
 # The slowest check, a self-test on two busy processors, takes some seconds.
 TIMEOUT_S = 60.0
@@ -134,7 +134,7 @@ def check_renderers(renderer: str, run_check: RunCheck = run_in_subprocess) -> I
 
 
 _REINSTALL_REMEDY = (
-    f"pip install --force-reinstall {PACKAGE} (wheels exist for x86-64 and for macOS)"
+    f"pip install --force-reinstall {EMBREEX_PACKAGE} (wheels exist for x86-64 and for macOS)"
 )
 
 
