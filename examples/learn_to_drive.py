@@ -17,8 +17,7 @@ import math
 import numpy as np
 
 from catoptra_client.gym_environment import CatoptraEnv
-from catoptra_client.robot_episodes import Transition
-from catoptra_client.robot_episodes import Observation
+from catoptra_client.robot_episodes import Observation, Transition
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
 from catoptra_protocol.vectors import Vector3

@@ -1,4 +1,4 @@
-"""ARCHITECTURE.md is true: its recipes and journeys name what exists, and its tables are guarded.
+"""ARCHITECTURE.md is true: recipes, journeys and decisions name what exists, tables are guarded.
 
 A guard is a plain function from a table to the entries that some part of the repository
 lacks: specification, vectors, configuration, dispatch. Each finds nothing in the real table, and
@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from types import ModuleType
+from typing import Any, ClassVar, cast
 
 import pytest
 
-from catoptra_protocol import camera_conf
+from catoptra_protocol.calibration.formats import FORMATS
+from catoptra_protocol.camera_conf import LENS_PARAMETERS, MIRROR_PARAMETERS
 from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.mirrors import MIRRORS
 from catoptra_protocol.stream.messages import request_from_bytes
@@ -46,10 +48,12 @@ SPECIFICATION = REPOSITORY / "protocol/SPEC.md"
 README = REPOSITORY / "README.md"
 EFFECTS_PAGE = REPOSITORY / "docs/EFFECTS.md"
 CONFIGURATIONS_PAGE = REPOSITORY / "configs/README.md"
+PROTOCOL = REPOSITORY / "protocol/src/catoptra_protocol"
 SERVER = REPOSITORY / "server/src/catoptra_server"
 TESTS = REPOSITORY / "tests"
 DATA = REPOSITORY / "tests/conformance/data"
 DUMMY = "dummy"
+INI_KEY = re.compile(r'\.(?:get|has)_\w+\(\s*"(\w+)"')
 
 
 @cache
@@ -114,14 +118,16 @@ def dead_citations(text: str) -> list[str]:
     return dead
 
 
-@pytest.mark.parametrize("title", ["Layout", "Journeys", "Where a newcomer adds things"])
+@pytest.mark.parametrize(
+    "title", ["Layout", "Journeys", "Where a newcomer adds things", "Decisions"]
+)
 def test_chapter_when_read_names_files_and_names_that_exist(title: str) -> None:
     assert CODE.search(chapter(title))
     assert dead_citations(chapter(title)) == []
 
 
 def test_citation_when_dead_is_found() -> None:
-    alive = "`frames/mailbox.py:Mailbox`, `sensors/<name>.py`, `configs/robots/p2at_omni.ini`"
+    alive = "`frames/mailbox.py:Mailbox`, `optics/lenses/<name>.py`, `configs/robots/p2at_omni.ini`"
     assert dead_citations(alive) == []
     dead = (
         "`frames/missing.py`, `frames/mailbox.py:Missing`, `missing/<name>.py`, "
@@ -130,10 +136,10 @@ def test_citation_when_dead_is_found() -> None:
     assert len(dead_citations(dead)) == 5
 
 
-def test_recipes_when_read_have_three_columns_each() -> None:
+def test_recipes_when_read_have_four_columns_each() -> None:
     rows = [line for line in chapter("Where a newcomer adds things").splitlines() if "|" in line]
     assert len(rows) > 10
-    assert {line.count("|") - line.count("\\|") for line in rows} == {4}
+    assert {line.count("|") - line.count("\\|") for line in rows} == {5}
 
 
 # --- Guards. Each returns entries of a table that a part of the repository does not know.
@@ -204,6 +210,20 @@ def sensors_without_reading(kinds: Iterable[SensorKind]) -> list[str]:
         if not any(name.startswith(known) for name in kind.readers for known in READING_PARSERS):
             unknown += list(kind.readers)
     return unknown
+
+
+def keys_not_documented(folder: Path) -> list[str]:
+    """Keys that modules of a folder read and the page of configurations does not name."""
+    page = text_of(CONFIGURATIONS_PAGE).lower()
+    read = {key for path in folder.glob("*.py") for key in INI_KEY.findall(text_of(path))}
+    return sorted(key for key in read if not re.search(rf"\b{key}\b".lower(), page))
+
+
+def test_keys_of_sensors_are_documented(tmp_path: Path) -> None:
+    assert keys_not_documented(SERVER / "simulation/sensors") == []
+    reader = 'section.get_float("MaxRange"), section.get_float("DummyKey", 1.0)'
+    (tmp_path / "dummy.py").write_text(reader, encoding="utf-8")
+    assert keys_not_documented(tmp_path) == ["DummyKey"]
 
 
 def test_sensors_are_specified_and_have_readings_and_vectors() -> None:
@@ -298,15 +318,21 @@ def test_effect_when_added_is_noticed() -> None:
     assert effects_without_stage(names) == ["DummyEffect"]
 
 
-def mirrors_without_parameters(names: Iterable[str]) -> list[str]:
-    """Mirrors whose parameters no CONF line can carry."""
-    return [name for name in names if name not in camera_conf.MIRROR_PARAMETERS]
+def models_without_parameters(names: Iterable[str], table: Mapping[str, object]) -> list[str]:
+    """Mirrors or lenses that no CONF line can carry."""
+    return [name for name in names if name not in table]
 
 
 def mirrors_not_configurable(names: Iterable[str]) -> list[str]:
     """Mirrors that no robot file can name."""
     section = text_of(SERVER / "config/mirrors_and_lenses.py")
     return [name for name in names if f'"{name.replace("_", "")}mirror"' not in section]
+
+
+def mirrors_not_documented(names: Iterable[str]) -> list[str]:
+    """Mirrors without a row of the page of configurations."""
+    page = text_of(CONFIGURATIONS_PAGE).lower()
+    return [name for name in names if f"`[catoptra.{name.replace('_', '')}mirror]`" not in page]
 
 
 def models_without_hard_cases(names: Iterable[str]) -> list[str]:
@@ -317,24 +343,99 @@ def models_without_hard_cases(names: Iterable[str]) -> list[str]:
 
 def test_mirrors_are_specified_configurable_and_have_hard_cases() -> None:
     assert missing_in(SPECIFICATION, MIRRORS) == []
-    assert mirrors_without_parameters(MIRRORS) == []
+    assert models_without_parameters(MIRRORS, MIRROR_PARAMETERS) == []
     assert mirrors_not_configurable(MIRRORS) == []
+    assert mirrors_not_documented(MIRRORS) == []
     assert models_without_hard_cases(MIRRORS) == []
 
 
 def test_mirror_when_added_is_noticed() -> None:
     names = [*MIRRORS, DUMMY]
     assert missing_in(SPECIFICATION, names) == [DUMMY]
-    assert mirrors_without_parameters(names) == [DUMMY]
+    assert models_without_parameters(names, MIRROR_PARAMETERS) == [DUMMY]
     assert mirrors_not_configurable(names) == [DUMMY]
+    assert mirrors_not_documented(names) == [DUMMY]
     assert models_without_hard_cases(names) == [DUMMY]
 
 
-def test_lens_when_added_is_noticed() -> None:
+def test_lenses_are_specified_and_have_parameters_and_hard_cases() -> None:
     assert missing_in(SPECIFICATION, LENSES) == []
+    assert models_without_parameters(LENSES, LENS_PARAMETERS) == []
     assert models_without_hard_cases(LENSES) == []
-    assert missing_in(SPECIFICATION, [*LENSES, DUMMY]) == [DUMMY]
-    assert models_without_hard_cases([*LENSES, DUMMY]) == [DUMMY]
+
+
+def test_lens_when_added_is_noticed() -> None:
+    names = [*LENSES, DUMMY]
+    assert missing_in(SPECIFICATION, names) == [DUMMY]
+    assert models_without_parameters(names, LENS_PARAMETERS) == [DUMMY]
+    assert models_without_hard_cases(names) == [DUMMY]
+
+
+# Families of equals: a folder with one module each, and the modules that their table names.
+# Modules without a line are bases and tools that several of them use.
+FAMILIES: dict[str, tuple[Path, set[str], set[str]]] = {
+    "lenses": (
+        PROTOCOL / "optics/lenses",
+        {type_.__module__ for type_ in LENSES.values()},
+        {"angle_polynomial", "centred_lens"},
+    ),
+    "mirrors": (
+        PROTOCOL / "optics/mirrors",
+        {type_.__module__ for type_ in MIRRORS.values()},
+        {"mirror", "non_central"},
+    ),
+    "calibration formats": (
+        PROTOCOL / "calibration/formats",
+        {module.__name__ for module in cast("Iterable[ModuleType]", FORMATS)},
+        set(),
+    ),
+    "sensors": (
+        SERVER / "simulation/sensors",
+        {kind.description.__module__ for kind in SENSOR_KINDS},
+        {"mission_package", "omni_camera", "perspective_camera", "ray_patterns", "sensor"},
+    ),
+    **{
+        f"effects of the {folder}": (
+            SERVER / "effects" / folder,
+            {
+                module
+                for effect in EFFECT_TYPES
+                if f".effects.{folder}." in (module := effect.factory.__module__)
+            },
+            set(),
+        )
+        for folder in ("scene", "medium", "mirror", "sensor")
+    },
+}
+
+
+def modules_without_line(folder: Path, listed: Iterable[str], tools: Iterable[str]) -> list[str]:
+    """Modules of a family that its table does not name."""
+    known = {name.rpartition(".")[2] for name in listed} | {*tools, "__init__"}
+    return sorted({path.stem for path in folder.glob("*.py")} - known)
+
+
+def modules_without_test(folder: Path, listed: Iterable[str]) -> list[str]:
+    """Modules of a family without a test file of their name, in the mirror of the folder."""
+    distribution, _, package = folder.relative_to(REPOSITORY).parts[:3]
+    mirror = TESTS / distribution / folder.relative_to(REPOSITORY / distribution / "src" / package)
+    stems = {name.rpartition(".")[2] for name in listed}
+    return sorted(each for each in stems if not (mirror / f"test_{each}.py").is_file())
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_family_has_a_line_and_a_test_for_each_module(family: str) -> None:
+    folder, listed, tools = FAMILIES[family]
+    assert modules_without_line(folder, listed, tools) == []
+    assert len(modules_without_line(folder, (), ())) > 1
+    assert modules_without_test(folder, listed) == []
+    assert modules_without_test(folder, [*listed, DUMMY]) == [DUMMY]
+
+
+def test_module_when_its_line_is_forgotten_is_noticed() -> None:
+    folder, listed, tools = FAMILIES["lenses"]
+    forgotten = LENSES["equisolid"].__module__
+    assert modules_without_line(folder, listed - {forgotten}, tools) == ["equisolid"]
 
 
 def renderers_without_factory(names: Iterable[str]) -> list[str]:

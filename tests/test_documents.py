@@ -17,14 +17,19 @@ from helpers.documents import (
     read_blocks,
 )
 
-# Not the change log, which names what is gone.
 DOCUMENTS = (
     "README.md",
     "client/README.md",
     "configs/README.md",
     "docs/EFFECTS.md",
+    "docs/data-sets.md",
     "docs/environment.md",
+    "docs/measured.md",
+    "docs/real-mirror.md",
+    "docs/server.md",
     "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
     "protocol/SPEC.md",
     "server/COST.md",
 )

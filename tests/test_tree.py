@@ -26,7 +26,7 @@ SOCKET_MODULES = (
     "client/control_connection.py",
     "client/robot_client.py",
     "client/frame_sources",
-    "server/transports",
+    "server/serve",
     "server/commands/doctor/machine.py",
 )
 # The protocol is sans-I/O: bytes in, events out.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from helpers.configs import REPOSITORY
 
-STATIC = REPOSITORY / "server/src/catoptra_server/transports/web/static"
+STATIC = REPOSITORY / "server/src/catoptra_server/serve/web/static"
 _PANEL = re.compile(r"""\{\s*id:\s*"(\w+)",.*?from\("\./([\w/]+\.js)"\)""")
 
 

@@ -27,7 +27,7 @@ from catoptra_protocol.usarsim.commands import (
     Init,
     Note,
     ShareControl,
-    Step,
+    StepCommand,
 )
 from catoptra_protocol.usarsim.reports import (
     CommandResult,
@@ -178,7 +178,9 @@ def test_note_when_the_server_would_ignore_it_is_not_sent() -> None:
 
 
 def test_step_returns_the_reports_before_its_result() -> None:
-    script = reply_script(SPAWN_EXCHANGE, (Step(0.2), (ODOMETRY, GROUND_TRUTH, STATUS, STEP_OK)))
+    script = reply_script(
+        SPAWN_EXCHANGE, (StepCommand(0.2), (ODOMETRY, GROUND_TRUTH, STATUS, STEP_OK))
+    )
     with serve_script(script) as port, RobotClient.connect(port=port) as robot:
         robot.spawn("P2AT")
         assert robot.step(0.2) == [ODOMETRY, GROUND_TRUTH, STATUS]
@@ -191,7 +193,7 @@ def test_step_returns_the_reports_before_its_result() -> None:
 
 def test_step_when_before_spawn_is_served() -> None:
     with (
-        serve_script(reply_script((Step(0.2), (STEP_OK,)))) as port,
+        serve_script(reply_script((StepCommand(0.2), (STEP_OK,)))) as port,
         RobotClient.connect(port=port) as robot,
     ):
         assert robot.step(0.2) == []
@@ -200,7 +202,7 @@ def test_step_when_before_spawn_is_served() -> None:
 def test_step_when_failed_tells_how_to_run_the_server() -> None:
     failed = CommandResult(1.2, "Step", "Clock", "Failed")
     with (
-        serve_script(reply_script((Step(0.2), (failed,)))) as port,
+        serve_script(reply_script((StepCommand(0.2), (failed,)))) as port,
         RobotClient.connect(port=port) as robot,
     ):
         with pytest.raises(CatoptraError, match="--clock lockstep"):
@@ -209,7 +211,7 @@ def test_step_when_failed_tells_how_to_run_the_server() -> None:
 
 def test_step_when_unsupported_by_the_server_times_out() -> None:
     with (
-        serve_script(reply_script((Step(0.2), ()))) as port,
+        serve_script(reply_script((StepCommand(0.2), ()))) as port,
         RobotClient.connect(port=port, timeout_s=SHORT_S) as robot,
         pytest.raises(ConnectionLostError, match="is it Catoptra"),
     ):

@@ -9,7 +9,7 @@ import os
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.render.renderer import RenderPlan
-from catoptra_server.render.trace.kernel.engine import KernelEngine, KernelRays
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.world.camera_state import CameraState

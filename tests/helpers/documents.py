@@ -86,9 +86,18 @@ def read_help(program: str, *words: str) -> str:
 @cache
 def _read_all_options() -> set[str]:
     subcommands = {
-        "catoptra-server": ("", "explain", "doctor"),
-        "catoptra-client": ("", "snapshot", "train", "bearings"),
-        "catoptra-studies": ("demo", "live", "cost", "effects", "figures"),
+        "catoptra-server": ("", "explain", "doctor", "dataset", "calibration"),
+        "catoptra-client": ("", "snapshot", "train", "bearings", "calibration"),
+        "catoptra-studies": (
+            "demo",
+            "seeds",
+            "live",
+            "cost",
+            "effects",
+            "figures",
+            "cameras",
+            "compare",
+        ),
     }
     return {
         option

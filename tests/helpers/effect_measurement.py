@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -126,3 +126,20 @@ def assert_summary_bounds_effect(effect: ImageEffect, max_radiance: float = 1.0)
     """Assert that no pixel behind an effect is brighter than the effect's summary."""
     behind = effect.apply(make_test_pattern(max_radiance), CAMERA, CAPTURE_CONTEXT)
     assert behind.max() <= effect.update_summary(SceneSummary(max_radiance)).max_radiance + 1e-9
+
+
+def assert_criterion(
+    *, off: Iterable[tuple[ImageEffect, float]], on: Iterable[tuple[ImageEffect, float]]
+) -> None:
+    """Assert that a criterion leaves out what would be invisible, and enables what shows.
+
+    Args:
+        off: effects that are left out, each with the largest radiance.
+        on: effects that are enabled, whose summaries hold, too.
+    """
+    for effect, max_radiance in off:
+        assert_effect_negligible(effect, max_radiance)
+    for effect, max_radiance in on:
+        assert_effect_not_negligible(effect, max_radiance)
+        for factor in (1.0, 1.5, 2.0):
+            assert_summary_bounds_effect(effect, factor * max_radiance)

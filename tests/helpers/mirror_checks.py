@@ -14,6 +14,18 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from helpers.lens_checks import assert_is_projection, assert_rejects
 
+# Parameters of a mirror of each kind, for tests of all of them.
+_RADII = tuple(0.002 * step for step in range(51))
+MIRROR_EXAMPLES: dict[str, tuple[Any, ...]] = {
+    "hyperbolic": (11.546, 0.2321),
+    "parabolic": (0.03,),
+    "spherical": (0.03, 0.2, 2.0),
+    "conical": (math.radians(60.0), 0.1, math.radians(100.0)),
+    "equiangular": (11.0, 0.1, 2.0),
+    "profile": (_RADII, tuple(r * r / 0.08 for r in _RADII), 0.15, 2.0),
+    "radial_table": ((0.0, 30.0, 70.0, 110.0), (0.0, 0.05, 0.11, 0.16), 0.1, 1.8),
+}
+
 # (r, depth from the pinhole) of a surface by its parameter, in mpmath.
 Surface = Callable[[Any], tuple[Any, Any]]
 

@@ -12,7 +12,7 @@ import numpy as np
 from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.usarsim.reports import Report
+from catoptra_protocol.usarsim.reports import Report, StartPose
 from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectDecision
 from catoptra_server.frames.frame import IMAGE_PORT, Channel, Frame, FrameRequest, ViewRequest
 from catoptra_server.frames.frame_plan import CameraPlan, FramePlan, ViewState
@@ -44,7 +44,7 @@ from catoptra_server.simulation.sensors.tachometer import TachometerDescription
 from catoptra_server.simulation.sensors.touch import TouchDescription
 from catoptra_server.simulation.sensors.victim_sensor import VictimSensorDescription
 from catoptra_server.world.camera_state import CameraState
-from catoptra_server.world.world_description import Box, Item, Material, StartPlace, World
+from catoptra_server.world.world_description import Box, Item, Material, World
 
 BASE = DriveBase(
     wheel_radius_m=0.13,
@@ -122,8 +122,8 @@ def make_walled_world(*walls_x_m: float) -> World:
         for index, x in enumerate(walls_x_m or (50.0,))
     )
     starts = (
-        StartPlace("Centre", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-        StartPlace("Aside", (1.0, -2.0, 0.3), (0.1, 0.2, 1.5)),
+        StartPose("Centre", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        StartPose("Aside", (1.0, -2.0, 0.3), (0.1, 0.2, 1.5)),
     )
     return World("walls", items, starts=starts)
 

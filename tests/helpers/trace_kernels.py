@@ -11,7 +11,7 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_server.render.renderer import Image
-from catoptra_server.render.trace.kernel.engine import KernelEngine, KernelRays
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
 from catoptra_server.render.trace.trace_engine import TracedExposure

@@ -19,7 +19,7 @@ from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
 from catoptra_protocol.stream.replies import Error, FrameHeader
 from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding
-from catoptra_protocol.usarsim.commands import Drive, Init, Step
+from catoptra_protocol.usarsim.commands import Drive, Init, StepCommand
 from catoptra_protocol.usarsim.control_connection import ControlClient
 from catoptra_protocol.usarsim.image_port import ImageFrameReader, encode_full_frame_request
 from catoptra_protocol.usarsim.reports import CommandResult, VehicleStatus
@@ -99,11 +99,11 @@ async def _run_stepping_robot(ports: AttackedPorts, record: HonestRecord) -> Non
     protocol = ControlClient()
     with closing(writer):
         writer.write(protocol.send(Init("USARBot.OmniP2AT", HONEST_ROBOT, start="Centre")))
-        writer.write(protocol.send(Drive(1.0, 0.4)) + protocol.send(Step(_STEP_S)))
+        writer.write(protocol.send(Drive(1.0, 0.4)) + protocol.send(StepCommand(_STEP_S)))
         while data := await reader.read(65536):
             if any(isinstance(report, CommandResult) for report in protocol.receive(data)):
                 record.reports_s.append(time.monotonic())
-                writer.write(protocol.send(Step(_STEP_S)))
+                writer.write(protocol.send(StepCommand(_STEP_S)))
 
 
 async def _run_image_viewer(ports: AttackedPorts, record: HonestRecord) -> None:

@@ -23,7 +23,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.kernel.engine import KernelEngine, KernelRays
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine, KernelRays
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene

@@ -21,9 +21,9 @@ from scenes import FIELD, make_camera
 
 from catoptra_protocol.optics.omni_camera import direction_from_pixel_grid
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.kernel.engine import KernelEngine
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.ray_table import build_ray_table
-from catoptra_server.render.trace.reference.engine import ReferenceEngine
+from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
 from catoptra_server.world import textures as texture_levels
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene

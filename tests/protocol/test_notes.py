@@ -9,12 +9,12 @@ import pytest
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_NOTE_BYTES, MAX_NOTE_NAME_CHARS, MAX_NOTES
-from catoptra_protocol.notes import find_note_count_error, find_note_error, text_from_note
+from catoptra_protocol.notes import check_note, check_note_count, text_from_note
 
 
 @pytest.mark.parametrize("name", ["e", "ekf", "my filter", "caf\xe9", "n" * MAX_NOTE_NAME_CHARS])
 def test_note_when_its_name_is_printable_is_accepted(name: str) -> None:
-    assert find_note_error(name, "{}") == ""
+    check_note(name, "{}")
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,9 @@ def test_note_when_its_name_is_printable_is_accepted(name: str) -> None:
     ids=ascii,
 )
 def test_note_when_its_name_is_no_label_has_a_short_reason(name: str, reason: str) -> None:
-    found = find_note_error(name, "{}")
+    with pytest.raises(LocalProtocolError) as caught:
+        check_note(name, "{}")
+    found = str(caught.value)
     assert reason in found
     assert len(found) < 200
     assert found.isascii()
@@ -41,21 +43,24 @@ def test_note_when_its_name_is_no_label_has_a_short_reason(name: str, reason: st
 def test_note_when_one_byte_too_long_is_refused() -> None:
     fits = '{"x":"' + (MAX_NOTE_BYTES - 8) * "y" + '"}'
     assert len(fits) == MAX_NOTE_BYTES
-    assert find_note_error("a", fits) == ""
-    assert "8193 bytes: at most 8192" in find_note_error("a", fits + " ")
+    check_note("a", fits)
+    with pytest.raises(LocalProtocolError, match="8193 bytes: at most 8192"):
+        check_note("a", fits + " ")
 
 
 @pytest.mark.parametrize("text", ["", "[]", "1", "{", '{"x":NaN}', '{"x":1e999}', '{"x":1,"x":2}'])
 def test_note_when_its_text_is_no_object_of_finite_numbers_is_refused(text: str) -> None:
-    assert "note 'a': " in find_note_error("a", text)
+    with pytest.raises(LocalProtocolError, match="note 'a': "):
+        check_note("a", text)
 
 
 def test_names_when_as_many_as_allowed_can_only_be_used_again() -> None:
     names = {f"note {number}": None for number in range(MAX_NOTES)}
-    assert find_note_count_error(names, "note 3") == ""
-    assert "8 names" in find_note_count_error(names, "another")
+    check_note_count(names, "note 3")
+    with pytest.raises(LocalProtocolError, match="8 names"):
+        check_note_count(names, "another")
     del names["note 0"]
-    assert find_note_count_error(names, "another") == ""
+    check_note_count(names, "another")
 
 
 def test_text_of_arrays_and_scalars_of_numpy_has_their_numbers() -> None:

@@ -14,7 +14,7 @@ from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.render.trace.reference.engine import mean_pixels
+from catoptra_server.render.trace.reference.reference_engine import mean_pixels
 from catoptra_server.world.world_description import PointLight, srgb_from_linear
 from stability.mutations import Mutation
 
@@ -25,7 +25,7 @@ CAMERA = "catoptra_protocol.optics.omni_camera"
 CUBE = "catoptra_protocol.optics.cube_map"
 LENS = "catoptra_protocol.optics.perspective_camera.PerspectiveCamera"
 NUMBERS = "catoptra_protocol.usarsim.value_format"
-PIXELS = "catoptra_server.render.trace.reference.engine.encode_pixels"
+PIXELS = "catoptra_server.render.trace.reference.reference_engine.encode_pixels"
 
 
 # Image radius of a mirror.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.reference import engine as ray_batches
+from catoptra_server.render.trace.reference import reference_engine as ray_batches
 from catoptra_server.world import shading
 from catoptra_server.world import world_description as colour
 from catoptra_server.world.world_description import PointLight

@@ -23,8 +23,7 @@ def _subject(name: str) -> Subject:
     return subject
 
 
-NAMES = ("spherical", "conical", "equiangular", "profile", "radial_table")
-SUBJECTS = {name: _subject(name) for name in NAMES}
+SUBJECTS = {name: _subject(name) for name in MIRRORS}
 
 
 @pytest.mark.parametrize("case", load("non_central"), ids=str)

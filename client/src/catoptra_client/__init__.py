@@ -1,4 +1,8 @@
-"""Client library of robot programs: drive, receive frames, detect landmarks, localize."""
+"""Client library of robot programs: drive, receive frames, detect landmarks, localize.
+
+A distribution of its own, so that a robot's author installs it without OpenGL, Matplotlib and the
+server's libraries. Client and server meet in the protocol alone.
+"""
 
 from typing import TYPE_CHECKING, Any
 

@@ -2,6 +2,9 @@
 
 The client's copies describe the same landmarks as the server's, whose files need not be on this
 machine.
+
+`catoptra_client/configs/landmarks` is a link to `configs/`, as the server's is: one copy in the
+repository, real files in the wheels.
 """
 
 from __future__ import annotations

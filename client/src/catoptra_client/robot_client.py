@@ -15,7 +15,7 @@ from typing import Self, TypeVar
 from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError, open_connection
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.errors import CatoptraError, LocalProtocolError
-from catoptra_protocol.notes import find_note_count_error, text_from_note
+from catoptra_protocol.notes import check_note_count, text_from_note
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.usarsim.commands import (
     Drive,
@@ -25,7 +25,7 @@ from catoptra_protocol.usarsim.commands import (
     Init,
     Note,
     ShareControl,
-    Step,
+    StepCommand,
 )
 from catoptra_protocol.usarsim.reports import (
     CommandResult,
@@ -238,9 +238,7 @@ class RobotClient:
         """
         text = text_from_note(name, note)
         # Checked here: the control port has no reply to a note.
-        reason = find_note_count_error(self._published, name)
-        if reason:
-            raise LocalProtocolError(reason)
+        check_note_count(self._published, name)
         self._connection.send(Note(name, text))
         self._published[name] = None
 
@@ -274,7 +272,7 @@ class RobotClient:
                 scans = [r for r in reports if isinstance(r, RangeScanReading)]
             ```
         """
-        self._connection.send(Step(time_s))
+        self._connection.send(StepCommand(time_s))
         reports = self._connection.wait_until(_is_step_result, _STEP_RESULT)
         # The last report is the result of STEP itself, which confirms that the step is complete.
         result = reports.pop()

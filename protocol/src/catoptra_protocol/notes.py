@@ -13,31 +13,40 @@ from catoptra_protocol.json_object import json_object_from_text, text_from_json_
 from catoptra_protocol.limits import MAX_NOTE_BYTES, MAX_NOTE_NAME_CHARS, MAX_NOTES
 
 
-def find_note_error(name: str, text: str) -> str:
-    """Reason against a note; empty if there is none.
+def check_note(name: str, text: str) -> None:
+    """Raise unless a server accepts a note.
 
     Args:
         name: Name of the note.
         text: A JSON object.
+
+    Raises:
+        LocalProtocolError: The reason against the note, short and without control characters.
     """
     # The length first: a giant name would be quoted.
     if not 0 < len(name) <= MAX_NOTE_NAME_CHARS:
-        return f"a note's name of {len(name)} characters: expected 1 to {MAX_NOTE_NAME_CHARS}"
+        raise LocalProtocolError(
+            f"a note's name of {len(name)} characters: expected 1 to {MAX_NOTE_NAME_CHARS}"
+        )
     # Surrogates are not printable either.
     if not name.isprintable():
-        return f"a note's name {name!a}: expected printable characters only"
+        raise LocalProtocolError(f"a note's name {name!a}: expected printable characters only")
     try:
         json_object_from_text(text, MAX_NOTE_BYTES)
     except RemoteProtocolError as error:
-        return f"note {name!r}: {error}"
-    return ""
+        raise LocalProtocolError(f"note {name!r}: {error}") from error
 
 
-def find_note_count_error(names: Mapping[str, Any], name: str) -> str:
-    """Reason against one more note beside those of a robot; empty if there is none."""
-    if name in names or len(names) < MAX_NOTES:
-        return ""
-    return f"note {name!r}: the robot has notes of {MAX_NOTES} names, the limit: use one of them"
+def check_note_count(names: Mapping[str, Any], name: str) -> None:
+    """Raise if a robot with notes of these names cannot have one more.
+
+    Raises:
+        LocalProtocolError: The robot has as many notes as it may, of other names.
+    """
+    if name not in names and len(names) >= MAX_NOTES:
+        raise LocalProtocolError(
+            f"note {name!r}: the robot has notes of {MAX_NOTES} names, the limit: use one of them"
+        )
 
 
 def text_from_note(name: str, note: Mapping[str, Any]) -> str:
@@ -50,9 +59,7 @@ def text_from_note(name: str, note: Mapping[str, Any]) -> str:
         text = text_from_json_object(note, default=_plain_value)
     except LocalProtocolError as error:
         raise LocalProtocolError(f"note {name!r}: {error}") from error
-    reason = find_note_error(name, text)
-    if reason:
-        raise LocalProtocolError(reason)
+    check_note(name, text)
     return text
 
 

@@ -1,7 +1,7 @@
 """Every model of the two tables rejects parameters that are no finite numbers, and crossed tables.
 
 A new model is tried as all others are: a lens by the parameters of its first hard case, a mirror by
-those of its line below.
+its line of `helpers.mirror_checks.MIRROR_EXAMPLES`.
 """
 
 from __future__ import annotations
@@ -16,23 +16,13 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.lenses import LENSES
 from catoptra_protocol.optics.mirrors import MIRRORS
+from helpers.mirror_checks import MIRROR_EXAMPLES
 from stability.catalogue import load
-
-_RADII = tuple(0.002 * step for step in range(51))
-MIRROR_PARAMETERS: dict[str, tuple[Any, ...]] = {
-    "hyperbolic": (11.546, 0.2321),
-    "parabolic": (0.03,),
-    "spherical": (0.03, 0.2, 2.0),
-    "conical": (math.radians(60.0), 0.1, math.radians(100.0)),
-    "equiangular": (11.0, 0.1, 2.0),
-    "profile": (_RADII, tuple(r * r / 0.08 for r in _RADII), 0.15, 2.0),
-    "radial_table": ((0.0, 30.0, 70.0, 110.0), (0.0, 0.05, 0.11, 0.16), 0.1, 1.8),
-}
 
 
 def make_models() -> dict[str, Any]:
     """A possible model of each kind, by name."""
-    models: dict[str, Any] = {name: MIRRORS[name](*MIRROR_PARAMETERS[name]) for name in MIRRORS}
+    models: dict[str, Any] = {name: MIRRORS[name](*MIRROR_EXAMPLES[name]) for name in MIRRORS}
     for case in load("wide_angle"):
         given = {
             key: tuple(value) if isinstance(value, list) else value

@@ -26,10 +26,10 @@ from catoptra_protocol.usarsim.commands import (
     GetStartPoses,
     Init,
     Note,
-    Set,
+    SetCommand,
     SetViewports,
     ShareControl,
-    Step,
+    StepCommand,
     Trace,
     command_from_message,
     line_from_command,
@@ -58,7 +58,7 @@ ANY_COMMAND = st.one_of(
     st.builds(GetConf, NAMES, OPTIONAL_NAMES),
     st.builds(GetGeo, NAMES, OPTIONAL_NAMES),
     st.just(GetStartPoses()),
-    st.builds(Step, FINITE),
+    st.builds(StepCommand, FINITE),
 )
 
 READ = [
@@ -96,9 +96,9 @@ READ = [
     ("GetGeo {Name F1} {Type Sonar}", GetGeo("Sonar", "F1")),
     ("getstartposes", GetStartPoses()),
     ("GETSTARTPOSES {Any thing}", GetStartPoses()),
-    ("STEP {Time 0.2}", Step(0.2)),
-    ("STEP", Step(0.0)),
-    ("STEP {Time soon}", Step(0.0)),
+    ("STEP {Time 0.2}", StepCommand(0.2)),
+    ("STEP", StepCommand(0.0)),
+    ("STEP {Time soon}", StepCommand(0.0)),
     # To be ignored: unknown words, blank text, a word glued to the next message.
     ("PING", None),
     ("   ", None),
@@ -129,7 +129,7 @@ WRITTEN = [
     (GetConf("Robot"), b"GETCONF {Type Robot}"),
     (GetGeo("Sonar", "F1"), b"GETGEO {Type Sonar} {Name F1}"),
     (GetStartPoses(), b"GETSTARTPOSES"),
-    (Step(0.2), b"STEP {Time 0.2}"),
+    (StepCommand(0.2), b"STEP {Time 0.2}"),
 ]
 
 
@@ -145,7 +145,7 @@ def test_line_from_command_when_parsed_again_is_the_same_command(command: Comman
     assert command_from_message(parse_message(line)) == command
 
 
-@pytest.mark.parametrize("command", [Step(math.nan), Drive(left=math.inf), Init("A}\r\nB")])
+@pytest.mark.parametrize("command", [StepCommand(math.nan), Drive(left=math.inf), Init("A}\r\nB")])
 def test_line_from_command_when_invalid_raises(command: Command) -> None:
     with pytest.raises(LocalProtocolError, match="cannot be sent"):
         line_from_command(command)
@@ -164,18 +164,24 @@ def test_command_from_message_of_any_text_never_raises(word: str, text: str) -> 
     assert isinstance(command, get_args(Command)) or (word == "NOTE" and command is None)
 
 
-SetCommand = Set | SetViewports | Trace
+Setting = SetCommand | SetViewports | Trace
 
 
 def read(line: str) -> object:
     return command_from_message(parse_message(line))
 
 
-WRITTEN_SETTINGS: list[tuple[SetCommand, str]] = [
-    (Set("Odometry", "Odometry", "RESET"), "SET {Type Odometry} {Name Odometry} {Opcode RESET}"),
-    (Set("Camera", "Camera", fov_rad=0.7853), "SET {Type Camera} {Name Camera} {FOV 0.7853}"),
+WRITTEN_SETTINGS: list[tuple[Setting, str]] = [
     (
-        Set("INS", "INS", "POSE", "1,2,3,0,0,1.57"),
+        SetCommand("Odometry", "Odometry", "RESET"),
+        "SET {Type Odometry} {Name Odometry} {Opcode RESET}",
+    ),
+    (
+        SetCommand("Camera", "Camera", fov_rad=0.7853),
+        "SET {Type Camera} {Name Camera} {FOV 0.7853}",
+    ),
+    (
+        SetCommand("INS", "INS", "POSE", "1,2,3,0,0,1.57"),
         "SET {Type INS} {Name INS} {Opcode POSE} {Params 1,2,3,0,0,1.57}",
     ),
     (
@@ -190,7 +196,7 @@ WRITTEN_SETTINGS: list[tuple[SetCommand, str]] = [
 @pytest.mark.parametrize(
     ("command", "line"), WRITTEN_SETTINGS, ids=[line for _, line in WRITTEN_SETTINGS]
 )
-def test_setting_when_written_and_read_is_the_same(command: SetCommand, line: str) -> None:
+def test_setting_when_written_and_read_is_the_same(command: Setting, line: str) -> None:
     assert line_from_command(command) == line.encode() + b"\r\n"
     assert read(line) == command
 
@@ -207,28 +213,28 @@ PARAMETERS = [
 def test_parameters_as_numbers_are_separated_like_vectors(
     params: str | None, numbers: tuple[float, ...]
 ) -> None:
-    assert Set("INS", params=params).numeric_params == numbers
+    assert SetCommand("INS", params=params).numeric_params == numbers
 
 
 FIELDS_OF_VIEW = [
-    (Set("Camera", fov_rad=0.5), 0.5),
-    (Set("Camera", opcode="zoom", params="0.25"), 0.25),
-    (Set("Camera", opcode="FOV", params="0"), 0.0),
-    (Set("Camera", opcode="FOV"), 0.0),
-    (Set("Camera", opcode="RESET"), None),
-    (Set("Camera"), None),
+    (SetCommand("Camera", fov_rad=0.5), 0.5),
+    (SetCommand("Camera", opcode="zoom", params="0.25"), 0.25),
+    (SetCommand("Camera", opcode="FOV", params="0"), 0.0),
+    (SetCommand("Camera", opcode="FOV"), 0.0),
+    (SetCommand("Camera", opcode="RESET"), None),
+    (SetCommand("Camera"), None),
 ]
 
 
 @pytest.mark.parametrize(("command", "fov_rad"), FIELDS_OF_VIEW, ids=str)
-def test_field_of_view_in_either_form_is_parsed(command: Set, fov_rad: float | None) -> None:
+def test_field_of_view_in_either_form_is_parsed(command: SetCommand, fov_rad: float | None) -> None:
     assert command.parse_fov_rad() == fov_rad
 
 
 WORDS = st.none() | st.text("abcXYZ_,.09", min_size=1, max_size=9)
 NUMBERS = st.none() | st.floats(allow_nan=False, allow_infinity=False)
 SET_COMMANDS = (
-    st.builds(Set, st.sampled_from(["INS", "Camera", "K"]), WORDS, WORDS, WORDS, NUMBERS)
+    st.builds(SetCommand, st.sampled_from(["INS", "Camera", "K"]), WORDS, WORDS, WORDS, NUMBERS)
     | st.builds(SetViewports, WORDS, st.tuples(WORDS, WORDS, WORDS, WORDS))
     | st.builds(Trace, st.booleans(), NUMBERS, WORDS)
 )
@@ -236,7 +242,7 @@ SET_COMMANDS = (
 
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(SET_COMMANDS)
-def test_setting_when_any_is_written_and_read_is_the_same(command: SetCommand) -> None:
+def test_setting_when_any_is_written_and_read_is_the_same(command: Setting) -> None:
     assert read(line_from_command(command).decode("latin-1").rstrip()) == command
 
 

@@ -7,7 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.usarsim.commands import Drive, GetConf, GetGeo, GetStartPoses, Init, Step
+from catoptra_protocol.usarsim.commands import (
+    Drive,
+    GetConf,
+    GetGeo,
+    GetStartPoses,
+    Init,
+    StepCommand,
+)
 from catoptra_protocol.usarsim.control_connection import ControlClient, ControlServer
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import (
@@ -32,7 +39,7 @@ def test_conversation_in_memory_delivers_both_ways() -> None:
     assert client.receive(server.send(GREETING)) == [GREETING]
     assert server.receive(client.send(GetStartPoses())) == [GetStartPoses()]
     assert server.receive(client.send(Init("P2AT"))) == [Init("P2AT")]
-    assert server.receive(client.send(Step(0.2))) == [Step(0.2)]
+    assert server.receive(client.send(StepCommand(0.2))) == [StepCommand(0.2)]
     reports = [VehicleStatus(0.2, 1199), OdometryReading("O", 0.0, 0.0, 0.0)]
     data = b"".join(
         server.send(report) for report in (*reports, CommandResult(0.2, "Step", "Clock"))

@@ -35,7 +35,6 @@ from catoptra_server.world.world_description import (
     RfidTag,
     Ring,
     SphereBand,
-    StartPlace,
     Victim,
     World,
 )
@@ -75,7 +74,7 @@ def test_field_when_read_is_the_four_legged_one_of_2006() -> None:
 def test_start_when_written_is_a_pose(tmp_path: Path) -> None:
     line = 'PlayerStarts=(Tag="A",Location=(X=1,Y=2,Z=3),Rotation=(Z=1.5))'
     assert read_world_text(tmp_path, line).starts == (
-        StartPlace("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),
+        StartPose("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),
     )
 
 
@@ -136,8 +135,7 @@ def test_starts_when_sixty_fit_a_line_of_the_protocol(tmp_path: Path) -> None:
     world = read_world_text(
         tmp_path, *(f"PlayerStarts=(Tag=P{i:02},Location=(X=-9.5))" for i in range(60))
     )
-    poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in world.starts]
-    assert len(line_from_report(StartPoses(tuple(poses)))) <= 4095
+    assert len(line_from_report(StartPoses(world.starts))) <= 4095
 
 
 def test_starts_when_too_many_for_a_line_are_rejected(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ import pytest
 
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import (
-    EMPTY_CONTEXT,
     NUM_RINGS,
     EffectMode,
     EffectSetting,
@@ -20,7 +19,7 @@ from catoptra_server.effects.effect import (
     is_image_effect,
     is_scene_effect,
 )
-from catoptra_server.world.camera_state import ZERO_SEED, NoiseSeed
+from catoptra_server.world.camera_state import NoiseSeed
 from helpers.configs import REPOSITORY
 from helpers.effect_measurement import (
     CAMERA,
@@ -100,11 +99,6 @@ def test_effect_when_in_the_folder_scene_changes_the_scene(name: str) -> None:
     effect = make_any_effect(name)
     assert effect.changes_scene == (".effects.scene." in type(effect).__module__)
     assert is_scene_effect(effect) is not is_image_effect(effect)
-
-
-def test_capture_when_nothing_is_known_has_no_ranges() -> None:
-    assert EMPTY_CONTEXT.noise_seed == ZERO_SEED
-    assert EMPTY_CONTEXT.range_m is None
 
 
 NEAR = (0.5, *(2.0,) * (NUM_RINGS - 1))

@@ -1,4 +1,4 @@
-""""""
+"""Decisions on effects: by criterion, by setting, by the frame, each with its reason."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ from catoptra_server.effects.effect import (
 )
 from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
-    BoundCache,
     EffectPlan,
     apply_scene_effects,
     describe_changes,
@@ -55,6 +54,13 @@ def make_settings(*pairs: tuple[object, EffectMode], threshold: float = 0.5) -> 
     return EffectSettings(tuple(EffectSetting(*pair) for pair in pairs), threshold)  # type: ignore[arg-type]
 
 
+def decide(
+    *pairs: tuple[object, EffectMode], threshold: float = 0.5, summary: SceneSummary = DAYLIGHT
+) -> EffectPlan:
+    """Plan of effects with their modes."""
+    return plan_effects(make_settings(*pairs, threshold=threshold), summary, CAMERA)
+
+
 @pytest.mark.parametrize(
     ("effect", "mode", "is_on"),
     [
@@ -67,23 +73,19 @@ def make_settings(*pairs: tuple[object, EffectMode], threshold: float = 0.5) -> 
 def test_effect_runs_when_the_criterion_or_the_file_enables_it(
     effect: Quantisation, mode: EffectMode, is_on: bool
 ) -> None:
-    plan = plan_effects(make_settings((effect, mode)), DAYLIGHT, CAMERA)
+    plan = decide((effect, mode))
     assert plan.decisions[0].enabled is is_on
     assert plan.image_effects == ((effect,) if is_on else ())
 
 
 def test_reason_when_the_file_decides_states_it_and_the_bound_stays() -> None:
-    (decision,) = plan_effects(
-        make_settings((COARSE, EffectMode.NEVER)), DAYLIGHT, CAMERA
-    ).decisions
+    (decision,) = decide((COARSE, EffectMode.NEVER)).decisions
     assert decision.reason.startswith("never by setting; ")
     assert decision.bound > decision.threshold == 0.5
 
 
 def test_threshold_when_the_user_moves_it_decides() -> None:
-    assert plan_effects(
-        make_settings((FINE, EffectMode.AUTO), threshold=0.1), DAYLIGHT, CAMERA
-    ).image_effects == (FINE,)
+    assert decide((FINE, EffectMode.AUTO), threshold=0.1).image_effects == (FINE,)
 
 
 def test_threshold_when_in_pixels_decides_on_what_is_bounded_in_pixels() -> None:
@@ -105,13 +107,9 @@ def test_threshold_when_in_pixels_decides_on_what_is_bounded_in_pixels() -> None
 
 def test_bound_when_an_effect_runs_before_is_that_of_what_reaches_it() -> None:
     blooming, longer = Blooming(0.1, 8.0), Exposure(0.04, 0.02)
-    alone = plan_effects(make_settings((blooming, EffectMode.AUTO)), DAYLIGHT, CAMERA)
-    behind = plan_effects(
-        make_settings((longer, EffectMode.AUTO), (blooming, EffectMode.AUTO)), DAYLIGHT, CAMERA
-    )
-    left_out = plan_effects(
-        make_settings((longer, EffectMode.NEVER), (blooming, EffectMode.AUTO)), DAYLIGHT, CAMERA
-    )
+    alone = decide((blooming, EffectMode.AUTO))
+    behind = decide((longer, EffectMode.AUTO), (blooming, EffectMode.AUTO))
+    left_out = decide((longer, EffectMode.NEVER), (blooming, EffectMode.AUTO))
     assert [plan.image_effects for plan in (alone, behind, left_out)] == [
         (),
         (longer, blooming),
@@ -139,9 +137,7 @@ def test_plan_when_no_effect_is_named_is_empty_and_reports_it() -> None:
 
 
 def test_plan_when_printed_is_a_table_with_a_row_an_effect() -> None:
-    head, row = str(
-        plan_effects(make_settings((FINE, EffectMode.AUTO)), DAYLIGHT, CAMERA)
-    ).splitlines()
+    head, row = str(decide((FINE, EffectMode.AUTO))).splitlines()
     assert head.split() == [
         *("effect", "basis", "change", "bound", "threshold", "px", "ms", "reason")
     ]
@@ -191,10 +187,7 @@ def test_shutter_when_nothing_moves_is_none() -> None:
 
 def test_changes_name_the_effects_that_are_decided_otherwise() -> None:
     modes = (COARSE, EffectMode.AUTO), (Exposure(0.02, 0.01), EffectMode.ALWAYS)
-    off, on = (
-        plan_effects(make_settings(*modes, threshold=levels), DAYLIGHT, CAMERA)
-        for levels in (300.0, 0.0)
-    )
+    off, on = (decide(*modes, threshold=levels) for levels in (300.0, 0.0))
     now, before = on.decisions, off.decisions
     assert describe_changes(now, now) == ""
     assert describe_changes(before, now) == f"Quantisation on ({now[0].reason})"
@@ -203,7 +196,7 @@ def test_changes_name_the_effects_that_are_decided_otherwise() -> None:
 
 @pytest.mark.parametrize(("change", "is_on"), [(0.5, False), (0.501, True), (0.0, False)])
 def test_frame_when_it_measures_an_effect_decides(change: float, is_on: bool) -> None:
-    plan = plan_effects(make_settings((COARSE, EffectMode.AUTO)), DAYLIGHT, CAMERA)
+    plan = decide((COARSE, EffectMode.AUTO))
     assert plan.thresholds == {"Quantisation": 0.5}
     (decision,) = plan.decide_by_frame({"Quantisation": change})
     assert (decision.enabled, decision.change) == (is_on, change)
@@ -213,7 +206,7 @@ def test_frame_when_it_measures_an_effect_decides(change: float, is_on: bool) ->
 
 
 def test_frame_when_it_measures_nothing_leaves_the_proof() -> None:
-    plan = plan_effects(make_settings((COARSE, EffectMode.AUTO)), DAYLIGHT, CAMERA)
+    plan = decide((COARSE, EffectMode.AUTO))
     assert plan.decide_by_frame({}) == plan.decisions
     assert plan.decide_by_frame({"Blooming": 3.0}) == plan.decisions
     assert plan.decisions[0].basis is DecisionBasis.PROVED
@@ -221,11 +214,11 @@ def test_frame_when_it_measures_nothing_leaves_the_proof() -> None:
 
 @pytest.mark.parametrize("mode", [EffectMode.ALWAYS, EffectMode.NEVER])
 def test_threshold_of_an_effect_that_a_setting_decides_is_not_the_frames(mode: EffectMode) -> None:
-    assert not plan_effects(make_settings((COARSE, mode)), DAYLIGHT, CAMERA).thresholds
+    assert not decide((COARSE, mode)).thresholds
 
 
 def test_threshold_of_an_effect_that_is_proved_off_is_not_the_frames() -> None:
-    assert not plan_effects(make_settings((FINE, EffectMode.AUTO)), DAYLIGHT, CAMERA).thresholds
+    assert not decide((FINE, EffectMode.AUTO)).thresholds
 
 
 def test_thresholds_when_only_proofs_count_are_none() -> None:
@@ -239,12 +232,10 @@ def test_frame_when_depth_does_not_show_counts_the_blur_as_that_of_the_fixed_dis
 ) -> None:
     aperture = Aperture(4.0, 7.4e-6, 0.0)
     near = SceneSummary(1.0, min_distances_m=(0.2,) * NUM_RINGS)
-    plan = plan_effects(
-        make_settings(
-            (DefocusByDepth(aperture), EffectMode.AUTO), (Defocus(aperture), EffectMode.AUTO)
-        ),
-        near,
-        CAMERA,
+    plan = decide(
+        (DefocusByDepth(aperture), EffectMode.AUTO),
+        (Defocus(aperture), EffectMode.AUTO),
+        summary=near,
     )
     assert [one.enabled for one in plan.decisions] == [True, False]
     assert plan.decisions[1].included_in == "DefocusByDepth"
@@ -287,11 +278,11 @@ SUMMARIES = [
 ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DistanceEffect:
     """Effect of speed over distance that records the summaries of its computed bounds."""
 
-    summaries: list[SceneSummary] = field(default_factory=list, hash=False)
+    summaries: list[SceneSummary] = field(default_factory=list)
 
     name: ClassVar[str] = "Distance"
     changes_scene: ClassVar[bool] = True
@@ -352,6 +343,12 @@ def test_recorder_when_a_field_is_undeclared_finds_it() -> None:
     assert RecordingSummary(FULL).visible_min_distances_m == (0.15,) * NUM_RINGS
 
 
+def plan_bound(effect: Effect, summary: SceneSummary) -> float:
+    """Bound of an effect in a plan of this effect alone."""
+    settings = EffectSettings((EffectSetting(effect, EffectMode.AUTO),))
+    return plan_effects(settings, summary, CAMERA).decisions[0].bound
+
+
 @pytest.mark.parametrize(
     ("first", "then", "times"),
     [
@@ -366,27 +363,22 @@ def test_bound_is_computed_again_only_when_a_declared_field_has_changed(
     first: SceneSummary, then: SceneSummary, times: int
 ) -> None:
     effect = DistanceEffect()
-    cache = BoundCache(effect, CAMERA)
-    assert [cache.get(first), cache.get(then)] == [
-        DistanceEffect().bound(first, CAMERA),
-        DistanceEffect().bound(then, CAMERA),
-    ]
+    for summary in (first, then):
+        assert plan_bound(effect, summary) == DistanceEffect().bound(summary, CAMERA).value
     assert len(effect.summaries) == times
 
 
 def test_bound_after_hundreds_of_others_is_evicted_and_computed_again() -> None:
     effect = DistanceEffect()
-    cache = BoundCache(effect, CAMERA)
-    for step in range(600):
-        cache.get(replace(NEAR, min_distances_m=(1.0 + step,) * NUM_RINGS))
-    again = cache.get(replace(NEAR, min_distances_m=(1.0,) * NUM_RINGS))
-    assert again.value == MOVING.scene_twist.speed_m_s
+    for step in (*range(600), 0):
+        summary = replace(NEAR, min_distances_m=(1.0 + step,) * NUM_RINGS)
+        assert plan_bound(effect, summary) == MOVING.scene_twist.speed_m_s / (1.0 + step)
     assert len(effect.summaries) == 601
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_bound_from_the_cache_is_that_of_the_effect(name: str) -> None:
     effect = active_effect(name)
-    cache = BoundCache(effect, CAMERA)
-    for summary in (*SUMMARIES, *SUMMARIES):
-        assert cache.get(summary) == effect.bound(summary, CAMERA)
+    for summary in SUMMARIES:
+        alone = replace(summary, included_effects=frozenset())
+        assert plan_bound(effect, alone) == effect.bound(summary, CAMERA).value

@@ -11,7 +11,7 @@ import pytest
 
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.usarsim.commands import Drive, Init, Set, SetViewports
+from catoptra_protocol.usarsim.commands import Drive, Init, SetCommand, SetViewports
 from catoptra_protocol.usarsim.reports import CameraConfiguration, Report, VehicleStatus
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.scene.self_view import SelfView
@@ -236,7 +236,7 @@ def test_image_port_when_divided_shows_quarters_and_black_for_a_disabled_one() -
 def test_image_port_when_a_camera_zooms_shows_the_new_field_of_view() -> None:
     fleet, views = make_fleet(omni=False), FakeViewProvider()
     client = spawn(fleet)
-    fleet.execute(client, Set("Camera", "Ahead", "FOV", "0.5"), 0.0)
+    fleet.execute(client, SetCommand("Camera", "Ahead", "FOV", "0.5"), 0.0)
     render_channel(fleet, views)
     assert views.view_requests[0].camera == PerspectiveCameraSpec(PerspectiveCamera(12, 10, 0.5))
 

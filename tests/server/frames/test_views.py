@@ -23,8 +23,8 @@ from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import (
-    EMPTY_CONTEXT,
     NO_EFFECT_SETTINGS,
+    CaptureContext,
     EffectMode,
     EffectSetting,
     EffectSettings,
@@ -317,7 +317,7 @@ class FaultyView:
         height, width = self._camera.height_px, self._camera.width_px
         image = np.zeros((height, width, 3), dtype=np.float32)
         for effect in effects:
-            image = effect.apply(image, cast(OmniCamera, self._camera), EMPTY_CONTEXT)
+            image = effect.apply(image, cast(OmniCamera, self._camera), CaptureContext())
         return RenderedImage(image.astype(np.uint8), {})
 
     def close(self) -> None:

@@ -1,6 +1,4 @@
-"""Faults in the log: one traceback each, then a line.
-
-Signals that end the process: an orderly end first, and the end at once in every state."""
+"""Faults have one traceback each; signals end the process in an orderly way, then at once."""
 
 from __future__ import annotations
 

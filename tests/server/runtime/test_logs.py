@@ -1,8 +1,4 @@
-"""Limit of lines per second: repetitions and lines of one template are counted.
-
-Lines of the log: no text of a client can break or forge one.
-
-Writer of the log: an unread pipe blocks nobody, and what is dropped is counted."""
+"""The log: no client can flood, break or forge its lines, and an unread pipe blocks nobody."""
 
 from __future__ import annotations
 
@@ -21,9 +17,7 @@ from catoptra_server.runtime.logs import (
     MAX_LINES,
     WINDOW_S,
     LineLimiter,
-    LogFormatter,
     LogWriter,
-    escape_controls,
     write_log,
 )
 from helpers.deadline import Deadline
@@ -100,47 +94,6 @@ def test_repetition_of_several_lines_is_counted_by_the_first() -> None:
     assert end_window(limiter) == ["effects: (repeated 2 times)"]
 
 
-def make_record_of_log_formatter(message: str, *args: object) -> logging.LogRecord:
-    return logging.LogRecord("robot", logging.INFO, "", 0, message, args, None)
-
-
-@pytest.mark.parametrize(
-    ("text", "escaped"),
-    [
-        ("Robot-1 \u00e9\u4e16", "Robot-1 \u00e9\u4e16"),
-        ("\x1b[2J", r"\x1b[2J"),
-        ("\x00\t\r\x7f\x9b", r"\x00\x09\x0d\x7f\x9b"),
-        ("\u2028\u202e\u2066\u200f", r"\u2028\u202e\u2066\u200f"),
-    ],
-)
-def test_control_characters_are_escaped(text: str, escaped: str) -> None:
-    assert escape_controls(text) == escaped
-
-
-def test_line_states_level_logger_and_message() -> None:
-    line = LogFormatter().format(make_record_of_log_formatter("robot %s is in the world", "R\x1b"))
-    assert line.endswith(r" INFO    robot: robot R\x1b is in the world")
-
-
-def test_line_break_in_a_name_begins_no_line_of_its_own() -> None:
-    line = LogFormatter().format(
-        make_record_of_log_formatter("robot %s", "R\n2026-01-01 INFO forged")
-    )
-    assert line.split("\n")[1] == "    2026-01-01 INFO forged"
-
-
-def test_traceback_is_indented_and_escaped() -> None:
-    record = make_record_of_log_formatter("failed")
-    try:
-        raise ValueError("\x1b]0;title")
-    except ValueError:
-        record.exc_info = sys.exc_info()
-    first, *rest = LogFormatter().format(record).split("\n")
-    assert first.endswith("robot: failed")
-    assert rest[0] == "    Traceback (most recent call last):"
-    assert rest[-1] == r"    ValueError: \x1b]0;title"
-
-
 DEADLINE_S = 20.0
 
 
@@ -188,12 +141,56 @@ def logger() -> Iterator[logging.Logger]:
 
 
 @pytest.fixture
-def writer(pipe: Pipe, logger: logging.Logger, monkeypatch: pytest.MonkeyPatch) -> LogWriter:
+def writer(
+    pipe: Pipe, logger: logging.Logger, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[LogWriter]:
     """A writer to the pipe, on the logger; tests that leave the pipe full do not wait for it."""
     monkeypatch.setattr(module, "_CLOSE_TIMEOUT_S", 0.01)
     writer = LogWriter(pipe.writer)
     logger.addHandler(writer)
-    return writer
+    yield writer
+    writer.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "escaped"),
+    [
+        ("Robot-1 \u00e9\u4e16", "Robot-1 \u00e9\u4e16"),
+        ("\x1b[2J", r"\x1b[2J"),
+        ("\x00\t\r\x7f\x9b", r"\x00\x09\x0d\x7f\x9b"),
+        ("\u2028\u202e\u2066\u200f", r"\u2028\u202e\u2066\u200f"),
+    ],
+)
+def test_control_characters_are_escaped(
+    pipe: Pipe, writer: LogWriter, text: str, escaped: str
+) -> None:
+    writer.write_line(text)
+    pipe.read_until("\n")
+    assert pipe.text == escaped + "\n"
+
+
+def test_line_states_level_logger_and_message(pipe: Pipe, writer: LogWriter) -> None:
+    writer.handle(make_record("robot %s is in the world", "R\x1b"))
+    pipe.read_until(" INFO    tcp: robot R\\x1b is in the world\n")
+
+
+def test_line_break_in_a_name_begins_no_line_of_its_own(pipe: Pipe, writer: LogWriter) -> None:
+    writer.handle(make_record("robot %s", "R\n2026-01-01 INFO forged"))
+    pipe.read_until("\n    2026-01-01 INFO forged\n")
+
+
+def test_traceback_is_indented_and_escaped(pipe: Pipe, writer: LogWriter) -> None:
+    record = make_record("failed")
+    try:
+        raise ValueError("\x1b]0;title")
+    except ValueError:
+        record.exc_info = sys.exc_info()
+    writer.handle(record)
+    pipe.read_until("title\n")
+    first, *rest = pipe.text.splitlines()
+    assert first.endswith("tcp: failed")
+    assert rest[0] == "    Traceback (most recent call last):"
+    assert rest[-1] == r"    ValueError: \x1b]0;title"
 
 
 def fill(logger: logging.Logger) -> None:
@@ -209,7 +206,6 @@ def test_lines_are_written_in_order(pipe: Pipe, logger: logging.Logger, writer: 
     pipe.read_until("the end\n")
     lines = pipe.text.splitlines()
     assert [line.rpartition(": ")[2] for line in lines[:-1]] == [f"line {i}" for i in range(1000)]
-    writer.close()
 
 
 def test_unread_pipe_blocks_no_caller_and_dropped_lines_are_counted(
@@ -222,7 +218,6 @@ def test_unread_pipe_blocks_no_caller_and_dropped_lines_are_counted(
     pipe.read_until("lines of the log dropped: standard error is read too slowly\n")
     logger.debug("read again")
     pipe.read_until("read again")
-    writer.close()
 
 
 def test_close_with_an_unread_pipe_returns(
@@ -253,7 +248,6 @@ def test_count_of_repeated_lines_follows_without_another_line(
     logger.info("full")
     logger.info("full")
     pipe.read_until("full (repeated once)\n")
-    writer.close()
 
 
 def test_wire_traffic_is_not_limited(pipe: Pipe, logger: logging.Logger, writer: LogWriter) -> None:
@@ -274,7 +268,6 @@ def test_non_blocking_pipe_receives_all(
     writer.write_line("the end")
     pipe.read_until("the end\n")
     assert pipe.text.count("x") == 10 * 65536
-    writer.close()
 
 
 def test_closed_pipe_is_no_error(pipe: Pipe, logger: logging.Logger, writer: LogWriter) -> None:
@@ -290,15 +283,14 @@ def test_record_with_wrong_arguments_is_reported_with_its_place(
 ) -> None:
     # Not through a logger: pytest's own handler would raise the error.
     writer.handle(logging.LogRecord("x", logging.INFO, __file__, 1, "%d robots", ("three",), None))
-    pipe.read_until("test_log_writer.py:1: ")
+    pipe.read_until("test_logs.py:1: ")
     pipe.read_until("the arguments of '%d robots' cannot be logged\n")
-    writer.close()
 
 
 def test_log_of_the_process_is_written_and_left_as_found(
     pipe: Pipe, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "STDERR", pipe.writer)
+    monkeypatch.setattr(module, "_STDERR", pipe.writer)
     root, hook = logging.getLogger(), threading.excepthook
     before = root.level, list(root.handlers)
     with write_log(logging.INFO):
@@ -319,7 +311,7 @@ def fail() -> None:
 def test_exceptions_that_python_prints_are_logged(
     pipe: Pipe, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "STDERR", pipe.writer)
+    monkeypatch.setattr(module, "_STDERR", pipe.writer)
     with write_log(logging.INFO):
         _Broken()
         gc.collect()

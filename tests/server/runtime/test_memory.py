@@ -1,12 +1,4 @@
-"""Estimates of memory, and the limit that they are compared with.
-
-A dictionary keeps what was used last.
-
-Freed memory between memory in use goes back to the system.
-
-Limit of open files: raised to the hard limit, within bounds.
-
-The affinity mask counts, where the system has one."""
+"""Limits of memory, cached items, open files and processors."""
 
 from __future__ import annotations
 
@@ -20,7 +12,6 @@ import pytest
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_server.runtime.memory import (
     DEFAULT_LIMIT_BYTES,
-    MAX_DESCRIPTORS,
     MIB,
     LruDict,
     MemoryBudget,
@@ -156,8 +147,8 @@ INFINITY = resource.RLIM_INFINITY
     [
         (1024, 4096, 4096),
         (1024, 1024, 1024),
-        (1024, 1_000_000, MAX_DESCRIPTORS),
-        (1024, INFINITY, MAX_DESCRIPTORS),
+        (1024, 1_000_000, 65_536),
+        (1024, INFINITY, 65_536),
         (100_000, 1_000_000, 100_000),
         (INFINITY, INFINITY, INFINITY),
     ],

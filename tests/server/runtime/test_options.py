@@ -1,6 +1,4 @@
-"""Values of options: limits are included, everything else is rejected in plain words.
-
-Errors of a command line: one line and a pointer to the help."""
+"""Options: limits are included, everything else is rejected in one line of plain words."""
 
 from __future__ import annotations
 
@@ -10,7 +8,6 @@ from collections.abc import Callable
 import pytest
 
 from catoptra_server.runtime.options import (
-    EXIT_USAGE,
     CommandParser,
     int_within,
     parse_float_within,
@@ -70,7 +67,7 @@ def test_float_beyond_its_limit_is_rejected_with_its_unit() -> None:
 def test_error_is_one_line_and_a_pointer_to_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         CommandParser(prog="program").parse_args(["--bogus"])
-    assert ended.value.code == EXIT_USAGE
+    assert ended.value.code == 2
     assert capsys.readouterr().err == (
         "program: unrecognized arguments: --bogus\n`program --help` lists the options\n"
     )

@@ -53,21 +53,20 @@ def test_worker_when_stopped_has_ended() -> None:
     run_scenario(scenario())
 
 
-def test_worker_when_its_start_fails_raises_the_error() -> None:
+@pytest.mark.parametrize(
+    ("fails", "error", "reason"),
+    [
+        ("before", ThreadFailedError, "the w thread failed: ValueError: broken"),
+        ("in words", DomainError, "no renderer"),
+    ],
+)
+def test_worker_that_cannot_start_raises_the_reason(
+    fails: str, error: type[Exception], reason: str
+) -> None:
     async def scenario() -> None:
-        work = Work(fails="before")
+        work = Work(fails=fails)
         worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
-        with pytest.raises(ThreadFailedError, match="the w thread failed: ValueError: broken"):
-            await worker.start()
-
-    run_scenario(scenario())
-
-
-def test_worker_that_cannot_start_raises_the_reason() -> None:
-    async def scenario() -> None:
-        work = Work(fails="in words")
-        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
-        with pytest.raises(DomainError, match="no renderer"):
+        with pytest.raises(error, match=reason):
             await worker.start()
 
     run_scenario(scenario())

@@ -8,6 +8,7 @@ Driving the robots of others: only shared ones, and none rolls on without its dr
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from catoptra_protocol.usarsim.commands import (
     GetConf,
     GetGeo,
     Init,
-    Set,
+    SetCommand,
     ShareControl,
     Trace,
 )
@@ -39,6 +40,7 @@ from catoptra_server.simulation.commands import (
     execute_get_geo,
     execute_set,
 )
+from catoptra_server.simulation.events import RejectedError
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import (
@@ -78,7 +80,7 @@ def drive_robot() -> Robot:
     return robot
 
 
-def execute(robot: Robot, command: Set) -> str:
+def execute(robot: Robot, command: SetCommand) -> str:
     reports = execute_set(robot, command, robot.sensor_context(1.0))
     return b"".join(map(line_from_report, reports)).decode().replace("1.0000", "1.00")
 
@@ -89,7 +91,7 @@ def read(robot: Robot, kind: type) -> object:
 
 def test_odometry_when_reset_is_zero() -> None:
     robot = drive_robot()
-    answer = execute(robot, Set("Odometry", "odometry", "RESET"))
+    answer = execute(robot, SetCommand("Odometry", "odometry", "RESET"))
     assert answer == "RES {Time 1.00} {Type Odometry} {Name odometry} {Status OK}\r\n"
     assert read(robot, OdometryReading) == OdometryReading("Odometry", 0, 0, 0, time_s=1.0)
 
@@ -97,13 +99,13 @@ def test_odometry_when_reset_is_zero() -> None:
 def test_encoder_when_reset_is_zero() -> None:
     robot = drive_robot()
     assert read(robot, EncoderReadings) == EncoderReadings((("ECLeft", 114),), 1.0)
-    assert "{Status OK}" in execute(robot, Set("Encoder", None, "Reset"))
+    assert "{Status OK}" in execute(robot, SetCommand("Encoder", None, "Reset"))
     assert read(robot, EncoderReadings) == EncoderReadings((("ECLeft", 0),), 1.0)
 
 
 def test_ins_when_set_to_a_pose_reports_the_pose() -> None:
     robot = drive_robot()
-    assert "{Status OK}" in execute(robot, Set("INS", "INS", "POSE", "1,2,0,0,0,0.5"))
+    assert "{Status OK}" in execute(robot, SetCommand("INS", "INS", "POSE", "1,2,0,0,0,0.5"))
     ins = read(robot, InsReading)
     assert isinstance(ins, InsReading)
     assert ins.location_m[:2] == pytest.approx((1.0, 2.0))
@@ -111,31 +113,31 @@ def test_ins_when_set_to_a_pose_reports_the_pose() -> None:
 
 def test_camera_when_zoomed_confirms_the_field_of_view() -> None:
     robot = drive_robot()
-    answer = execute(robot, Set("Camera", "Camera", fov_rad=0.7853))
+    answer = execute(robot, SetCommand("Camera", "Camera", fov_rad=0.7853))
     assert answer == ("RES {Time 1.00} {Type Camera} {Name Camera} {FOV 0.7853} {Status OK}\r\n")
-    assert "{FOV 1.3963}" in execute(robot, Set("camera", None, "ZOOM", "0"))
+    assert "{FOV 1.3963}" in execute(robot, SetCommand("camera", None, "ZOOM", "0"))
 
 
 def test_scan_when_requested_precedes_its_result() -> None:
-    answer = execute(drive_robot(), Set("RangeScanner", "Scanner1", "SCAN"))
+    answer = execute(drive_robot(), SetCommand("RangeScanner", "Scanner1", "SCAN"))
     assert [line.split()[0] for line in answer.splitlines()] == ["SEN", "RES"]
 
 
 @pytest.mark.parametrize(
     "command",
     [
-        Set("Toaster", "T", "ON"),
-        Set("Odometry", "Odometry", "EXPLODE"),
-        Set("Odometry", "Other", "RESET"),
-        Set("Encoder", "Other", "RESET"),
-        Set("INS", "INS", "POSE", "1,2,3"),
-        Set("Camera", "Other", fov_rad=1.0),
-        Set("Camera", "Camera"),
-        Set("RangeScanner", "Other", "SCAN"),
-        Set(""),
+        SetCommand("Toaster", "T", "ON"),
+        SetCommand("Odometry", "Odometry", "EXPLODE"),
+        SetCommand("Odometry", "Other", "RESET"),
+        SetCommand("Encoder", "Other", "RESET"),
+        SetCommand("INS", "INS", "POSE", "1,2,3"),
+        SetCommand("Camera", "Other", fov_rad=1.0),
+        SetCommand("Camera", "Camera"),
+        SetCommand("RangeScanner", "Other", "SCAN"),
+        SetCommand(""),
     ],
 )
-def test_command_when_impossible_has_the_result_failed(command: Set) -> None:
+def test_command_when_impossible_has_the_result_failed(command: SetCommand) -> None:
     answer = execute(drive_robot(), command)
     assert answer.startswith("RES {Time 1.00}")
     assert answer.endswith("{Status Failed}\r\n")
@@ -147,11 +149,11 @@ def accuracy_target(robot: Robot) -> AccuracyTarget:
 
 def test_omni_camera_when_set_to_a_target_is_rendered_by_the_target() -> None:
     robot = drive_robot()
-    answer = execute(robot, Set("Camera", "OmniCam", "MaxError", "0.5"))
+    answer = execute(robot, SetCommand("Camera", "OmniCam", "MaxError", "0.5"))
     assert answer == "RES {Time 1.00} {Type Camera} {Name OmniCam} {Status OK}\r\n"
-    assert "{Status OK}" in execute(robot, Set("camera", None, "BUDGET", "20"))
+    assert "{Status OK}" in execute(robot, SetCommand("camera", None, "BUDGET", "20"))
     assert accuracy_target(robot) == AccuracyTarget(0.5, 20.0)
-    assert "{Status OK}" in execute(robot, Set("Camera", "omnicam", "MaxError", "0"))
+    assert "{Status OK}" in execute(robot, SetCommand("Camera", "omnicam", "MaxError", "0"))
     assert accuracy_target(robot) == AccuracyTarget(0.0, 20.0)
 
 
@@ -163,7 +165,7 @@ def test_accuracy_target_when_invalid_has_the_result_failed_and_stays(
     name: str, params: str | None
 ) -> None:
     robot = drive_robot()
-    assert "{Status Failed}" in execute(robot, Set("Camera", name, "MaxError", params))
+    assert "{Status Failed}" in execute(robot, SetCommand("Camera", name, "MaxError", params))
     assert accuracy_target(robot) == AccuracyTarget()
 
 
@@ -294,7 +296,7 @@ def test_trace_is_accepted_without_a_reply() -> None:
 
 @pytest.mark.parametrize(("name", "status"), [("Odometry", "OK"), ("Other", "Failed")])
 def test_set_reports_its_result(name: str, status: str) -> None:
-    command = Set("Odometry", name, "RESET", None)
+    command = SetCommand("Odometry", name, "RESET", None)
     (result,) = execute_control(make_robot(), command, 0.0, lambda: EMPTY_ENVIRONMENT)
     assert isinstance(result, CommandResult)
     assert result.status == status
@@ -317,9 +319,9 @@ class SharingFleet:
 
     def drive(
         self, client: FakeClient, left: float | None = 1.0, right: float | None = -1.0
-    ) -> str:
-        """Drive the robot by its name; the reason against it."""
-        return self.fleet.drive_by_name(client, "R", Drive(left, right), 0.0)
+    ) -> None:
+        """Drive the robot by its name."""
+        self.fleet.drive_by_name(client, "R", Drive(left, right), 0.0)
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -331,23 +333,24 @@ class SharingFleet:
 
 def test_robot_when_shared_is_driven_by_others() -> None:
     sharing = SharingFleet()
-    assert sharing.drive(sharing.driver) == ""
+    sharing.drive(sharing.driver)
     assert sharing.speeds == ROLLING
 
 
 def test_robot_when_not_shared_is_driven_by_its_owner_only() -> None:
     sharing = SharingFleet(shared=False)
-    assert "does not share its control" in sharing.drive(sharing.driver)
+    with pytest.raises(RejectedError, match="does not share its control"):
+        sharing.drive(sharing.driver)
     assert sharing.speeds == (0.0, 0.0)
-    assert sharing.drive(sharing.owner) == ""
+    sharing.drive(sharing.owner)
     assert sharing.speeds == ROLLING
 
 
 @pytest.mark.parametrize("name", ["", "r", "R2", "R\n"])
 def test_robot_when_unknown_is_not_driven(name: str) -> None:
     sharing = SharingFleet()
-    reason = sharing.fleet.drive_by_name(sharing.driver, name, Drive(1.0, 1.0), 0.0)
-    assert reason == f"there is no robot {name!r}"
+    with pytest.raises(RejectedError, match=re.escape(f"there is no robot {name!r}")):
+        sharing.fleet.drive_by_name(sharing.driver, name, Drive(1.0, 1.0), 0.0)
     assert sharing.speeds == (0.0, 0.0)
 
 
@@ -355,7 +358,8 @@ def test_robot_when_its_owner_has_left_is_unknown() -> None:
     sharing = SharingFleet()
     sharing.drive(sharing.driver)
     sharing.fleet.remove(sharing.owner)
-    assert "no robot 'R'" in sharing.drive(sharing.driver)
+    with pytest.raises(RejectedError, match="no robot 'R'"):
+        sharing.drive(sharing.driver)
     # Nothing is left to halt.
     sharing.fleet.halt_robots_driven_by(sharing.driver, 0.0)
 
@@ -365,7 +369,8 @@ def test_robot_when_no_longer_shared_halts() -> None:
     sharing.drive(sharing.driver)
     sharing.fleet.execute(sharing.owner, ShareControl(False), 0.0)
     assert sharing.speeds == (0.0, 0.0)
-    assert "does not share" in sharing.drive(sharing.driver)
+    with pytest.raises(RejectedError, match="does not share"):
+        sharing.drive(sharing.driver)
 
 
 def test_robot_when_driven_by_its_owner_rolls_on_as_the_sharing_ends() -> None:
@@ -411,4 +416,5 @@ def test_speeds_of_others_are_limited_as_those_of_the_owner() -> None:
 def test_sharing_without_a_robot_has_no_effect() -> None:
     sharing = SharingFleet(shared=False)
     sharing.fleet.execute(sharing.driver, ShareControl(True), 0.0)
-    assert "does not share" in sharing.drive(sharing.driver)
+    with pytest.raises(RejectedError, match="does not share"):
+        sharing.drive(sharing.driver)

@@ -148,7 +148,7 @@ def make_body(
 
 def touches(obstacles: ObstacleGrid, x_m: float, yaw_rad: float) -> bool:
     half = (HALF_LENGTH_M, 0.5 * BASE.dimensions_m[1])
-    near = obstacles.find_near((x_m, 0.0), 1.0)
+    near = obstacles.triangles_near((x_m, 0.0), 1.0).tolist()
     return rectangle_intersects(near, (x_m, 0.0), yaw_rad, half_size_m=half)
 
 
@@ -233,7 +233,7 @@ def test_base_when_turning_in_a_corridor_stops_at_the_wall() -> None:
     )
     centre = (body.pose.x_m, body.pose.y_m)
     half = (HALF_LENGTH_M, 0.5 * BASE.dimensions_m[1])
-    near = make_walls(1.0).find_near(centre, 1.0)
+    near = make_walls(1.0).triangles_near(centre, 1.0).tolist()
     assert near
     assert not rectangle_intersects(near, centre, body.pose.yaw_rad, half_size_m=half)
     assert 0.0 < body.pose.yaw_rad < 0.1

@@ -6,7 +6,7 @@ from typing import get_args
 
 import pytest
 
-from catoptra_protocol.usarsim.commands import Drive, Init, Note, Set
+from catoptra_protocol.usarsim.commands import Drive, Init, Note, SetCommand
 from catoptra_protocol.usarsim.reports import CommandResult
 from catoptra_server.frames.frame import CameraChannel
 from catoptra_server.simulation.events import (
@@ -69,6 +69,6 @@ def test_work_when_listed_is_all_there_is() -> None:
 def test_commands_with_a_reply_on_the_control_port_have_it() -> None:
     client = FakeClient()
     reply_fault(CommandReceived(client, Init("OmniP2AT")), 0.5)
-    reply_fault(CommandReceived(client, Set("Odometry", "O", "RESET")), 0.5)
+    reply_fault(CommandReceived(client, SetCommand("Odometry", "O", "RESET")), 0.5)
     assert client.rejections == [FAULT_REASON]
     assert client.reports == [CommandResult(0.5, "Odometry", "O", "Failed")]

@@ -31,10 +31,10 @@ from catoptra_protocol.usarsim.commands import (
     MisPkg,
     MultiDrive,
     Note,
-    Set,
+    SetCommand,
     SetViewports,
     ShareControl,
-    Step,
+    StepCommand,
     Trace,
 )
 from catoptra_protocol.usarsim.control_connection import ControlServer
@@ -146,7 +146,7 @@ def run_commands(
 
 def post_command(simulation: Simulation, client: FakeClient, command: Command) -> None:
     """Post a command as the control port does: a step has a RES as its reply."""
-    if isinstance(command, Step):
+    if isinstance(command, StepCommand):
         simulation.post(StepRequested(client, command.time_s, partial(_deliver_step, client)))
     else:
         simulation.post(CommandReceived(client, command))
@@ -173,13 +173,13 @@ COMMANDS: tuple[Command, ...] = (
     DriveJoints((JointCommand("CameraPan", 0.1),)),
     MultiDrive((("CameraPan", 0.1),)),
     MisPkg("CameraPanTilt", (LinkCommand(1, 0.1),)),
-    Set("Odometry", opcode="RESET"),
+    SetCommand("Odometry", opcode="RESET"),
     SetViewports("SingleView"),
     Trace(enabled=True),
     GetConf("Robot"),
     GetGeo("Robot"),
     GetStartPoses(),
-    Step(0.02),
+    StepCommand(0.02),
     Note("ekf", "{}"),
     ShareControl(True),
 )
@@ -208,7 +208,7 @@ def report_bytes(client: FakeClient) -> bytes:
 
 
 def test_step_when_of_200_ms_prints_multiples_of_it() -> None:
-    client = run_commands(INIT, *(100 * [Step(0.2)]))
+    client = run_commands(INIT, *(100 * [StepCommand(0.2)]))
     lines = [line_from_report(result) for result in results(client)]
     assert lines[0] == b"RES {Time 0.2000} {Type Step} {Name Clock} {Status OK}\r\n"
     assert [line.split(b"}")[0].rpartition(b" ")[2] for line in lines] == [
@@ -218,13 +218,13 @@ def test_step_when_of_200_ms_prints_multiples_of_it() -> None:
 
 @pytest.mark.parametrize("time_s", [0.013, 1.0 / 3.0, 0.02, 0.05, 7e-9])
 def test_step_when_no_multiple_of_a_tick_adds_up(time_s: float) -> None:
-    client = run_commands(INIT, *(150 * [Step(time_s)]))
+    client = run_commands(INIT, *(150 * [StepCommand(time_s)]))
     # A step counts whole nanoseconds.
     assert results(client)[-1].time_s == pytest.approx(150 * round(time_s * 1e9) / 1e9, abs=1e-12)
 
 
 def test_step_when_done_ends_with_a_whole_cycle_and_its_result() -> None:
-    client = run_commands(INIT, Step(0.1))
+    client = run_commands(INIT, StepCommand(0.1))
     assert [r.WORD for r in client.batches[-1]] == ["SEN", "SEN", "STA", "RES"]
     truth = client.batches[-1][1]
     assert isinstance(truth, GroundTruthReading)
@@ -232,26 +232,26 @@ def test_step_when_done_ends_with_a_whole_cycle_and_its_result() -> None:
 
 
 def test_step_when_reports_become_due_delivers_them_in_order() -> None:
-    client = run_commands(INIT, Step(0.5))
+    client = run_commands(INIT, StepCommand(0.5))
     times = [r.time_s for r in client.reports if isinstance(r, GroundTruthReading)]
     assert times == [0.0, 0.2, 0.4, 0.5]
 
 
 def test_step_when_of_0_s_reads_the_sensors_and_no_time_passes() -> None:
-    client = run_commands(INIT, Step(0.0))
+    client = run_commands(INIT, StepCommand(0.0))
     assert [r.WORD for r in client.batches[-1]] == ["SEN", "SEN", "STA", "RES"]
     assert results(client) == [CommandResult(0.0, "Step", "Clock", "OK")]
 
 
 @pytest.mark.parametrize("time_s", [-0.1, -1e-12, 60.001, 1e300])
 def test_step_when_negative_or_too_long_fails_and_no_time_passes(time_s: float) -> None:
-    client = run_commands(INIT, Step(time_s), Step(0.1))
+    client = run_commands(INIT, StepCommand(time_s), StepCommand(0.1))
     assert [(r.time_s, r.status) for r in results(client)] == [(0.0, "Failed"), (0.1, "OK")]
     assert [report.WORD for report in client.batches[1]] == ["RES"]
 
 
 def test_step_when_of_a_minute_is_the_longest() -> None:
-    assert results(run_commands(Step(60.0))) == [CommandResult(60.0, "Step", "Clock", "OK")]
+    assert results(run_commands(StepCommand(60.0))) == [CommandResult(60.0, "Step", "Clock", "OK")]
 
 
 def test_step_when_slower_than_the_budget_of_a_tick_does_not_delay_the_next() -> None:
@@ -274,25 +274,25 @@ def test_step_when_slower_than_the_budget_of_a_tick_does_not_delay_the_next() ->
 
 
 def test_step_without_a_robot_has_only_a_result() -> None:
-    client = run_commands(Drive(1.0, 1.0), GetConf("Robot"), Step(0.2))
+    client = run_commands(Drive(1.0, 1.0), GetConf("Robot"), StepCommand(0.2))
     assert client.reports == [CommandResult(0.2, "Step", "Clock", "OK")]
 
 
 def test_time_without_steps_stands_still() -> None:
-    client = run_commands(INIT, Drive(2.0, 2.0), Step(0.0))
+    client = run_commands(INIT, Drive(2.0, 2.0), StepCommand(0.0))
     truth = [r for r in client.reports if isinstance(r, GroundTruthReading)][-1]
     assert (truth.time_s, truth.location_m[0]) == (0.0, 0.0)
 
 
 def test_drive_for_2_s_at_2_rad_s_is_0_52_m_by_odometry() -> None:
-    client = run_commands(INIT, Drive(2.0, 2.0), Step(2.0))
+    client = run_commands(INIT, Drive(2.0, 2.0), StepCommand(2.0))
     truth = [r for r in client.reports if isinstance(r, GroundTruthReading)][-1]
     assert truth.location_m[0] == pytest.approx(0.52, abs=1e-9)
 
 
 DRIVE_COMMANDS = [
     INIT,
-    *(c for i in range(20) for c in (Drive(1.0 + 0.1 * i, 2.0 - 0.1 * i), Step(0.13))),
+    *(c for i in range(20) for c in (Drive(1.0 + 0.1 * i, 2.0 - 0.1 * i), StepCommand(0.13))),
 ]
 
 
@@ -340,7 +340,7 @@ def test_robot_when_reset_is_removed_and_its_name_is_free() -> None:
         CommandReceived(other, INIT),
     ):
         simulation.post(request)
-    post_command(simulation, other, Step(0.2))
+    post_command(simulation, other, StepCommand(0.2))
     run_until_served(simulation)
     assert len(one.batches) == 1
     assert other.spawns == [("R", None)]
@@ -368,7 +368,7 @@ def test_arbitrary_commands_have_replies_that_can_be_sent(
     whole = ("INIT {ClassName OmniP2AT} {Location 0,0,0}", *lines, "STEP {Time 0.1}", "")
     for command in server.receive("\r\n".join(whole).encode("latin-1")):
         # A step of a minute is right, but three thousand ticks long.
-        if not (isinstance(command, Step) and command.time_s > 1.0):
+        if not (isinstance(command, StepCommand) and command.time_s > 1.0):
             post_command(simulation, client, command)
     run_until_served(simulation)
     assert results(client)[-1].status == "OK"
@@ -507,7 +507,7 @@ def test_frame_under_lockstep_is_captured_by_the_simulation_alone() -> None:
 def test_camera_without_requests_is_not_rendered() -> None:
     view = FakeView()
     simulation, client = make_simulation(view=view), FakeClient()
-    for command in (INIT, Step(5.0)):
+    for command in (INIT, StepCommand(5.0)):
         post_command(simulation, client, command)
     run_until_served(simulation)
     assert view.camera_states == []
@@ -564,7 +564,7 @@ def test_realtime_runs_in_ticks_of_the_clock() -> None:
 
 
 def test_realtime_when_stepped_fails() -> None:
-    client = run_realtime(0.2, TickingClock(0.03), Step(0.1))
+    client = run_realtime(0.2, TickingClock(0.03), StepCommand(0.1))
     assert [result.status for result in results(client)] == ["Failed"]
 
 
@@ -638,7 +638,7 @@ def test_landmarks_when_requested_have_the_time_and_none_without_the_camera() ->
     simulation, replies = make_simulation(), list[object]()
     client = FakeClient()
     simulation.post(CommandReceived(client, INIT))
-    post_command(simulation, client, Step(0.5))
+    post_command(simulation, client, StepCommand(0.5))
     for name in ("R", "Other"):
         channel = CameraChannel(name, "")
         reply = LandmarksRequested(client, channel, lambda *answer: replies.append(answer))
@@ -718,15 +718,15 @@ def test_command_when_raising_is_dropped_and_other_clients_go_on(
 ) -> None:
     simulation, faulty, other = make_faulty_simulation(), FakeClient(), FakeClient()
     fleet_of(simulation).faulty = faulty
-    for client, each in ((other, INIT), (faulty, command), (other, Step(0.2))):
+    for client, each in ((other, INIT), (faulty, command), (other, StepCommand(0.2))):
         post_command(simulation, client, each)
     run_until_served(simulation)
     assert [result.status for result in results(other)] == ["OK"]
-    if not isinstance(command, Step):  # time is nobody's robot: a step raises nowhere here
+    if not isinstance(command, StepCommand):  # time is nobody's robot: a step raises nowhere here
         assert "CommandReceived of a client failed and was dropped" in caplog.text
     # Replies in words, wherever the command has one.
     assert len(faulty.rejections) == isinstance(command, Init)
-    if isinstance(command, Set):
+    if isinstance(command, SetCommand):
         assert [result.status for result in results(faulty)] == ["Failed"]
 
 
@@ -804,8 +804,8 @@ def test_robot_when_a_sensor_raises_is_removed_and_others_go_on(
     assert robot is not None
     robot.sensors[0] = _RaisingSensor(robot.sensors[0], method)  # type: ignore[call-overload] # on purpose
     simulation._is_stopped = False
-    post_command(simulation, faulty, Step(0.4))
-    post_command(simulation, other, Step(0.4))
+    post_command(simulation, faulty, StepCommand(0.4))
+    post_command(simulation, other, StepCommand(0.4))
     run_until_served(simulation)
     assert simulation._fleet.find_robot(faulty) is None
     assert len(faulty.disconnections) == 1
@@ -825,9 +825,9 @@ def test_step_when_its_client_leaves_ends_early_and_others_are_served() -> None:
 
     leaving = LeavingClient()
     post_command(simulation, leaving, INIT)
-    post_command(simulation, leaving, Step(60.0))
-    post_command(simulation, leaving, Step(60.0))
-    post_command(simulation, other, Step(0.2))
+    post_command(simulation, leaving, StepCommand(60.0))
+    post_command(simulation, leaving, StepCommand(60.0))
+    post_command(simulation, other, StepCommand(0.2))
     run_until_served(simulation)
     assert results(other)[-1].time_s < 1.0
 
@@ -836,7 +836,7 @@ def test_simulation_when_stopped_during_a_long_step_ends_within_a_tick() -> None
     client = StoppingClient(0.4)
     simulation = client.simulation = make_simulation()
     post_command(simulation, client, INIT)
-    post_command(simulation, client, Step(60.0))
+    post_command(simulation, client, StepCommand(60.0))
     simulation.run()
     assert max(r.time_s for r in client.reports if isinstance(r, VehicleStatus)) == 0.4
 

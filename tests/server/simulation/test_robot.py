@@ -12,6 +12,7 @@ import math
 import numpy as np
 import pytest
 
+from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_NOTES
 from catoptra_protocol.usarsim.commands import (
     Drive,
@@ -34,6 +35,7 @@ from catoptra_protocol.usarsim.reports import (
 )
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.simulation.commands import execute_get_conf, execute_get_geo
+from catoptra_server.simulation.events import RejectedError
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.joint_chain import (
     CHASSIS_PARENT,
@@ -396,7 +398,7 @@ def test_note_replaces_the_one_of_its_name() -> None:
     fleet = make_fleet()
     client = spawn_of_robot_state(fleet, "A")
     for time_s, text in enumerate(['{"x":1}', '{"x":2}']):
-        assert fleet.publish(client, Note("ekf", text), float(time_s)) == ""
+        fleet.publish(client, Note("ekf", text), float(time_s))
     (published,) = fleet.get_state("A").notes
     assert (published.note, published.time_s) == (Note("ekf", '{"x":2}'), 1.0)
 
@@ -404,9 +406,11 @@ def test_note_replaces_the_one_of_its_name() -> None:
 def test_notes_when_flooded_are_limited_and_the_old_ones_stay() -> None:
     fleet = make_fleet()
     client = spawn_of_robot_state(fleet, "A")
-    reasons = [fleet.publish(client, Note(f"note {i}", "{}"), 0.0) for i in range(1000)]
-    assert reasons[:MAX_NOTES] == [""] * MAX_NOTES
-    assert all("8 names" in reason for reason in reasons[MAX_NOTES:])
+    for i in range(MAX_NOTES):
+        fleet.publish(client, Note(f"note {i}", "{}"), 0.0)
+    for i in range(MAX_NOTES, 1000):
+        with pytest.raises(LocalProtocolError, match="8 names"):
+            fleet.publish(client, Note(f"note {i}", "{}"), 0.0)
     assert [one.note.name for one in fleet.get_state("A").notes] == [f"note {i}" for i in range(8)]
 
 
@@ -423,6 +427,7 @@ def test_notes_go_with_their_robot() -> None:
     client = spawn_of_robot_state(fleet, "A")
     fleet.publish(client, Note("ekf", "{}"), 0.0)
     fleet.remove(client)
-    assert fleet.publish(client, Note("ekf", "{}"), 0.0) == "this client has no robot"
+    with pytest.raises(RejectedError, match="this client has no robot"):
+        fleet.publish(client, Note("ekf", "{}"), 0.0)
     spawn_of_robot_state(fleet, "A")
     assert fleet.get_state("A").notes == ()

@@ -43,7 +43,7 @@ from catoptra_server.simulation.sight import (
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.objects import OrientedBox
-from catoptra_server.world.scene_mesh import build_scene, items_from_landmark
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, SphereBand, World
 from helpers.mirror_checks import make_camera
 from helpers.room_ray_caster import make_room_world, oriented_box_at
@@ -78,7 +78,7 @@ def compute_visibility(
 
 def environment_of_landmark(landmark: Landmark) -> SensorEnvironment:
     """Scene of the landmark alone, as rendered."""
-    world = World("field", items_from_landmark(landmark, GREY))
+    world = World("field", (), landmarks=(landmark,), landmark_albedos=GREY)
     return SensorEnvironment(EmbreeRayCaster(build_scene(world)))
 
 

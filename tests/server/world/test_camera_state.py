@@ -1,4 +1,4 @@
-""""""
+"""Motion, fog, noise seed and shutter of an exposure, each against its formula."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_rows_without_an_exposure_have_one_time_sample_each_in_order() -> None:
 def test_time_samples_when_chosen_are_a_pixel_apart_and_a_quarter_for_rows(
     exposure_px: float, readout_px: float, time_samples: int
 ) -> None:
-    shutter = INSTANTANEOUS.with_readout(0.0, readout_px).with_exposure(0.01, exposure_px)
+    shutter = INSTANTANEOUS.add_readout(0.0, readout_px).add_exposure(0.01, exposure_px)
     assert shutter.num_time_samples == time_samples
 
 

@@ -1,6 +1,4 @@
-"""Files beside a mesh file: found inside its folder, within the budget.
-
-Sizes that glTF files announce: accessors, buffer views and embedded images."""
+"""Files beside a mesh file, and sizes that glTF files announce: within folder and budget."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Mesh files of every supported format, written here and read back.
-
-Binary PLY and STL files, against trimesh; all other files are left to trimesh."""
+"""Mesh files of every format, written here and read back; binary PLY and STL against trimesh."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ import trimesh
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.runtime.memory import MIB, MemoryBudget
-from catoptra_server.world.mesh_files import LoadedMesh, load_mesh_file, read_triangle_file
+from catoptra_server.world.mesh_files import MeshPart, load_mesh_file, read_triangle_file
 from catoptra_server.world.world_description import MeshFile
 from helpers.mesh_file_samples import (
     export_mesh,
@@ -39,13 +37,13 @@ HALF = 188
 HALF_OF_SRGB = 0.50288
 
 
-def load(path: Path, *, scale: float = 1.0, up: str = "z") -> LoadedMesh:
+def load(path: Path, *, scale: float = 1.0, up: str = "z") -> MeshPart:
     """The only mesh of a file."""
     (mesh,) = load_mesh_file(MeshFile(path, scale, up))
     return mesh
 
 
-def normal(mesh: LoadedMesh) -> np.ndarray:
+def normal(mesh: MeshPart) -> np.ndarray:
     a, b, c = mesh.corners[0]
     cross: np.ndarray = np.cross(b - a, c - a)
     return cross / np.linalg.norm(cross)
@@ -146,9 +144,6 @@ def test_node_transforms_of_a_scene_apply(tmp_path: Path) -> None:
     )
 
 
-# ---- what cannot be read
-
-
 @pytest.mark.parametrize("ending", ["glb", "gltf", "obj", "ply", "stl", "dae"])
 @pytest.mark.parametrize(
     "content",
@@ -174,11 +169,11 @@ def test_truncated_file_is_rejected(tmp_path: Path, ending: str) -> None:
         load_mesh_file(MeshFile(path))
 
 
-@pytest.mark.parametrize("name", ["m.xyz", "m", "m.png"])
-def test_file_of_an_unknown_format_is_rejected(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", ["m.xyz", "m", "m.png", "m.zip", "m.zae", "m.tar.gz", "m.3dxml"])
+def test_file_of_an_unknown_format_is_rejected_by_its_name(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text("1 2 3\n")
-    with pytest.raises(ConfigError, match="expected a"):
+    with pytest.raises(ConfigError, match=r"a mesh file of a known format: \.glb"):
         load_mesh_file(MeshFile(path))
 
 
@@ -259,16 +254,6 @@ def test_square_with_one_texture_coordinate_shows_that_texel(
     assert np.ptp(mesh.appearance.uv, axis=(0, 1)).tolist() == [0.0, 0.0]
 
 
-def test_mesh_without_a_finite_triangle_is_rejected(tmp_path: Path) -> None:
-    path = tmp_path / "m.obj"
-    path.write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    with pytest.raises(ConfigError, match="at least one triangle"):
-        load_mesh_file(MeshFile(path))
-
-
-# Sizes that files announce.
-
-
 def write_glb(folder: Path, change: Callable[[dict[str, Any]], None]) -> Path:
     """The plain square as glTF with its JSON changed."""
     path = export_mesh(make_plain_square(), folder / "m.glb")
@@ -335,14 +320,6 @@ def test_image_of_a_mesh_that_announces_gigabytes_is_rejected_undecoded(
     (image_path,) = tmp_path.glob("*.png")
     image_path.write_bytes(make_announcing_png(12_000, 12_000))
     with pytest.raises(ConfigError, match=r"\.png: Texture='12000 x 12000 px'.* MiB"):
-        load_mesh_file(MeshFile(path))
-
-
-@pytest.mark.parametrize("suffix", ["zip", "zae", "tar.gz", "3dxml"])
-def test_archive_is_rejected_by_its_name(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"m.{suffix}"
-    path.write_bytes(b"PK")
-    with pytest.raises(ConfigError, match=r"a mesh file of a known format: \.glb"):
         load_mesh_file(MeshFile(path))
 
 

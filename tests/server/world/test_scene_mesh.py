@@ -1,8 +1,4 @@
-"""From a world to one triangle soup: positions, appearance, items.
-
-Landmark shapes: positions and colours as the landmark file documents.
-
-Items as triangles: poses, materials in place of a file's own, lights off."""
+"""From a world to one triangle soup: positions, appearance, items, landmarks."""
 
 from __future__ import annotations
 
@@ -17,14 +13,7 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.runtime.memory import MIB, MemoryBudget
-from catoptra_server.world.scene_mesh import (
-    WHITE,
-    ItemLoader,
-    ItemPart,
-    SceneMesh,
-    build_scene,
-    items_from_landmark,
-)
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shapes import facet_normals
 from catoptra_server.world.world_description import (
     Box,
@@ -119,9 +108,6 @@ def test_scene_is_read_only() -> None:
         scene.corners[0, 0, 0] = 1.0
 
 
-# Textures.
-
-
 def test_texture_of_an_item_is_on_its_triangles_only(tmp_path: Path) -> None:
     make_quadrant_image().save(tmp_path / "q.png")
     textured = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png")
@@ -147,9 +133,6 @@ def test_scene_larger_than_the_memory_limit_is_rejected_before_it_is_built(shape
         build_scene(world, MemoryBudget(4 * MIB if count > 1 else 1024 * MIB))
 
 
-# Mesh files.
-
-
 def test_mesh_without_a_material_keeps_its_own_appearance(tmp_path: Path) -> None:
     path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
     scene = build_scene(World("w", (make_item(MeshFile(path), None),)))
@@ -164,16 +147,6 @@ def test_mesh_with_a_material_has_that_material(tmp_path: Path) -> None:
     assert scene.texture_index.tolist() == [-1, -1]
     assert scene.unlit.all()
     np.testing.assert_array_equal(scene.albedo, [[1, 0, 0], [1, 0, 0]])
-
-
-def test_mesh_is_transformed_by_its_pose(tmp_path: Path) -> None:
-    path = export_mesh(make_plain_square(), tmp_path / "m.stl")
-    scene = build_scene(World("w", (make_item(MeshFile(path), x_m=7.0),)))
-    centre = 0.5 * (scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1)))
-    np.testing.assert_allclose(centre, (7.0, 0.0, 0.0), atol=1e-6)  # STL keeps float32
-
-
-# Colours that vary over a triangle.
 
 
 def write_colourful_square(folder: Path) -> Path:
@@ -197,9 +170,6 @@ def test_corner_albedos_of_one_mesh_stand_beside_plain_triangles(tmp_path: Path)
     np.testing.assert_array_equal(scene.corner_albedo[:12], 0.5)
     np.testing.assert_array_equal(scene.corner_albedo[12], np.eye(3))
     np.testing.assert_allclose(scene.albedo, scene.corner_albedo.mean(axis=1))
-
-
-# The box around all triangles.
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 0.3])
@@ -269,7 +239,7 @@ def bounds(scene: SceneMesh, part: str) -> tuple[Floats, Floats]:
 @pytest.mark.parametrize(
     ("part", "bottom", "top", "albedo"),
     [
-        ("b.post", 0.0, 0.2, WHITE),
+        ("b.post", 0.0, 0.2, (0.8, 0.8, 0.8)),
         ("b.lower", 0.2, 0.3, ALBEDOS["yellow"]),
         ("b.upper", 0.3, 0.4, ALBEDOS["magenta"]),
     ],
@@ -281,15 +251,14 @@ def test_beacon_has_its_bands_at_the_documented_heights(
     lower, upper = bounds(scene, part)
     np.testing.assert_allclose(lower, (1.3, -1.95, bottom), atol=1e-9)
     np.testing.assert_allclose(upper, (1.4, -1.85, top), atol=1e-9)
-    item = items_from_landmark(BEACON, ALBEDOS)[scene.item_names.index(part)]
-    assert isinstance(item.shape, Cylinder)
-    assert item.material is not None
-    assert item.material.albedo == albedo
+    own = scene.item_index == scene.item_names.index(part)
+    assert own.sum() == len(build_scene(World("w", (make_item(Cylinder(1.0, 1.0)),))))
+    np.testing.assert_array_equal(np.unique(scene.albedo[own], axis=0), [albedo])
 
 
 def test_beacon_with_a_band_at_the_floor_has_no_post() -> None:
     low = Landmark("b", "beacon", 0, 0, 0.1, 0.1, 0.0, 0.4, "cyan", "cyan")
-    assert [item.name for item in items_from_landmark(low, ALBEDOS)] == ["b.lower", "b.upper"]
+    assert build_landmark(low).item_names == ("b.lower", "b.upper")
 
 
 @pytest.mark.parametrize(("goal", "outward"), [(GOAL, 1.0), (OTHER_GOAL, -1.0)])
@@ -318,39 +287,33 @@ WORLD_LINE = SourceLocation("house.ini", 12)
 TURNED = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
 
 
-def load(item: Item) -> list[ItemPart]:
-    return list(ItemLoader("w", MemoryBudget()).load_parts(7, item))
-
-
-def make_item_of_item_loader(
-    path: Path, *, material: Material | None = None, unlit: bool | None = None
-) -> Item:
-    return Item("it", MeshFile(path), Pose.identity(), material, unlit=unlit)
+def load_mesh(
+    path: Path,
+    *,
+    pose: Pose | None = None,
+    material: Material | None = None,
+    unlit: bool | None = None,
+) -> SceneMesh:
+    """Scene of one mesh file."""
+    item = Item("it", MeshFile(path), pose or Pose.identity(), material, unlit=unlit)
+    return build_scene(World("w", (item,)))
 
 
 @pytest.mark.parametrize("pose", [Pose.identity(), Pose.from_rpy((1.0, 2.0, 3.0)), TURNED])
 def test_mesh_file_is_transformed_by_the_pose_with_its_normals(tmp_path: Path, pose: Pose) -> None:
     path = export_mesh(make_coloured_square(), tmp_path / "m.ply")
-    (part,) = load(Item("it", MeshFile(path), pose, None))
-    (at_origin,) = load(make_item_of_item_loader(path))
-    np.testing.assert_allclose(part.corners, pose.transform_points(at_origin.corners), atol=1e-12)
-    np.testing.assert_allclose(part.normals, facet_normals(part.corners)[0], atol=1e-12)
-    assert part.item == 7
-
-
-def test_shape_has_unit_normals_in_the_world() -> None:
-    (part,) = load(Item("it", Box((1.0, 1.0, 1.0)), TURNED, Material((0.5, 0.5, 0.5))))
-    outward = part.corners.mean(axis=1) - TURNED.translation
-    assert (np.einsum("ni,ni->n", part.normals, outward) > 0.1).all()
-    np.testing.assert_allclose(np.linalg.norm(part.normals, axis=-1), 1.0)
+    placed, at_origin = load_mesh(path, pose=pose), load_mesh(path)
+    expected = pose.transform_points(at_origin.corners)
+    np.testing.assert_allclose(placed.corners, expected, atol=1e-12)
+    np.testing.assert_allclose(placed.normals, facet_normals(placed.corners)[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("unlit", [True, False])
 def test_mesh_file_with_lights_off_keeps_its_colours(tmp_path: Path, unlit: bool) -> None:
     path = export_mesh(make_coloured_square(), tmp_path / "m.ply")
-    (part,) = load(make_item_of_item_loader(path, unlit=unlit))
-    assert part.appearance.unlit is unlit
-    np.testing.assert_array_equal(part.appearance.albedo, [[1.0, 0, 0], [1, 0, 0]])
+    scene = load_mesh(path, unlit=unlit)
+    assert scene.unlit.tolist() == [unlit] * 2
+    np.testing.assert_array_equal(scene.albedo, [[1.0, 0, 0], [1, 0, 0]])
 
 
 @pytest.mark.parametrize(
@@ -359,15 +322,16 @@ def test_mesh_file_with_lights_off_keeps_its_colours(tmp_path: Path, unlit: bool
 def test_item_overrides_what_a_file_says_of_lights(
     tmp_path: Path, unlit: bool | None, expected: list[bool]
 ) -> None:
-    parts = load(make_item_of_item_loader(write_unlit_glb(tmp_path), unlit=unlit))
-    assert sorted(part.appearance.unlit for part in parts) == expected
+    scene = load_mesh(write_unlit_glb(tmp_path), unlit=unlit)
+    of_objects = [scene.unlit[scene.object_index == number] for number in range(2)]
+    assert sorted(bool(unlit.all()) for unlit in of_objects) == expected
+    assert all(unlit.all() == unlit.any() for unlit in of_objects)
 
 
 def test_material_of_the_item_replaces_all_of_the_file(tmp_path: Path) -> None:
-    grey = Material((0.5, 0.5, 0.5))
-    parts = load(make_item_of_item_loader(write_unlit_glb(tmp_path), material=grey))
-    assert [part.appearance.unlit for part in parts] == [False, False]
-    np.testing.assert_array_equal(np.concatenate([p.appearance.albedo for p in parts]), 0.5)
+    scene = load_mesh(write_unlit_glb(tmp_path), material=GREY)
+    assert not scene.unlit.any()
+    np.testing.assert_array_equal(scene.albedo, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -397,7 +361,7 @@ def test_mesh_that_is_unusable_names_the_line_of_the_world(
     (tmp_path / name).write_bytes(content)
     item = Item("house", MeshFile(tmp_path / name), Pose.identity(), None, where=WORLD_LINE)
     with pytest.raises(ConfigError) as caught:
-        list(ItemLoader("world", MemoryBudget()).load_parts(0, item))
+        build_scene(World("world", (item,)))
     assert (caught.value.location, caught.value.key) == (WORLD_LINE, key)
     assert expected in caught.value.expected
     assert str(tmp_path / name) in str(caught.value)
@@ -409,5 +373,5 @@ def test_texture_that_is_unusable_names_the_line_of_the_world(tmp_path: Path) ->
     material = Material((1.0, 1.0, 1.0), texture=image)
     item = Item("wall", Box((1.0, 1.0, 1.0)), Pose.identity(), material, where=WORLD_LINE)
     with pytest.raises(ConfigError) as caught:
-        list(ItemLoader("world", MemoryBudget()).load_parts(0, item))
+        build_scene(World("world", (item,)))
     assert (caught.value.location, caught.value.key) == (WORLD_LINE, "wall.Texture")

@@ -1,6 +1,4 @@
-"""Bound of the radiance of a scene: never exceeded, and close.
-
-Bounds of irradiance and of objects' radiance: never exceeded, and close."""
+"""Bounds of radiance and irradiance: never exceeded, and close."""
 
 from __future__ import annotations
 

@@ -10,7 +10,6 @@ from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shading import (
     facet_irradiance,
     facet_radiance,
-    interpolate_albedo,
     point_irradiance,
     point_lights,
     sample_texture,
@@ -122,24 +121,3 @@ def test_texture_is_bilinear_and_repeats(uv: tuple[float, float], value: float) 
 def test_texture_of_one_texel_is_uniform() -> None:
     uv = np.random.default_rng(1).uniform(-5.0, 5.0, (50, 2))
     np.testing.assert_allclose(sample_texture(np.full((1, 1, 3), 0.7), uv), 0.7)
-
-
-# Colours that vary over a triangle.
-
-CORNER_ALBEDO = np.array([[[0.9, 0.0, 0.1], [0.1, 0.8, 0.1], [0.0, 0.2, 1.0]]])
-
-
-@pytest.mark.parametrize(
-    ("u", "v", "albedo"),
-    [
-        (0.0, 0.0, CORNER_ALBEDO[0, 0]),
-        (1.0, 0.0, CORNER_ALBEDO[0, 1]),
-        (0.0, 1.0, CORNER_ALBEDO[0, 2]),
-        (1 / 3, 1 / 3, CORNER_ALBEDO[0].mean(axis=0)),
-    ],
-)
-def test_albedo_between_corners_is_their_weighted_mean(
-    u: float, v: float, albedo: np.ndarray
-) -> None:
-    found = interpolate_albedo(CORNER_ALBEDO, np.array([u]), np.array([v]))
-    np.testing.assert_allclose(found, [albedo], atol=1e-15)

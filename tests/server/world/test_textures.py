@@ -1,8 +1,4 @@
-"""Levels of textures, footprints of samples, and how much less a fine texture aliases with them.
-
-Image files: modes and formats, damage, and sizes that are announced.
-
-Colours, textures and lighting of meshes as trimesh reads them, written here and read back."""
+"""Image files and their sizes, levels and footprints of samples, and the appearance of meshes."""
 
 from __future__ import annotations
 

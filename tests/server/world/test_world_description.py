@@ -1,10 +1,4 @@
-"""Rejection of invalid descriptions.
-
-sRGB against the numbers of IEC 61966-2-1.
-
-Names and classes of the parts of items.
-
-The report of start places."""
+"""Lights, motion and names of a world; sRGB against the numbers of IEC 61966-2-1."""
 
 from __future__ import annotations
 
@@ -15,7 +9,6 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose, rotation_from_rpy
-from catoptra_protocol.usarsim.reports import StartPose, StartPoses
 from catoptra_server.world.world_description import (
     AT_REST,
     MAX_LIGHT,
@@ -27,11 +20,8 @@ from catoptra_server.world.world_description import (
     SceneObject,
     Twist,
     linear_from_srgb,
-    object_of_part,
-    report_start_poses,
     srgb_from_linear,
 )
-from helpers.robots import make_walled_world
 
 BLACK = (0.0, 0.0, 0.0)
 
@@ -124,18 +114,9 @@ ITEM = Item("office", Box((1.0, 1.0, 1.0)), Pose.identity(), None)
     ],
 )
 def test_node_names_object_and_class(node: str, expected: SceneObject) -> None:
-    assert object_of_part(ITEM, node) == expected
+    assert SceneObject.from_item(ITEM, node) == expected
 
 
 def test_class_of_the_world_file_overrides_the_node() -> None:
     item = Item("office", ITEM.shape, ITEM.world_from_item, None, class_name="furniture")
-    assert object_of_part(item, "chair") == SceneObject("office/chair", "furniture")
-
-
-def test_report_has_the_starts_in_their_order() -> None:
-    assert report_start_poses(make_walled_world().starts) == StartPoses(
-        (
-            StartPose("Centre", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-            StartPose("Aside", (1.0, -2.0, 0.3), (0.1, 0.2, 1.5)),
-        )
-    )
+    assert SceneObject.from_item(item, "chair") == SceneObject("office/chair", "furniture")

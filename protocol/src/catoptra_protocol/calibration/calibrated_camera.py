@@ -3,6 +3,8 @@
 All formats describe right-handed cameras, so a file says nothing of the hand of the pictures that
 it was made from, and a mirrored world fits as well. Catoptra's own mark, a comment or a field, says
 which pictures a file is of. Files of other programs have no mark.
+
+A file of the other hand than the requested pictures is an error, not a mirror image.
 """
 
 from __future__ import annotations

@@ -5,6 +5,10 @@ elevation above the level. Each pixel counts with its whole square, as far as th
 reaches: its centre, its corners and the middles of its edges, between which a pixel's outline bends
 by less than a thousandth of its width. Of a mirror without a viewpoint directions are those of its
 rays. A cone is an axis and a half angle of up to 180 degrees, the smallest around the directions.
+
+Boxes enclose the pixels' squares, not their centres, and are computed from the boundary pixels
+alone. A pole inside an object means all azimuths. Cones are exact where a half space holds the
+object.
 """
 
 from __future__ import annotations

@@ -14,6 +14,9 @@ but one. Source: de Boor, A Practical Guide to Splines, 1978.
 First fold: the angle at which an image radius turns back. Two directions with one image radius
 cannot be told apart, so a camera model ends there, whatever its formula claims: a published
 calibration of a fish-eye lens turns back at 118.3 degrees where its formula reaches 146.6.
+
+Each projection computes its fold from the roots of its derivative; a rim beyond it is rejected with
+both angles.
 """
 
 from __future__ import annotations

@@ -5,6 +5,11 @@ displaces it, scale and centre make pixels. A mirror's image is that of a real c
 looks up into the mirror, and therefore mirrored: with forward up, a landmark on the robot's left
 appears on the right. A lens's image is not; `picture` says which. Domain: angles up to the rim,
 pixels on the disc within it; each function returns a mask beside its value.
+
+A radial projection and an image plane, because all calibrations of the field are: an image radius
+by the angle from the axis (a mirror or a lens), then tangential distortion, a matrix and a centre.
+Plans, bounds, effects, client and page take the projection by its functions of t alone, so a new
+one needs no line there. A stretched plane counts by the factor that bounds it.
 """
 
 from __future__ import annotations

@@ -12,6 +12,9 @@ right-handed, image right x image down = the axis. A mirror turns one of them ro
 camera looks the other way. Calibration files of all formats describe the right-handed picture,
 which is `flipped` for a mirror.
 
+The hand is part of the camera model and of every frame's header. A client may request the other
+hand, which is the same picture turned round.
+
 To add a camera model, implement `RadialCamera`: effects and their bounds need nothing else.
 """
 

@@ -10,6 +10,9 @@
 
 Transforms are called target_from_source. Rotations are listed roll, pitch, yaw (about x, y, z;
 applied in that order about fixed axes), as on USARSim's wire.
+
+USARSim's wire has the same frames, so no sign changes between wire and world. On an upright robot
+the optical axis points straight down.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from typing import ClassVar
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.limits import MAX_COMMAND_NUMBER
-from catoptra_protocol.notes import find_note_error
+from catoptra_protocol.notes import check_note
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.commands_drive import (
@@ -55,9 +55,10 @@ class Note:
             text = base64.b64decode(message.get("Data") or "", validate=True).decode()
         except ValueError as error:  # wrong Base64, or no UTF-8 in it
             raise RemoteProtocolError(f"NOTE {{Data}}: {error}") from error
-        reason = find_note_error(name, text)
-        if reason:
-            raise RemoteProtocolError(f"NOTE: {reason}")
+        try:
+            check_note(name, text)
+        except LocalProtocolError as error:
+            raise RemoteProtocolError(f"NOTE: {error}") from error
         return cls(name, text)
 
     def to_pairs(self) -> Pairs:
@@ -66,9 +67,10 @@ class Note:
         Raises:
             LocalProtocolError: The name or the text is no note's.
         """
-        reason = find_note_error(self.name, self.text)
-        if reason:
-            raise LocalProtocolError(f"NOTE: {reason}")
+        try:
+            check_note(self.name, self.text)
+        except LocalProtocolError as error:
+            raise LocalProtocolError(f"NOTE: {error}") from error
         data = base64.b64encode(self.text.encode()).decode("ascii")
         return (("Name", self.name), ("Data", data))
 
@@ -96,7 +98,7 @@ _FOV_OPCODES = ("FOV", "ZOOM")
 
 
 @dataclass(frozen=True, slots=True)
-class Set:
+class SetCommand:
     """Setting of a part of the robot: an opcode with parameters."""
 
     WORD: ClassVar[str] = "SET"
@@ -111,7 +113,7 @@ class Set:
     """The {FOV rad} of a camera, the form without an opcode."""
 
     @classmethod
-    def from_message(cls, message: Message) -> Set:
+    def from_message(cls, message: Message) -> SetCommand:
         """Parse the message of a line."""
         return cls(
             type=lenient_fields.read_name(message, "Type") or "",
@@ -205,11 +207,11 @@ class Trace:
         )
 
 
-def _set_from_message(message: Message) -> Set | SetViewports:
+def _set_from_message(message: Message) -> SetCommand | SetViewports:
     """Parse a SET: of the viewports, or of any other part."""
     # Viewports have no name and opcode, so their SET has a class of its own.
     is_viewports = (message.get("Type") or "").lower() == "viewports"
-    return SetViewports.from_message(message) if is_viewports else Set.from_message(message)
+    return SetViewports.from_message(message) if is_viewports else SetCommand.from_message(message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,7 +317,7 @@ class GetStartPoses:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class StepCommand:
     """Advance a lockstep clock. Ours: a USARSim server ignores the unknown word."""
 
     WORD: ClassVar[str] = "STEP"
@@ -323,7 +325,7 @@ class Step:
     time_s: float
 
     @classmethod
-    def from_message(cls, message: Message) -> Step:
+    def from_message(cls, message: Message) -> StepCommand:
         """Parse a line; without a time the step is 0 s."""
         # 0 s is a valid step: it reads the sensors without any time passing (SPEC.md 6).
         return cls(lenient_fields.read_number(message, "Time") or 0.0)
@@ -339,13 +341,13 @@ Command = (
     | DriveJoints
     | MultiDrive
     | MisPkg
-    | Set
+    | SetCommand
     | SetViewports
     | Trace
     | GetConf
     | GetGeo
     | GetStartPoses
-    | Step
+    | StepCommand
     | Note
     | ShareControl
 )
@@ -363,7 +365,7 @@ COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
     "GETCONF": GetConf.from_message,
     "GETGEO": GetGeo.from_message,
     "GETSTARTPOSES": GetStartPoses.from_message,
-    "STEP": Step.from_message,
+    "STEP": StepCommand.from_message,
     "NOTE": Note.from_message,
     "SHARE": ShareControl.from_message,
 }
@@ -417,10 +419,10 @@ __all__ = [
     "MisPkg",
     "MultiDrive",
     "Note",
-    "Set",
+    "SetCommand",
     "SetViewports",
     "ShareControl",
-    "Step",
+    "StepCommand",
     "Trace",
     "command_from_message",
     "line_from_command",

@@ -277,7 +277,7 @@ _MODULES = (
 _RAY_MODULES = (
     "catoptra_server.render.trace.ray_caster",
     "catoptra_server.render.trace.mirror_mesh_rays",
-    "catoptra_server.render.trace.reference.engine",
+    "catoptra_server.render.trace.reference.reference_engine",
 )
 # The raster renderer, and what moderngl imports with its first context.
 _RASTER_MODULES = ("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util")

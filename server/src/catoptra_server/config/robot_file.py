@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import TypedDict
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_server.config.cameras import (
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.mirrors_and_lenses import is_lens_camera, read_lens_camera
+from catoptra_server.config.robot_cameras import (
     is_perspective_camera,
     read_omni_camera,
     read_perspective_camera,
 )
-from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.mirrors_and_lenses import is_lens_camera, read_lens_camera
 from catoptra_server.config.robot_parts import (
     is_sensor,
     read_joint_parts,

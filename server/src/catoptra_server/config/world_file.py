@@ -28,6 +28,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import (
     Greeting,
     Report,
+    StartPose,
+    StartPoses,
     line_from_report,
 )
 from catoptra_server.config.ini_file import IniFile
@@ -50,11 +52,9 @@ from catoptra_server.world.world_description import (
     Ring,
     Shape,
     SphereBand,
-    StartPlace,
     Victim,
     World,
     linear_from_srgb,
-    report_start_poses,
 )
 
 # A float32 has steps of 8 mm there, which the renderers would show; beyond is a typing error.
@@ -246,7 +246,7 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     name = section.get_str("Name", path.stem)
     starts = tuple(_read_starts(section.get_structs("PlayerStarts")))
     _require_sendable(section, "Name", Greeting("", name))
-    _require_sendable(section, "PlayerStarts", report_start_poses(starts))
+    _require_sendable(section, "PlayerStarts", StartPoses(starts))
     tags, victims = section.get_structs("RfidTags"), section.get_structs("Victims")
     world = World(
         name=name,
@@ -297,7 +297,7 @@ def _read_landmark_albedos(section: SectionReader) -> dict[str, Rgb]:
     return {name: read_colour(section, name, defaults[name]) for name in BAND_COLOURS}
 
 
-def _read_starts(structs: Sequence[SectionReader]) -> Iterator[StartPlace]:
+def _read_starts(structs: Sequence[SectionReader]) -> Iterator[StartPose]:
     lines: dict[str, int] = {}
     for struct in structs:
         start = _read_start(struct)
@@ -310,8 +310,8 @@ def _read_starts(structs: Sequence[SectionReader]) -> Iterator[StartPlace]:
         yield start
 
 
-def _read_start(struct: SectionReader) -> StartPlace:
-    return StartPlace(
+def _read_start(struct: SectionReader) -> StartPose:
+    return StartPose(
         struct.get_wire_name("Tag"),
         read_position(struct, "Location"),
         struct.get_vector("Rotation", (0.0, 0.0, 0.0)),

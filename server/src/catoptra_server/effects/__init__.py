@@ -1,6 +1,6 @@
 """Effects of scene, lens, mirror and sensor on a camera's image: the table, in optical order.
 
-The order is that of the light: the scene effects come first, since they change the objects, the
+The order follows the light: the scene effects come first, since they change the objects, the
 light, the air or the times that a renderer works on; the image effects follow, from the lens to the
 sensor's white balance. Motion and defocus act before anything that lies on mirror and
 lens, which neither moves nor blurs with the scene. `plan_effects` decides in this order, and both
@@ -11,7 +11,7 @@ To add an image effect:
 1. `<folder>/<name>.py` with a frozen dataclass as in `effect.ImageEffect`: formula, source, domain
    and criterion in the module's docstring; the folder is `medium` (air and lens), `mirror` or
    `sensor`. Mathematics that several effects need goes to `kernels`.
-2. A stage of the kernel: `render/trace/kernel/image_stages`.
+2. A stage of the kernel: `render/trace/kernel/image.py:STAGE_MAKERS`.
 3. A line in EFFECT_TYPES, at the effect's position in optical order.
 
 To add a scene effect: `scene/<name>.py` as in `effect.SceneEffect`, and the line.

@@ -1,12 +1,21 @@
-"""Effects as frozen parameters with a bound on the change they can make, and their configuration.
+"""Effects as frozen parameters with a bound on the change that they can make; their configuration.
 
 A scene effect changes the camera state before a frame is rendered. An image effect changes the
 whole linear image afterwards, so cube faces leave no seams. Images are (h, w, 3); radiance 1 fills
-a pixel's well, and is a white facet at full scale in `scene/shading`.
+a pixel's well, and is a white facet at full scale in `world/shading`.
 
-Inputs of an image effect beside the image and the camera.
+An effect bounds the largest change of any pixel in encoded grey levels, since the sRGB curve is 13
+times as steep in the dark as in linear counts; `auto` leaves out only changes below visibility.
+Noise counts with the largest number that its generator can give. A criterion reads a
+`SceneSummary`, whose fields bound everything that a frame can show, and declares the ones that it
+reads. One threshold serves all effects. Half a pixel and half a grey level are a hundredfold apart:
+a displacement counts with the contrast that the scene can show, so what displaces light is hardly
+ever off by proof, and off by measurement where nothing but flat surfaces is in view.
 
-Summary of a scene for the effects' criteria: bounds on everything a frame can show.
+Effects know no mirror but for four: they take any camera with an optical axis (`RadialCamera`), a
+lens too. An effect that is left out has no pass, program or texture. Each one that runs is a stage
+of its own: a fused one would be faster on llvmpipe, but no effect would have a cost of its own, and
+each new one would meet all others.
 """
 
 from __future__ import annotations
@@ -26,6 +35,99 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.camera_state import ZERO_SEED, CameraState, NoiseSeed
 from catoptra_server.world.world_description import AT_REST, Twist, Vector3
 
+# float64 for references, float32 where a renderer applies an effect to its images.
+Real = TypeVar("Real", np.float32, np.float64)
+
+# Rings of equal width from the image centre to a mirror's rim or a lens's corners. Distances differ
+# by ring: the floor below the robot is near, the surroundings at the rim are far.
+NUM_RINGS = 8
+
+# Message of effects that a camera without a mirror cannot have: `EffectType.needs_mirror`.
+NEEDS_MIRROR = "this effect needs a mirror"
+
+
+class Effect(Protocol):
+    """Frozen, hashable parameters in SI units, and a criterion: common to all effects."""
+
+    def __hash__(self) -> int:
+        """Hash of the parameters: decisions and maps are cached by effect."""
+
+    @property
+    def name(self) -> str:
+        """Key of the effect's mode in robot files, and its stage in timings."""
+
+    @property
+    def changes_scene(self) -> bool:
+        """True: a `SceneEffect`, applied before rendering. False: an `ImageEffect`."""
+
+    @property
+    def reads(self) -> frozenset[str]:
+        """Fields of the summary that `bound` reads; bounds are cached by these fields alone."""
+
+    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
+        """Bound the change of any pixel, never too small.
+
+        Args:
+            summary: Summary of the light that reaches this effect, after the enabled effects
+                before it.
+            camera: Camera of the image.
+        """
+
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
+        """Summary of the light that leaves the effect, for the criteria of later effects."""
+
+
+class SceneEffect(Effect, Protocol):
+    """Effect that changes the camera state before rendering. Folder: `effects/scene`."""
+
+    def apply_to_scene(self, camera_state: CameraState, displacement_px: float) -> CameraState:
+        """Add the effect to a camera state.
+
+        Args:
+            camera_state: State of the exposure, with the scene effects before this one.
+            displacement_px: Largest displacement of the effect's bound; 0 for none.
+        """
+
+
+class ImageEffect(Effect, Protocol):
+    """Effect that changes the linear image. Folders: `effects/medium`, `mirror`, `sensor`.
+
+    `apply` is the definition; the kernel's stage (`render/trace/kernel/image.py`) computes the
+    same in float32, for both renderers.
+    """
+
+    @property
+    def needs_range(self) -> bool:
+        """Whether the effect reads the range of each pixel; renderers then compute ranges."""
+
+    def apply(
+        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
+    ) -> npt.NDArray[Real]:
+        """Return the changed image, a new array of the same type."""
+
+
+def is_scene_effect(effect: Effect) -> TypeGuard[SceneEffect]:
+    """Whether an effect changes the scene, as a type guard."""
+    return effect.changes_scene
+
+
+def is_image_effect(effect: Effect) -> TypeGuard[ImageEffect]:
+    """Whether an effect changes the image, as a type guard."""
+    return not effect.changes_scene
+
+
+@dataclass(frozen=True, slots=True)
+class EffectBound:
+    """Upper bound of the change that an effect makes in any pixel."""
+
+    value: float
+    """Encoded grey levels of 255."""
+    reason: str
+    """For logs, `explain` and the frame header."""
+    displacement_px: float | None = None
+    """Largest distance between the pixel where light belongs and the pixel that receives it; None
+    for an effect that displaces no light."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CaptureContext:
@@ -38,14 +140,6 @@ class CaptureContext:
     inf where a pixel shows the background, and outside the mirror. None where no enabled effect
     needs ranges.
     """
-
-
-EMPTY_CONTEXT = CaptureContext()
-
-
-# Rings of equal width from the image centre to a mirror's rim or a lens's corners. Distances differ
-# by ring: the floor below the robot is near, the surroundings at the rim are far.
-NUM_RINGS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +192,7 @@ class SceneSummary:
     ego_body_max_radiance: float = 0.0
     """Largest radiance of the ego body."""
     ego_body_max_angle_rad: float = 0.0
-    """Largest angle between the optical axis and the ego body; 0 if none of it is in view."""
+    """Largest angle between the optical axis and the ego body; 0 if it is out of view."""
     ego_body_min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS
     """Distance from the viewpoint to the nearest visible point of the ego body, by ring."""
     attached_min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS
@@ -113,16 +207,6 @@ class SceneSummary:
     def visible_min_distances_m(self) -> tuple[float, ...]:
         """Distance to the nearest visible surface, by ring, however that surface moves."""
         return tuple(map(min, self.min_distances_m, self.attached_min_distances_m))
-
-
-# float64 for references, float32 where a renderer applies an effect to its images.
-Real = TypeVar("Real", np.float32, np.float64)
-
-# Message of effects that a camera without a mirror cannot have: `EffectType.needs_mirror`.
-NEEDS_MIRROR = "this effect needs a mirror"
-
-# Fields of a summary that are known without distances, motions and shadows.
-_RADIANCE_FIELDS = frozenset({"max_radiance", "camera_key"})
 
 
 class EffectMode(Enum):
@@ -140,129 +224,6 @@ class DecisionBasis(StrEnum):
     """A bound, before the frame: of an effect that is left out, nothing was computed."""
     MEASURED = "measured"
     """The frame's own pixels, with and without the effect: where a bound alone says "on"."""
-
-
-@dataclass(frozen=True, slots=True)
-class EffectBound:
-    """Upper bound of the change that an effect makes in any pixel."""
-
-    value: float
-    """Encoded grey levels of 255."""
-    reason: str
-    """For logs, `explain` and the frame header."""
-    displacement_px: float | None = None
-    """Largest distance between the pixel where light belongs and the pixel that receives it; None
-    for an effect that displaces no light."""
-
-
-class Effect(Protocol):
-    """Frozen, hashable parameters in SI units, and a criterion: common to all effects."""
-
-    def __hash__(self) -> int:
-        """Hash of the parameters: decisions and maps are cached by effect."""
-
-    @property
-    def name(self) -> str:
-        """Key of the effect's mode in robot files, and its stage in timings."""
-
-    @property
-    def changes_scene(self) -> bool:
-        """True: a `SceneEffect`, applied before rendering. False: an `ImageEffect`."""
-
-    @property
-    def reads(self) -> frozenset[str]:
-        """Fields of the summary that `bound` reads; bounds are cached by these fields alone."""
-
-    def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
-        """Bound the change of any pixel, never too small.
-
-        Args:
-            summary: Summary of the light that reaches this effect, after the enabled effects
-                before it.
-            camera: Camera of the image.
-        """
-
-    def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Summary of the light that leaves the effect, for the criteria of later effects."""
-
-
-class SceneEffect(Effect, Protocol):
-    """Effect that changes the camera state before rendering. Folder: `effects/scene`."""
-
-    def apply_to_scene(self, camera_state: CameraState, displacement_px: float) -> CameraState:
-        """Add the effect to a camera state.
-
-        Args:
-            camera_state: State of the exposure, with the scene effects before this one.
-            displacement_px: Largest displacement of the effect's bound; 0 for none.
-        """
-
-
-class ImageEffect(Effect, Protocol):
-    """Effect that changes the linear image. Folders: `effects/medium`, `mirror`, `sensor`.
-
-    `apply` is the definition; the kernel's stage (`render/trace/kernel/image_stages`) computes the
-    same in float32, for both renderers.
-    """
-
-    @property
-    def needs_range(self) -> bool:
-        """Whether the effect reads the range of each pixel; renderers then compute ranges."""
-
-    def apply(
-        self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
-    ) -> npt.NDArray[Real]:
-        """Return the changed image, a new array of the same type."""
-
-
-def is_scene_effect(effect: Effect) -> TypeGuard[SceneEffect]:
-    """Whether an effect changes the scene, as a type guard."""
-    return effect.changes_scene
-
-
-def is_image_effect(effect: Effect) -> TypeGuard[ImageEffect]:
-    """Whether an effect changes the image, as a type guard."""
-    return not effect.changes_scene
-
-
-@dataclass(frozen=True, slots=True)
-class EffectParameter:
-    """Number of an effect in a camera's section of a robot file."""
-
-    key: str
-    """Key in the robot file; several effects may share one."""
-    field: str
-    """Name of the argument of the effect type's factory."""
-    default: float
-    min_value: float
-    max_value: float
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterFault:
-    """Why an effect with parameters that are all within their ranges cannot be drawn."""
-
-    key: str
-    """Parameter to be changed."""
-    expected: str
-    """An acceptable value, as a phrase."""
-
-
-@dataclass(frozen=True, slots=True)
-class EffectType:
-    """Effect as it is configured: a line of the table in `effects/__init__`."""
-
-    name: str
-    """Key of the mode."""
-    factory: Callable[..., Effect]
-    """Makes the effect of its parameters, by keyword."""
-    parameters: tuple[EffectParameter, ...] = ()
-    needs_mirror: bool = False
-    """Whether only a camera with a mirror can have the effect; others have all the rest."""
-    needs_viewpoint: bool = False
-    """Whether behind a mirror only one with a single viewpoint can have the effect."""
-    find_fault: Callable[[Any], ParameterFault | None] | None = None
-    """Finds what parameters ask for together that cannot be drawn; None: each alone is enough."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,6 +270,9 @@ class EffectSettings:
 
 NO_EFFECT_SETTINGS = EffectSettings()
 
+# Fields of a summary that are known without distances, motions and shadows.
+_RADIANCE_FIELDS = frozenset({"max_radiance", "camera_key"})
+
 
 @lru_cache(maxsize=64)
 def needs_radiance_only(settings: EffectSettings) -> bool:
@@ -317,3 +281,43 @@ def needs_radiance_only(settings: EffectSettings) -> bool:
     Then a frame needs no distance, motion and shadow bounds.
     """
     return all(setting.effect.reads <= _RADIANCE_FIELDS for setting in settings.settings)
+
+
+@dataclass(frozen=True, slots=True)
+class EffectParameter:
+    """Number of an effect in a camera's section of a robot file."""
+
+    key: str
+    """Key in the robot file; several effects may share one."""
+    field: str
+    """Name of the argument of the effect type's factory."""
+    default: float
+    min_value: float
+    max_value: float
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterFault:
+    """Why an effect with parameters that are all within their ranges cannot be drawn."""
+
+    key: str
+    """Parameter to be changed."""
+    expected: str
+    """An acceptable value, as a phrase."""
+
+
+@dataclass(frozen=True, slots=True)
+class EffectType:
+    """Effect as it is configured: a line of the table in `effects/__init__`."""
+
+    name: str
+    """Key of the mode."""
+    factory: Callable[..., Effect]
+    """Makes the effect of its parameters, by keyword."""
+    parameters: tuple[EffectParameter, ...] = ()
+    needs_mirror: bool = False
+    """Whether only a camera with a mirror can have the effect; others have all the rest."""
+    needs_viewpoint: bool = False
+    """Whether behind a mirror only one with a single viewpoint can have the effect."""
+    find_fault: Callable[[Any], ParameterFault | None] | None = None
+    """Finds what parameters ask for together that cannot be drawn; None: each alone is enough."""

@@ -1,13 +1,16 @@
 """Decision before a frame: the effects that the scene calls for, with reasons. Pure, and cached.
 
-Decisions follow optical order: the bound of an effect is that of the light that reaches it, after
-the enabled effects before it.
+A bound below the threshold proves an effect off, and the effect costs nothing. A bound above says
+only that some scene could need the effect: the frame is drawn with it, cell by cell, and its own
+largest change decides what the header says (`EffectPlan.decide_by_frame`). No pilot frame is drawn:
+the frame's own pixels need no reserve, and what is drawn plainly costs little more than a pilot.
 
-Cache of an effect's bounds, keyed by the summary fields that the effect declares to read.
+Decisions follow optical order: an effect is bounded for the light that reaches it, after the
+enabled effects before.
 
-Most frames of a driving robot have a new summary, but only a speed or a distance differs: a bound
-that depends on neither is the same. A bound is a pure function of the declared fields and the
-camera; a test compares the declaration with the fields that each criterion reads.
+The whole plan is cached by summary. Most frames of a driving robot have a new one, but only a speed
+or a distance differs: behind the plan, each effect's bound is cached by the fields that the effect
+declares to read. A test compares the declaration with the fields that each criterion reads.
 """
 
 from __future__ import annotations
@@ -32,36 +35,6 @@ from catoptra_server.effects.effect import (
     is_scene_effect,
 )
 from catoptra_server.world.camera_state import CameraState
-
-# Summaries are rounded to cells, so a drive through a world has some hundreds of them.
-_MAX_ENTRIES = 512
-
-
-class BoundCache:
-    """Bounds of one effect in the images of one camera."""
-
-    def __init__(self, effect: Effect, camera: RadialCamera) -> None:
-        self._effect = effect
-        self._camera = camera
-        self._field_names = tuple(effect.reads)
-        self._bounds: dict[tuple[object, ...], EffectBound] = {}
-
-    def get(self, summary: SceneSummary) -> EffectBound:
-        """Return the effect's bound, computed only for values not met before."""
-        key = tuple(getattr(summary, name) for name in self._field_names)
-        bound = self._bounds.get(key)
-        if bound is None:
-            # First in, first out: a robot leaves cells behind, so the oldest entry is the one
-            # least likely to return.
-            while len(self._bounds) >= _MAX_ENTRIES:
-                self._bounds.pop(next(iter(self._bounds)))
-            bound = self._bounds[key] = self._effect.bound(summary, self._camera)
-        return bound
-
-
-# As many decisions per effect as its cache has bounds.
-_MAX_CACHED_DECISIONS = 512
-_ROW_FORMAT = "{:<20} {:<4}{:<9} {:>7} {:>7} {:>10} {:>7} {:>7}  {}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,24 +104,6 @@ class EffectPlan:
 NO_EFFECTS = EffectPlan()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _EffectEntry:
-    """One setting with the caches of its bounds and decisions for one camera."""
-
-    setting: EffectSetting
-    bound_cache: BoundCache
-    decisions: dict[EffectBound, EffectDecision] = field(default_factory=dict)
-
-
-@lru_cache(maxsize=64)
-def _effect_entries(settings: EffectSettings, camera: RadialCamera) -> tuple[_EffectEntry, ...]:
-    return tuple(
-        _EffectEntry(setting, BoundCache(setting.effect, camera)) for setting in settings.settings
-    )
-
-
-# The whole plan is cached by summary; behind it the entries cache by the fields that each effect
-# reads, since a driving robot has a new summary in most frames.
 @lru_cache(maxsize=256)
 def plan_effects(
     settings: EffectSettings, summary: SceneSummary, camera: RadialCamera
@@ -180,18 +135,12 @@ def plan_effects(
     return EffectPlan(tuple(decisions), tuple(scene_effects), tuple(image_effects), thresholds)
 
 
-def _thresholds(
-    settings: EffectSettings, decisions: Sequence[EffectDecision]
-) -> Mapping[str, float]:
-    """Thresholds of the effects that the frame decides on: the enabled ones in mode auto."""
-    if settings.basis is DecisionBasis.PROVED:
-        return {}
-    # In mode always an effect is drawn everywhere, however little it changes.
-    return {
-        decision.effect: settings.threshold_grey_levels
-        for setting, decision in zip(settings.settings, decisions, strict=True)
-        if setting.mode is EffectMode.AUTO and decision.enabled
-    }
+def apply_scene_effects(camera_state: CameraState, plan: EffectPlan) -> CameraState:
+    """Camera state with all enabled scene effects, in optical order."""
+    for effect in plan.scene_effects:
+        displacement_px = plan.find_displacement_px(effect.name)
+        camera_state = effect.apply_to_scene(camera_state, displacement_px)
+    return camera_state
 
 
 def describe_changes(before: Sequence[EffectDecision], after: Sequence[EffectDecision]) -> str:
@@ -204,60 +153,7 @@ def describe_changes(before: Sequence[EffectDecision], after: Sequence[EffectDec
     )
 
 
-def _decide_by_change(decision: EffectDecision, change: float | None) -> EffectDecision:
-    if change is None:
-        return decision
-    return replace(
-        decision,
-        enabled=change > decision.threshold,
-        basis=DecisionBasis.MEASURED,
-        change=change,
-        reason=f"this frame changes by {change:.3g}; {decision.reason}",
-    )
-
-
-def apply_scene_effects(camera_state: CameraState, plan: EffectPlan) -> CameraState:
-    """Camera state with all enabled scene effects, in optical order."""
-    for effect in plan.scene_effects:
-        displacement_px = plan.find_displacement_px(effect.name)
-        camera_state = effect.apply_to_scene(camera_state, displacement_px)
-    return camera_state
-
-
-def _find_decision(
-    entry: _EffectEntry, summary: SceneSummary, settings: EffectSettings
-) -> EffectDecision:
-    # In every mode: applied twice, the disc of Defocus would blur the blurred image again.
-    by = dict(summary.included_effects).get(entry.setting.effect.name)
-    if by is not None:
-        included = _decide(entry.setting, EffectBound(0.0, f"{by} includes this one"), settings)
-        return replace(included, enabled=False, included_in=by)
-    bound = entry.bound_cache.get(summary)
-    decision = entry.decisions.get(bound)
-    if decision is None:
-        # Cleared whole instead of one by one: bounds repeat far more often than summaries, so the
-        # limit is hardly ever reached.
-        if len(entry.decisions) >= _MAX_CACHED_DECISIONS:
-            entry.decisions.clear()
-        decision = entry.decisions[bound] = _decide(entry.setting, bound, settings)
-    return decision
-
-
-def _decide(setting: EffectSetting, bound: EffectBound, settings: EffectSettings) -> EffectDecision:
-    enabled = {
-        EffectMode.ALWAYS: True,
-        EffectMode.NEVER: False,
-        EffectMode.AUTO: not settings.is_negligible(bound),
-    }[setting.mode]
-    prefix = "" if setting.mode is EffectMode.AUTO else f"{setting.mode.value} by setting; "
-    return EffectDecision(
-        effect=setting.effect.name,
-        enabled=enabled,
-        bound=bound.value,
-        threshold=settings.threshold_grey_levels,
-        reason=f"{prefix}{bound.reason}",
-        displacement_px=bound.displacement_px,
-    )
+_ROW_FORMAT = "{:<20} {:<4}{:<9} {:>7} {:>7} {:>10} {:>7} {:>7}  {}"
 
 
 def format_decisions(decisions: Sequence[EffectDecision], ms: Mapping[str, float]) -> str:
@@ -290,4 +186,109 @@ def _format_row(decision: EffectDecision, ms: float | None) -> str:
         px,
         time_ms,
         decision.reason,
+    )
+
+
+def _decide_by_change(decision: EffectDecision, change: float | None) -> EffectDecision:
+    if change is None:
+        return decision
+    return replace(
+        decision,
+        enabled=change > decision.threshold,
+        basis=DecisionBasis.MEASURED,
+        change=change,
+        reason=f"this frame changes by {change:.3g}; {decision.reason}",
+    )
+
+
+def _thresholds(
+    settings: EffectSettings, decisions: Sequence[EffectDecision]
+) -> Mapping[str, float]:
+    """Thresholds of the effects that the frame decides on: the enabled ones in mode auto."""
+    if settings.basis is DecisionBasis.PROVED:
+        return {}
+    # In mode always an effect is drawn everywhere, however little it changes.
+    return {
+        decision.effect: settings.threshold_grey_levels
+        for setting, decision in zip(settings.settings, decisions, strict=True)
+        if setting.mode is EffectMode.AUTO and decision.enabled
+    }
+
+
+# Bounds, and decisions, of one effect in one camera. Summaries are rounded to cells, so a drive
+# through a world has some hundreds of them.
+_MAX_CACHED = 512
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _EffectEntry:
+    """One setting with the caches of its bounds and decisions for one camera."""
+
+    setting: EffectSetting
+    bound_cache: _BoundCache
+    decisions: dict[EffectBound, EffectDecision] = field(default_factory=dict)
+
+
+class _BoundCache:
+    """Bounds of one effect in the images of one camera."""
+
+    def __init__(self, effect: Effect, camera: RadialCamera) -> None:
+        self._effect = effect
+        self._camera = camera
+        self._field_names = tuple(effect.reads)
+        self._bounds: dict[tuple[object, ...], EffectBound] = {}
+
+    def get(self, summary: SceneSummary) -> EffectBound:
+        """Return the effect's bound, computed only for values not met before."""
+        key = tuple(getattr(summary, name) for name in self._field_names)
+        bound = self._bounds.get(key)
+        if bound is None:
+            # First in, first out: a robot leaves cells behind, so the oldest entry is the one
+            # least likely to return.
+            while len(self._bounds) >= _MAX_CACHED:
+                self._bounds.pop(next(iter(self._bounds)))
+            bound = self._bounds[key] = self._effect.bound(summary, self._camera)
+        return bound
+
+
+@lru_cache(maxsize=64)
+def _effect_entries(settings: EffectSettings, camera: RadialCamera) -> tuple[_EffectEntry, ...]:
+    return tuple(
+        _EffectEntry(setting, _BoundCache(setting.effect, camera)) for setting in settings.settings
+    )
+
+
+def _find_decision(
+    entry: _EffectEntry, summary: SceneSummary, settings: EffectSettings
+) -> EffectDecision:
+    # In every mode: applied twice, the disc of Defocus would blur the blurred image again.
+    by = dict(summary.included_effects).get(entry.setting.effect.name)
+    if by is not None:
+        included = _decide(entry.setting, EffectBound(0.0, f"{by} includes this one"), settings)
+        return replace(included, enabled=False, included_in=by)
+    bound = entry.bound_cache.get(summary)
+    decision = entry.decisions.get(bound)
+    if decision is None:
+        # Cleared whole instead of one by one: bounds repeat far more often than summaries, so the
+        # limit is hardly ever reached.
+        if len(entry.decisions) >= _MAX_CACHED:
+            entry.decisions.clear()
+        decision = entry.decisions[bound] = _decide(entry.setting, bound, settings)
+    return decision
+
+
+def _decide(setting: EffectSetting, bound: EffectBound, settings: EffectSettings) -> EffectDecision:
+    enabled = {
+        EffectMode.ALWAYS: True,
+        EffectMode.NEVER: False,
+        EffectMode.AUTO: not settings.is_negligible(bound),
+    }[setting.mode]
+    prefix = "" if setting.mode is EffectMode.AUTO else f"{setting.mode.value} by setting; "
+    return EffectDecision(
+        effect=setting.effect.name,
+        enabled=enabled,
+        bound=bound.value,
+        threshold=settings.threshold_grey_levels,
+        reason=f"{prefix}{bound.reason}",
+        displacement_px=bound.displacement_px,
     )

@@ -1,1 +1,1 @@
-"""What a long-running server needs whatever it serves: memory, queues, faults, logs, options."""
+"""What a long-running server needs, whatever it serves: memory, queues, faults, logs, options."""

@@ -1,14 +1,14 @@
-"""Log of faults that are contained: each with its traceback once, then as a line.
+"""Faults that the server contains, and the signals that end its process.
 
-A fault that a client can cause at will must not fill the log with tracebacks.
+A fault ends the work that raised it: a command, a request, a frame's channel, a robot. The client
+gets a report, and the log a traceback the first time and then a line: a fault that a client can
+cause at will must not fill the log with tracebacks.
 
-End of the process on SIGTERM and SIGINT, within a second in every state.
-
-Python runs signal handlers in the main thread, between two bytecodes: a main thread that imports a
-library, waits for a lock or writes to a full pipe delays them without limit. Here the interpreter's
-wake-up descriptor hands each signal to a thread that does nothing else. Imports only modules that
-the interpreter loads in about a millisecond, so that signals are handled before the server's
-libraries are loaded.
+SIGTERM and SIGINT end the process within a second in every state. Python runs signal handlers in
+the main thread, between two bytecodes: a main thread that imports a library, waits for a lock or
+writes to a full pipe delays them without limit. Here the interpreter's wake-up descriptor hands
+each signal to a thread that does nothing else. This module imports only what the interpreter loads
+in about a millisecond, so that signals are handled before the server's libraries are loaded.
 """
 
 from __future__ import annotations
@@ -25,12 +25,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-# Of distinct faults; a program with more has other problems, and begins anew.
-_MAX_FAULTS = 256
-
-_lock = threading.Lock()
-_logged: set[tuple[str, str, int]] = set()
-
 
 def log_fault(log: logging.Logger, message: str, *args: object) -> None:
     """Log the exception that is being handled, at the first time with its traceback.
@@ -44,6 +38,13 @@ def log_fault(log: logging.Logger, message: str, *args: object) -> None:
     assert error is not None, "to be called while an exception is handled"
     is_new = _record(error)
     log.error(message + ": %r", *args, error, exc_info=error if is_new else None)
+
+
+# Of distinct faults; a program with more has other problems, and begins anew.
+_MAX_FAULTS = 256
+
+_lock = threading.Lock()
+_logged: set[tuple[str, str, int]] = set()
 
 
 def _record(error: BaseException) -> bool:
@@ -67,24 +68,7 @@ def _record(error: BaseException) -> bool:
 # The end is promised within 1 s. An orderly end takes 0.12 s on two cores; the rest of the second
 # is for the last lines of the log, and for a call of a library that holds the interpreter's lock:
 # 0.2 s at most were measured, while 600 000 triangles are loaded.
-GRACE_S = 0.7
-_SIGNALS = (signal.SIGTERM, signal.SIGINT)
-# Ctrl-C has the status that shells give it; SIGTERM is how service managers end a healthy server.
-_STATUS_OF_SIGNAL = {signal.SIGTERM: 0, signal.SIGINT: 130}
-_STDERR = 2
-_INTERRUPTED = b"catoptra-server: interrupted\n"
-
-
-class _Actions(NamedTuple):
-    """Reactions to signals, at one stage of the process."""
-
-    stop: Callable[[], object] | None
-    """Begins an orderly end; None: the process ends at once."""
-    flush: Callable[[], object]
-    """Called before the process ends at once."""
-
-
-_END_AT_ONCE = _Actions(stop=None, flush=lambda: None)
+_GRACE_S = 0.7
 
 
 class Termination:
@@ -92,8 +76,8 @@ class Termination:
 
     The first signal begins an orderly end, where one is registered (`call_on_signal`), for which
     the process has `grace_s`. After that time, at a second signal, or where none is registered, the
-    process ends at once. The exit status is that of the first signal: 0 of SIGTERM, 130 of SIGINT,
-    which is also reported in a line on standard error.
+    process ends at once. The exit status follows from the first signal: 0 after SIGTERM, 130 after
+    SIGINT, which is also reported in a line on standard error.
 
     Args:
         exit_process: ends the process with a status.
@@ -101,7 +85,7 @@ class Termination:
     """
 
     def __init__(
-        self, exit_process: Callable[[int], object] = os._exit, grace_s: float = GRACE_S
+        self, exit_process: Callable[[int], object] = os._exit, grace_s: float = _GRACE_S
     ) -> None:
         self._exit_process = exit_process
         self._grace_s = grace_s
@@ -183,6 +167,25 @@ class Termination:
                 return False
             self._actions.stop()
             return True
+
+
+_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+# Ctrl-C has the status that shells give it; SIGTERM is how service managers end a healthy server.
+_STATUS_OF_SIGNAL = {signal.SIGTERM: 0, signal.SIGINT: 130}
+_STDERR = 2
+_INTERRUPTED = b"catoptra-server: interrupted\n"
+
+
+class _Actions(NamedTuple):
+    """Reactions to signals, at one stage of the process."""
+
+    stop: Callable[[], object] | None
+    """Begins an orderly end; None: the process ends at once."""
+    flush: Callable[[], object]
+    """Called before the process ends at once."""
+
+
+_END_AT_ONCE = _Actions(stop=None, flush=lambda: None)
 
 
 def _has_room(descriptor: int) -> bool:

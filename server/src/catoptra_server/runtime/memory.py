@@ -1,20 +1,17 @@
-"""Memory that cameras, meshes and textures would take, compared with a limit before it is taken.
+"""Resources that a server's process may take: memory, descriptors, processors.
 
-Files can announce more than they contain: a PNG of 22 kB has 13 300 px a side, a camera of 16 x 16
-samples a pixel needs 256 rays for each. Sizes are estimated from such numbers alone. The estimates
-are peaks of the resident size, start included, in tests/measurements/memory_per_item.py.
+Files and options can ask for more than a machine has: a PNG of 22 kB has 13 300 px a side, a camera
+of 16 x 16 samples a pixel needs 256 rays for each. Sizes are estimated from such numbers alone and
+compared with a limit before memory is taken. The estimates are peaks of the resident size, start
+included, in tests/measurements/memory_per_item.py.
 
-Dictionary of a limited number of items, without the one used longest ago.
+Freed memory goes back to the system. The C library keeps some for later allocations: up to 64 MiB
+at the end of each of its heaps, and all gaps between what is still in use. Seven views of 193 MB in
+all, as clients get them by trying accuracies, left 62 MB of gaps; closing the gaps takes 0.4 to 9
+ms a view. To return each large array at once (M_MMAP_THRESHOLD, 4 MiB) saves as much and costs a
+frame with all effects 24 ms.
 
-Memory that was freed, given back to the system.
-
-The C library keeps what is freed for later allocations: up to 64 MiB at the end of each of its
-heaps, and all gaps between what is still in use. Preparing a view leaves such gaps, as large as the
-view itself.
-
-Limit of open files of the process: every connection takes at least one descriptor.
-
-Number of processors that this process may use.
+Every connection takes at least one descriptor, so the limit of open files is raised at the start.
 """
 
 from __future__ import annotations
@@ -128,15 +125,15 @@ def _format_mib(num_bytes: int) -> str:
     return str(math.ceil(num_bytes / MIB))
 
 
-K = TypeVar("K")
-V = TypeVar("V")
+_K = TypeVar("_K")
+_V = TypeVar("_V")
 
 
-class LruDict(Generic[K, V]):
+class LruDict(Generic[_K, _V]):
     """Items by key, each made at its first use; no item is None."""
 
     def __init__(
-        self, max_items: int, *, on_remove: Callable[[K], None] = lambda key: None
+        self, max_items: int, *, on_remove: Callable[[_K], None] = lambda key: None
     ) -> None:
         """Create an empty dictionary.
 
@@ -146,17 +143,17 @@ class LruDict(Generic[K, V]):
         """
         self._max_items = max_items
         self._on_remove = on_remove
-        self._items: dict[K, V] = {}  # the last used at the end
+        self._items: dict[_K, _V] = {}  # the last used at the end
 
     def __len__(self) -> int:
         """Number of items."""
         return len(self._items)
 
-    def get(self, key: K) -> V | None:
+    def get(self, key: _K) -> _V | None:
         """Item of a key, which does not count as a use."""
         return self._items.get(key)
 
-    def get_or_make(self, key: K, make: Callable[[], V]) -> V:
+    def get_or_make(self, key: _K, make: Callable[[], _V]) -> _V:
         """Item of a key, made by a function if there is none."""
         # Removed and inserted again: dicts keep the order of insertion.
         item = self._items.pop(key, None)
@@ -167,12 +164,12 @@ class LruDict(Generic[K, V]):
             self.remove(next(iter(self._items)))
         return item
 
-    def put(self, key: K, item: V) -> None:
+    def put(self, key: _K, item: _V) -> None:
         """Set the item of a key, in place of another one; `on_remove` is not called for that."""
         self._items.pop(key, None)
         self.get_or_make(key, lambda: item)
 
-    def remove(self, key: K) -> None:
+    def remove(self, key: _K) -> None:
         """Remove the item of a key."""
         del self._items[key]
         self._on_remove(key)
@@ -182,7 +179,7 @@ class LruDict(Generic[K, V]):
         for key in self.keys():
             self.remove(key)
 
-    def keys(self) -> tuple[K, ...]:
+    def keys(self) -> tuple[_K, ...]:
         """Keys, the one used longest ago first."""
         return tuple(self._items)
 
@@ -199,17 +196,17 @@ def _find_malloc_trim() -> Callable[[int], object]:
 
 
 # Limits of a million, as some containers set, suggest tables of that size to libraries.
-MAX_DESCRIPTORS = 65_536
+_MAX_DESCRIPTORS = 65_536
 
 
 def raise_descriptor_limit() -> int:
-    """Raise the soft limit of open files to the hard limit, or to MAX_DESCRIPTORS.
+    """Raise the soft limit of open files to the hard limit, or to _MAX_DESCRIPTORS.
 
     Returns:
         The soft limit now.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = MAX_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, MAX_DESCRIPTORS)
+    wanted = _MAX_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, _MAX_DESCRIPTORS)
     if soft == resource.RLIM_INFINITY or soft >= wanted:
         return soft
     resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))

@@ -1,9 +1,8 @@
-"""Values of command-line options: each function reads one, or raises with the expected form.
+"""Command lines: readers of options' values, and a parser with short errors.
 
-argparse puts the name of a function into its message where the function raises ValueError; these
-raise ArgumentTypeError, whose text is the message. Imported by the doctor: no library.
-
-Parser of a command line whose errors are one line each and a pointer to the help.
+Each reader returns a value, or raises ArgumentTypeError with the expected form. argparse shows that
+text as the message; for a ValueError it would show the name of the function. An error of the parser
+is one line and a pointer to the help. The doctor imports this module: it loads no library.
 """
 
 from __future__ import annotations
@@ -16,21 +15,38 @@ from collections.abc import Callable
 from functools import partial
 from typing import NoReturn
 
-_MULTI_VIEW = re.compile(r"(\d+)x(\d+):(\d+)x(\d+)", re.ASCII)
+_EXIT_USAGE = 2
+
+
+class CommandParser(argparse.ArgumentParser):
+    """argparse without the list of all options in front of every error."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the process with status 2 and a message of two lines."""
+        print(f"{self.prog}: {message}\n`{self.prog} --help` lists the options", file=sys.stderr)
+        raise SystemExit(_EXIT_USAGE)
+
+
+def int_within(name: str, first: int, last: int) -> Callable[[str], int]:
+    """Reader of an integer option within two limits, both included."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            _reject(f"{name} is an integer from {first} to {last}, not {text!r}")
+        if not first <= value <= last:
+            _reject(f"{name} is {first} to {last}, not {value}")
+        return value
+
+    return parse
+
 
 # More than a thousand threads is a typing error that embree would obey.
 _MAX_THREADS = 1024
 
-
-def parse_int_within(text: str, *, name: str, first: int, last: int) -> int:
-    """Integer of an option within two limits, both included."""
-    try:
-        value = int(text)
-    except ValueError:
-        _reject(f"{name} is an integer from {first} to {last}, not {text!r}")
-    if not first <= value <= last:
-        _reject(f"{name} is {first} to {last}, not {value}")
-    return value
+parse_port = int_within("a port", 0, 65535)
+parse_threads = int_within("a number of threads", 0, _MAX_THREADS)
 
 
 def parse_float_within(text: str, *, name: str, last: float = math.inf, unit: str = "") -> float:
@@ -47,6 +63,9 @@ def parse_float_within(text: str, *, name: str, last: float = math.inf, unit: st
     return value
 
 
+parse_non_negative = partial(parse_float_within, name="a tolerance or a budget")
+
+
 def parse_integer(text: str) -> int:
     """Any integer, such as a seed."""
     try:
@@ -55,14 +74,7 @@ def parse_integer(text: str) -> int:
         _reject(f"a seed is an integer, not {text!r}")
 
 
-def int_within(name: str, first: int, last: int) -> Callable[[str], int]:
-    """Reader of an integer option within two limits."""
-    return partial(parse_int_within, name=name, first=first, last=last)
-
-
-parse_port = int_within("a port", 0, 65535)
-parse_threads = int_within("a number of threads", 0, _MAX_THREADS)
-parse_non_negative = partial(parse_float_within, name="a tolerance or a budget")
+_MULTI_VIEW = re.compile(r"(\d+)x(\d+):(\d+)x(\d+)", re.ASCII)
 
 
 def parse_tiles(text: str) -> tuple[int, int, int, int]:
@@ -76,15 +88,3 @@ def parse_tiles(text: str) -> tuple[int, int, int, int]:
 
 def _reject(message: str) -> NoReturn:
     raise argparse.ArgumentTypeError(message) from None
-
-
-EXIT_USAGE = 2
-
-
-class CommandParser(argparse.ArgumentParser):
-    """argparse without the list of all options in front of every error."""
-
-    def error(self, message: str) -> NoReturn:
-        """End the process with status 2 and a message of two lines."""
-        print(f"{self.prog}: {message}\n`{self.prog} --help` lists the options", file=sys.stderr)
-        raise SystemExit(EXIT_USAGE)

@@ -1,9 +1,12 @@
 """Work of many clients in one queue, ordered so that heavy use of one delays no other.
 
 Within a share of the time that a client may use, work is taken in the order of arrival. Work of
-clients above their share waits behind all other work, the least used client first. Long work of
-such a client leaves time to others even while they have none, if they had some a moment ago: a
-viewer that requests frame after frame would otherwise find it begun between two of its requests.
+clients above their share waits behind all other work, the least used client first. One queue in the
+order of arrival let four seconds of one client's scans stop the reports of all for sixteen.
+
+Long work of a client above its share leaves time to others even while none of theirs waits, if some
+did a moment ago: otherwise it would begin between two requests of a viewer that requests frame
+after frame. Without a share the order of arrival decides alone, as lockstep needs it.
 """
 
 from __future__ import annotations
@@ -17,10 +20,10 @@ from typing import Generic, TypeVar
 
 from catoptra_protocol.slotted_dataclass import dataclass
 
-Key = TypeVar("Key", bound=Hashable)
-Item = TypeVar("Item")
+_Key = TypeVar("_Key", bound=Hashable)
+_Item = TypeVar("_Item")
 
-# Use that a client may have at once before its work waits behind that of others.
+# Use that a client may have at once before its work waits behind the others'.
 _BURST_S = 0.005
 # Time that long work leaves to others, as a multiple of its last duration.
 _PAUSE_OF_LONG_WORK = 4.0
@@ -30,10 +33,10 @@ _MAX_IDLE_ACCOUNTS = 256
 
 
 @dataclass(slots=True, eq=False)
-class _Account(Generic[Item]):
+class _Account(Generic[_Item]):
     """Waiting work of one client, and its use of the time above its share."""
 
-    items: deque[tuple[int, Item]] = field(default_factory=deque)
+    items: deque[tuple[int, _Item]] = field(default_factory=deque)
     """Work with the number of its arrival."""
     used_s: float = 0.0
     last_s: float = 0.0
@@ -42,7 +45,7 @@ class _Account(Generic[Item]):
     """Time of the last charge."""
 
 
-class FairQueue(Generic[Key, Item]):
+class FairQueue(Generic[_Key, _Item]):
     """A queue by client. Not thread-safe: the owner holds a lock."""
 
     def __init__(
@@ -56,7 +59,7 @@ class FairQueue(Generic[Key, Item]):
 
         Args:
             share: Part of the time, 0 to 1, that a client may use before its work waits behind
-                that of others; None keeps the order of arrival whatever is used.
+                the others'; None keeps the order of arrival whatever is used.
             patience_s: Age of the last work of a client with less use up to which long work waits
                 for the next; work is long from this duration on. 0 waits for nobody.
             monotonic: Clock, seconds.
@@ -64,7 +67,7 @@ class FairQueue(Generic[Key, Item]):
         self._share = share
         self._patience_s = patience_s
         self._monotonic = monotonic
-        self._accounts: dict[Key, _Account[Item]] = {}
+        self._accounts: dict[_Key, _Account[_Item]] = {}
         self._num_waiting = 0
         self._num_arrived = 0
 
@@ -77,28 +80,28 @@ class FairQueue(Generic[Key, Item]):
         """Number of all items so far, taken and dropped ones included."""
         return self._num_arrived
 
-    def count(self, key: Key) -> int:
+    def count(self, key: _Key) -> int:
         """Number of waiting items of a client."""
         account = self._accounts.get(key)
         return len(account.items) if account else 0
 
-    def newest(self, key: Key) -> Item | None:
+    def newest(self, key: _Key) -> _Item | None:
         """Newest waiting item of a client."""
         account = self._accounts.get(key)
         return account.items[-1][1] if account and account.items else None
 
-    def put(self, key: Key, item: Item) -> None:
+    def put(self, key: _Key, item: _Item) -> None:
         """Append an item to the work of a client."""
         self._num_arrived += 1
         self._num_waiting += 1
         self._accounts.setdefault(key, _Account()).items.append((self._num_arrived, item))
 
-    def replace_newest(self, key: Key, item: Item) -> None:
+    def replace_newest(self, key: _Key, item: _Item) -> None:
         """Put an item in place of the newest waiting one of a client."""
         items = self._accounts[key].items
         items[-1] = (items[-1][0], item)
 
-    def take(self, *, arrived_by: int | None = None) -> tuple[Key, Item] | None:
+    def take(self, *, arrived_by: int | None = None) -> tuple[_Key, _Item] | None:
         """Remove and return the next item with its client; None if none is to be begun now.
 
         Args:
@@ -116,7 +119,7 @@ class FairQueue(Generic[Key, Item]):
         self._num_waiting -= 1
         return key, account.items.popleft()[1]
 
-    def charge(self, key: Key, duration_s: float, *, weight: float = 1.0) -> None:
+    def charge(self, key: _Key, duration_s: float, *, weight: float = 1.0) -> None:
         """Record that work of a client took some time, which counts by a weight as its use."""
         now_s = self._monotonic()
         account = self._accounts.get(key)
@@ -127,28 +130,28 @@ class FairQueue(Generic[Key, Item]):
         if len(self._accounts) > len(self) + _MAX_IDLE_ACCOUNTS:
             self._remove_idle(now_s)
 
-    def write_off(self, key: Key) -> None:
+    def write_off(self, key: _Key) -> None:
         """Forget the time that a client has used."""
         if key in self._accounts:
             self._accounts[key].used_s = 0.0
 
-    def drop(self, key: Key) -> list[Item]:
+    def drop(self, key: _Key) -> list[_Item]:
         """Remove a client, and return its waiting items."""
         account = self._accounts.pop(key, None)
         items = [item for _, item in account.items] if account else []
         self._num_waiting -= len(items)
         return items
 
-    def clear(self) -> list[Item]:
+    def clear(self) -> list[_Item]:
         """Remove all clients, and return all waiting items."""
         return [item for key in list(self._accounts) for item in self.drop(key)]
 
-    def _rank(self, account: _Account[Item], now_s: float) -> tuple[float, int]:
+    def _rank(self, account: _Account[_Item], now_s: float) -> tuple[float, int]:
         used_s = 0.0 if self._share is None else self._present_use_s(account, now_s)
         # Equal for all clients within their share, so that the arrival decides among them.
         return (used_s if used_s > _BURST_S else 0.0, account.items[0][0])
 
-    def _has_active_rival(self, account: _Account[Item], now_s: float) -> bool:
+    def _has_active_rival(self, account: _Account[_Item], now_s: float) -> bool:
         """Whether long work of a client waits for a client with less use, active a moment ago."""
         if account.last_s < self._patience_s:
             return False
@@ -163,7 +166,7 @@ class FairQueue(Generic[Key, Item]):
             if other is not account
         )
 
-    def _present_use_s(self, account: _Account[Item], now_s: float) -> float:
+    def _present_use_s(self, account: _Account[_Item], now_s: float) -> float:
         """Use so far, less the share of the time that has passed since."""
         if not account.used_s:
             return 0.0

@@ -2,7 +2,8 @@
 
 Philox (Salmon et al. 2011) is keyed by a hash of the seed and the names of the source, such as
 ("Run3", "Odometry"); the index of a tick or a frame is the counter. No thread, client or other
-robot changes the numbers of a source.
+robot changes the numbers of a source: a robot's noise follows from seed and robot name, never from
+the order of connections. The experiment's runs are the robots `Run0`, `Run1` and so on.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from functools import partial
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
-from catoptra_protocol.usarsim.commands import Command, Step
+from catoptra_protocol.usarsim.commands import Command, StepCommand
 from catoptra_protocol.usarsim.control_connection import ControlServer
 from catoptra_protocol.usarsim.grammar import Dialect
 from catoptra_protocol.usarsim.reports import CommandResult, Greeting, Report
@@ -102,7 +102,7 @@ class _ControlPeer:
             return self._protocol.receive(data)
 
     def _make_event(self, command: Command) -> CommandReceived | StepRequested:
-        if isinstance(command, Step):
+        if isinstance(command, StepCommand):
             return StepRequested(self, command.time_s, self._reply_step)
         return CommandReceived(self, command)
 

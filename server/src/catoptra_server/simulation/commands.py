@@ -24,7 +24,7 @@ from catoptra_protocol.usarsim.commands import (
     GetGeo,
     MisPkg,
     MultiDrive,
-    Set,
+    SetCommand,
     SetViewports,
     Trace,
 )
@@ -44,7 +44,7 @@ from catoptra_protocol.usarsim.reports import (
 from catoptra_protocol.usarsim.value_format import format_fixed_point
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import ErrorBound
-from catoptra_server.simulation.events import Client
+from catoptra_server.simulation.events import Client, RejectedError
 from catoptra_server.simulation.robot import EnvironmentProvider, Robot
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors import Part, SensorContext
@@ -55,7 +55,7 @@ from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerSensor
 
 
-def execute_set(robot: Robot, command: Set, context: SensorContext) -> list[Report]:
+def execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report]:
     """Execute SET of a part.
 
     Returns:
@@ -71,7 +71,7 @@ def execute_set(robot: Robot, command: Set, context: SensorContext) -> list[Repo
     return [*(readings or ()), result]
 
 
-def _zoom(robot: Robot, command: Set, time_s: float) -> Report:
+def _zoom(robot: Robot, command: SetCommand, time_s: float) -> Report:
     """Zoom the perspective camera of a name, or all of them."""
     requested = command.parse_fov_rad() or 0.0
     cameras = [
@@ -92,7 +92,9 @@ def _zoom(robot: Robot, command: Set, time_s: float) -> Report:
     return CameraResult(time_s, tuple(cameras))
 
 
-def _reset_odometry(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
+def _reset_odometry(
+    robot: Robot, command: SetCommand, context: SensorContext
+) -> list[Report] | None:
     found = [
         s for s in robot.sensors if isinstance(s, OdometrySensor) and _matches_name(command, s.name)
     ]
@@ -101,13 +103,15 @@ def _reset_odometry(robot: Robot, command: Set, context: SensorContext) -> list[
     return [] if found else None
 
 
-def _reset_encoder(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
+def _reset_encoder(
+    robot: Robot, command: SetCommand, context: SensorContext
+) -> list[Report] | None:
     banks = [s for s in robot.sensors if isinstance(s, EncoderBank)]
     # A list inside any(): every bank is reset, not only the first that has the name.
     return [] if any([bank.reset(command.name, context) for bank in banks]) else None
 
 
-def _set_ins_pose(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
+def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report] | None:
     found = [
         s for s in robot.sensors if isinstance(s, InsSensor) and _matches_name(command, s.name)
     ]
@@ -121,22 +125,24 @@ def _set_ins_pose(robot: Robot, command: Set, context: SensorContext) -> list[Re
     return [] if found else None
 
 
-def _scan(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
+def _scan(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report] | None:
     found = [s for s in robot.sensors if isinstance(s, RangeScannerSensor)]
     # Beside the periodic scans, whose schedule does not change.
     scans: list[Report] = [s.read(context) for s in found if _matches_name(command, s.name)]
     return scans or None
 
 
-def _set_max_error(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
+def _set_max_error(
+    robot: Robot, command: SetCommand, context: SensorContext
+) -> list[Report] | None:
     return _set_accuracy_target(robot, command, "max_error_px")
 
 
-def _set_budget(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
+def _set_budget(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report] | None:
     return _set_accuracy_target(robot, command, "budget_ms")
 
 
-def _set_accuracy_target(robot: Robot, command: Set, field: str) -> list[Report] | None:
+def _set_accuracy_target(robot: Robot, command: SetCommand, field: str) -> list[Report] | None:
     """Set one value of an accuracy target, of all omnidirectional cameras without a name."""
     omnis = [omni for omni in robot.omni_cameras if _matches_name(command, omni.name)]
     numbers = command.numeric_params
@@ -152,7 +158,9 @@ def _set_accuracy_target(robot: Robot, command: Set, field: str) -> list[Report]
 
 
 # By type and opcode in lower case. A handler returns the requested readings, None for Failed.
-_HANDLERS: dict[tuple[str, str], Callable[[Robot, Set, SensorContext], list[Report] | None]] = {
+_HANDLERS: dict[
+    tuple[str, str], Callable[[Robot, SetCommand, SensorContext], list[Report] | None]
+] = {
     ("odometry", "reset"): _reset_odometry,
     ("encoder", "reset"): _reset_encoder,
     ("ins", "pose"): _set_ins_pose,
@@ -162,7 +170,7 @@ _HANDLERS: dict[tuple[str, str], Callable[[Robot, Set, SensorContext], list[Repo
 }
 
 
-def _matches_name(command: Set, name: str) -> bool:
+def _matches_name(command: SetCommand, name: str) -> bool:
     return command.name is None or command.name.lower() == name.lower()
 
 
@@ -249,7 +257,7 @@ def _find_parts(robot: Robot, type_: str, name: str | None) -> list[Part]:
 
 
 # The others are executed without power, as in USARSim.
-ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | Set | SetViewports | Trace
+ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | SetCommand | SetViewports | Trace
 
 
 def execute_control(
@@ -273,7 +281,7 @@ def execute_control(
             robot.drive_mission_package(command)
         case SetViewports():
             return [robot.viewports.execute(command, time_s)]
-        case Set():
+        case SetCommand():
             return execute_set(robot, command, robot.sensor_context(time_s, sense()))
         case Trace():
             pass  # accepted: the colour trail of the original editor has no counterpart
@@ -298,19 +306,24 @@ class RemoteControl:
         # Driver by owner, for the robots that roll by the command of another client.
         self._drivers: dict[Client, Client] = {}
 
-    def drive(self, client: Client, name: str, drive: Drive, time_s: float) -> str:
-        """Drive the robot of a name; the reason if the client may not, else an empty text."""
+    def drive(self, client: Client, name: str, drive: Drive, time_s: float) -> None:
+        """Drive the robot of a name.
+
+        Raises:
+            RejectedError: There is none, or its owner does not share its control.
+        """
         found = next((item for item in self._robots.items() if item[1].name == name), None)
         if found is None:
-            return f"there is no robot {name!r}"
+            raise RejectedError(f"there is no robot {name!r}")
         owner, robot = found
         if owner is not client and not robot.shares_control:
-            return f"the owner of robot {name!r} does not share its control (share_control)"
+            raise RejectedError(
+                f"the owner of robot {name!r} does not share its control (share_control)"
+            )
         robot.drive_wheels(drive, time_s)
         self._drivers.pop(owner, None)
         if owner is not client and robot.is_rolling:
             self._drivers[owner] = client
-        return ""
 
     def release(self, owner: Client) -> None:
         """Record that the owner drives the robot itself, or has none any more."""

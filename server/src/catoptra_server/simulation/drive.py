@@ -225,7 +225,7 @@ class _NearbyObstacles:
     ) -> _NearbyObstacles:
         half = (0.5 * body.base.collision_size_m[0], 0.5 * body.base.collision_size_m[1])
         centre = (body.pose.x_m, body.pose.y_m)
-        return cls(obstacles.find_near(centre, math.hypot(*half) + distance_m), half)
+        return cls(obstacles.triangles_near(centre, math.hypot(*half) + distance_m).tolist(), half)
 
     def blocking_rule(self, start: PlanarPose) -> _BlockingRule:
         """Rule for a base that starts at a pose: no contact, or no deeper contact than there."""

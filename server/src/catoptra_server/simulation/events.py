@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol, assert_never
 
+from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED
-from catoptra_protocol.usarsim.commands import Command, Drive, Init, Note, Set
+from catoptra_protocol.usarsim.commands import Command, Drive, Init, Note, SetCommand
 from catoptra_protocol.usarsim.reports import CommandResult, Report
 from catoptra_server.frames.frame import CameraChannel, FrameRendered, FrameRequested
 from catoptra_server.frames.plan.camera import OmniCameraSpec
@@ -46,6 +47,10 @@ class Client(Protocol):
 
     def resume_reading(self) -> None:
         """Continue to post, after `post` returned False."""
+
+
+class RejectedError(CatoptraError):
+    """Work that a client may not have done; the message is the reason, in words for the client."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +216,7 @@ def reply_fault(event: ClientWork, time_s: float) -> None:
     match event:
         case CommandReceived(client, Init()):
             client.reject_init(FAULT_REASON)
-        case CommandReceived(client, Set() as command):
+        case CommandReceived(client, SetCommand() as command):
             name = command.name or ""
             result = CommandResult(time_s, command.type, name, STATUS_FAILED)
             client.deliver([result])

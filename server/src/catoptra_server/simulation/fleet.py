@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from typing import assert_never
 
+from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.usarsim.commands import (
     Command,
     Drive,
@@ -18,13 +20,13 @@ from catoptra_protocol.usarsim.commands import (
     MisPkg,
     MultiDrive,
     Note,
-    Set,
+    SetCommand,
     SetViewports,
     ShareControl,
-    Step,
+    StepCommand,
     Trace,
 )
-from catoptra_protocol.usarsim.reports import Report
+from catoptra_protocol.usarsim.reports import Report, StartPoses
 from catoptra_server.frames.frame import (
     CameraChannel,
     Channel,
@@ -33,12 +35,6 @@ from catoptra_server.frames.frame import (
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.runtime.faults import log_fault
-from catoptra_server.simulation.cameras import (
-    CameraQueries,
-    FleetCameras,
-    FleetEnvironment,
-    set_accuracy_target,
-)
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.commands import (
     ErrorBoundLookup,
@@ -47,14 +43,20 @@ from catoptra_server.simulation.commands import (
     execute_get_conf,
     execute_get_geo,
 )
-from catoptra_server.simulation.events import AccuracyTargetChanged, Client
+from catoptra_server.simulation.events import AccuracyTargetChanged, Client, RejectedError
+from catoptra_server.simulation.fleet_cameras import (
+    CameraQueries,
+    FleetCameras,
+    FleetEnvironment,
+    set_accuracy_target,
+)
 from catoptra_server.simulation.robot import FleetState, Robot, collect_fleet_state
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.sensors.sensor import EmptyScene, RayCaster, SensorEnvironment
 from catoptra_server.simulation.sight import LandmarkVisibility, PixelView
 from catoptra_server.simulation.spawning import PlaceTest, SpawnError, place_robot, unique_name
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.world_description import World, report_start_poses
+from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
 
@@ -135,11 +137,12 @@ class Fleet:
                 if robot is None:
                     self._spawn(client, command, time_s)
             case GetStartPoses():
-                client.deliver([report_start_poses(self._world.starts)])
+                client.deliver([StartPoses(self._world.starts)])
             # Without power, too: notes, configuration and geometry move nothing.
             case Note():
-                # The control port has no reply to a refused note.
-                self.publish(client, command, time_s)
+                # The control port has no reply to a rejected note.
+                with suppress(LocalProtocolError, RejectedError):
+                    self.publish(client, command, time_s)
             case ShareControl(shared):
                 self._remote_control.share(client, shared, time_s)
             case GetConf():
@@ -149,7 +152,13 @@ class Fleet:
                 if robot is not None:
                     client.deliver(execute_get_geo(robot, command))
             case (
-                Drive() | DriveJoints() | MultiDrive() | MisPkg() | Set() | SetViewports() | Trace()
+                Drive()
+                | DriveJoints()
+                | MultiDrive()
+                | MisPkg()
+                | SetCommand()
+                | SetViewports()
+                | Trace()
             ):
                 if robot is not None and robot.has_power(time_s):
                     if isinstance(command, Drive):
@@ -157,7 +166,7 @@ class Fleet:
                     reports = execute_control(robot, command, time_s, partial(self.sense, robot))
                     if reports:
                         client.deliver(reports)
-            case Step():
+            case StepCommand():
                 raise AssertionError("STEP advances the clock: the simulation loop executes it")
             case _:
                 assert_never(command)
@@ -223,14 +232,21 @@ class Fleet:
         """
         return set_accuracy_target(self._robots.get(event.client), event)
 
-    def publish(self, client: Client, note: Note, time_s: float) -> str:
-        """Store a note about a client's robot; the reason if it is refused, else an empty text."""
-        robot = self._robots.get(client)
-        return robot.publish(note, time_s) if robot else "this client has no robot"
+    def publish(self, client: Client, note: Note, time_s: float) -> None:
+        """Store a note about a client's robot.
 
-    def drive_by_name(self, client: Client, name: str, drive: Drive, time_s: float) -> str:
-        """Drive the robot of a name; the reason if the client may not, else an empty text."""
-        return self._remote_control.drive(client, name, drive, time_s)
+        Raises:
+            RejectedError: The client has no robot.
+            LocalProtocolError: The robot has notes of as many other names as it may.
+        """
+        robot = self._robots.get(client)
+        if robot is None:
+            raise RejectedError("this client has no robot")
+        robot.publish(note, time_s)
+
+    def drive_by_name(self, client: Client, name: str, drive: Drive, time_s: float) -> None:
+        """Drive the robot of a name; see `RemoteControl.drive`."""
+        self._remote_control.drive(client, name, drive, time_s)
 
     def halt_robots_driven_by(self, client: Client, time_s: float) -> None:
         """Halt the robots of others that a client drives, which disconnects."""

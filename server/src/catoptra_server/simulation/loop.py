@@ -15,6 +15,7 @@ from collections.abc import Callable
 from enum import Enum
 from typing import assert_never
 
+from catoptra_protocol.errors import LocalProtocolError
 from catoptra_server.frames.frame import Channel, FrameRendered, FrameRequest, FrameRequested
 from catoptra_server.frames.mailbox import NS_PER_S, TICK_NS, TICK_S
 from catoptra_server.runtime.faults import log_fault
@@ -27,6 +28,7 @@ from catoptra_server.simulation.events import (
     LandmarksRequested,
     NotePublished,
     PixelRequested,
+    RejectedError,
     ResetRequested,
     SharedRobotDriven,
     SimulationEvent,
@@ -232,12 +234,22 @@ class Simulation:
                 pixel_reply(self._time_s, view)
             case StateRequested(_, robot, state_reply):
                 state_reply(self._time_s, self._fleet.get_state(robot))
-            case NotePublished(client, note, note_reply):
-                note_reply(self._fleet.publish(client, note, self._time_s))
-            case SharedRobotDriven(client, robot, drive, drive_reply):
-                drive_reply(self._fleet.drive_by_name(client, robot, drive, self._time_s))
+            case NotePublished() | SharedRobotDriven():
+                event.reply(self._attempt(event))
             case _:
                 assert_never(event)
+
+    def _attempt(self, event: NotePublished | SharedRobotDriven) -> str:
+        """Execute work that may be rejected; the reason, empty if it is done."""
+        try:
+            match event:
+                case NotePublished(client, note):
+                    self._fleet.publish(client, note, self._time_s)
+                case SharedRobotDriven(client, robot, drive):
+                    self._fleet.drive_by_name(client, robot, drive, self._time_s)
+        except (LocalProtocolError, RejectedError) as error:
+            return str(error)
+        return ""
 
     def _remove_robot(self, client: Client) -> None:
         self._frame_capture.invalidate()

@@ -11,7 +11,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 
-from catoptra_protocol.notes import find_note_count_error
+from catoptra_protocol.notes import check_note_count
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Drive, MisPkg, Note
@@ -185,12 +185,14 @@ class Robot:
         """Newest note of each name, in the order of the names' first notes."""
         return tuple(self._notes.values())
 
-    def publish(self, note: Note, time_s: float) -> str:
-        """Store a note in place of the one of its name; the reason if there are too many names."""
-        reason = find_note_count_error(self._notes, note.name)
-        if not reason:
-            self._notes[note.name] = PublishedNote(note, time_s)
-        return reason
+    def publish(self, note: Note, time_s: float) -> None:
+        """Store a note in place of the one of its name.
+
+        Raises:
+            LocalProtocolError: The robot has notes of as many other names as it may.
+        """
+        check_note_count(self._notes, note.name)
+        self._notes[note.name] = PublishedNote(note, time_s)
 
     @property
     def bounding_box(self) -> OrientedBox:

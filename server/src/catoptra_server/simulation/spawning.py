@@ -17,6 +17,7 @@ import numpy as np
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Bools, Floats, wrap_angle
 from catoptra_protocol.usarsim.commands import Init
+from catoptra_protocol.usarsim.reports import StartPose
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.frames.image_port import CameraRobot
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
@@ -27,7 +28,6 @@ from catoptra_server.world.robot_shapes import (
     build_ego_body_mesh,
     build_robot_mesh,
 )
-from catoptra_server.world.world_description import StartPlace
 
 
 class RobotMeshes:
@@ -105,7 +105,7 @@ class SpawnError(CatoptraError):
 def place_robot(
     init: Init,
     classes: Sequence[RobotDescription],
-    starts: Sequence[StartPlace],
+    starts: Sequence[StartPose],
     make_place_test: Callable[[RobotDescription, float], PlaceTest],
 ) -> tuple[RobotDescription, PlanarPose, PlanarPose]:
     """Class of a new robot, requested pose, and the nearest pose that is free.
@@ -138,7 +138,7 @@ def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescripti
     raise SpawnError(f"there is no class {name!r}: this server has {names}")
 
 
-def spawn_pose(init: Init, starts: Sequence[StartPlace]) -> PlanarPose:
+def spawn_pose(init: Init, starts: Sequence[StartPose]) -> PlanarPose:
     """Requested pose of a new robot on the floor.
 
     The location precedes the start. Height and tilt of either are ignored: a base that is not on
@@ -157,7 +157,7 @@ def spawn_pose(init: Init, starts: Sequence[StartPlace]) -> PlanarPose:
     return PlanarPose(location_m[0], location_m[1], wrap_angle(rotation_rad[2]))
 
 
-def _find_start(name: str | None, starts: Sequence[StartPlace]) -> StartPlace:
+def _find_start(name: str | None, starts: Sequence[StartPose]) -> StartPose:
     # The first start of the name wins, as for classes.
     for start in starts:
         if name is not None and start.name.lower() == name.lower():

@@ -4,8 +4,9 @@ Rings are equal in image radius, sectors in azimuth. Ring 0 consists of triangle
 polygon is a quadrilateral split in two, so the mesh has S (2R - 1) triangles for N = S R polygons.
 
 Each corner carries the direction that is looked up in the cube. Between corners the direction is
-interpolated linearly over the flat facet: the source of a coarse mesh's error. Source: Schmits &
-Visser 2009, Section 2.2.
+interpolated linearly over the flat facet: the source of a coarse mesh's error. UV and position
+interpolation differ only in the directions' lengths, so both renderers draw these meshes, and the
+paper's comparison needs no OpenGL. Source: Schmits & Visser 2009, Section 2.2.
 """
 
 from __future__ import annotations

@@ -1,12 +1,8 @@
 """Obstacles of a robot's base: the scene's triangles between ankle and mirror height, from above.
 
 A robot is a rectangle on the floor. By the separating axis theorem two convex shapes are disjoint
-exactly if the normal of some edge separates them.
-
-Sorting of many boxes into the cells of a square grid, and rows of numbers that occur once.
-
-A million boxes take 0.1 s: nearly all lie in one cell, the others are repeated for each cell that
-they reach into, and one sort puts the members of a cell side by side.
+exactly if the normal of some edge separates them. Near triangles are found by the cells of a square
+grid. It is built in a thread of its own, beside the renderer's preparation.
 """
 
 from __future__ import annotations
@@ -17,128 +13,26 @@ from dataclasses import field, replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.objects import OrientedBox
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.triangles import row_blocks, sorted_rows
-
-Indices = npt.NDArray[np.intp]
-Cell = tuple[int, int]
-
-
-def cell_members(low: Floats, high: Floats, cell_m: float) -> dict[Cell, Indices]:
-    """Boxes that reach into each cell of a grid.
-
-    Args:
-        low: (2, n) smallest coordinates of each box, n at least 1.
-        high: (2, n) largest coordinates.
-        cell_m: side of a cell; cell (0, 0) begins at the origin.
-
-    Returns:
-        Indices of the boxes by cell; no entry for a cell without any.
-    """
-    first, last = (np.floor(edge / cell_m).astype(np.int32) for edge in (low, high))
-    origin = first.min(axis=1)
-    num_rows = int(last[1].max() - origin[1]) + 1
-    keys = (first[0] - origin[0]) * num_rows + (first[1] - origin[1])
-    boxes, offsets = _further_cells(first, last, num_rows)
-    keys = np.concatenate((keys, keys[boxes] + offsets))
-    # Whole numbers of 16 bits are sorted by counting, five times as fast.
-    order = np.argsort(keys.astype(np.int16) if keys.max() < 2**15 else keys, kind="stable")
-    sorted_keys = keys[order]
-    starts = np.flatnonzero(np.diff(sorted_keys, prepend=-1))
-    members = np.split(np.concatenate((np.arange(len(low.T)), boxes))[order], starts[1:])
-    columns, rows = np.divmod(sorted_keys[starts], num_rows) + origin[:, None]
-    return dict(zip(zip(columns.tolist(), rows.tolist(), strict=True), members, strict=True))
-
-
-def _further_cells(
-    first: npt.NDArray[np.int32], last: npt.NDArray[np.int32], num_rows: int
-) -> tuple[Indices, Indices]:
-    """Index of the box, and distance of keys from its first cell, for each further cell of a box.
-
-    Args:
-        first: (2, n) first column and row of each box.
-        last: (2, n) last column and row.
-        num_rows: Distance of the keys of two columns.
-    """
-    several = np.flatnonzero((first != last).any(axis=0))
-    columns, rows = last[:, several] - first[:, several] + 1
-    counts = columns.astype(np.intp) * rows - 1
-    # 1 to `counts` for each box: positions among its cells, column by column.
-    position = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + 1
-    column, row = np.divmod(position, np.repeat(rows, counts))
-    return np.repeat(several, counts), column * num_rows + row
-
-
-# Odd numbers with bits all over: one for each number of a row of `first_occurrences`.
-_HASH_FACTORS = np.random.default_rng(1).integers(0, 2**63, 16, dtype=np.uint64) * 2 + 1
-
-
-def first_occurrences(values: Floats, rows: Indices) -> Indices:
-    """Those of some rows that equal no earlier one of them.
-
-    Rows are compared by a hash of 64 bits, and in full where two hashes agree. Two equal rows with
-    a different row of the same hash between them would both count.
-
-    Args:
-        values: (n, ...) finite numbers, at most 16 a row.
-        rows: Indices of the rows that are compared, ascending.
-    """
-    hashes = np.zeros(len(rows), dtype=np.uint64)
-    for block in row_blocks(len(rows)):
-        hashes[block] = _hash_rows(sorted_rows(values, rows[block]))
-    # Sorting values takes a third of the time of sorting indices: most scenes end here.
-    if not _has_equal_neighbours(np.sort(hashes)).any():
-        return rows
-    order = np.argsort(hashes, kind="stable")
-    same_hash = np.flatnonzero(_has_equal_neighbours(hashes[order]))
-    earlier, later = rows[order[same_hash]], order[same_hash + 1]
-    is_equal = values[earlier] == values[rows[later]]
-    is_first = np.ones(len(rows), dtype=bool)
-    is_first[later[is_equal.reshape(len(later), -1).all(axis=1)]] = False
-    return rows[is_first]
-
-
-def _hash_rows(values: Floats) -> npt.NDArray[np.uint64]:
-    """(n,) hashes of (n, ...) numbers; those of equal rows are equal."""
-    columns = np.ascontiguousarray(np.moveaxis(values, 0, -1)).reshape(-1, len(values))
-    hashes = np.zeros(len(values), dtype=np.uint64)
-    # -0.0 + 0.0 is 0.0: equal numbers have equal bits.
-    for column, factor in zip((columns + 0.0).view(np.uint64), _HASH_FACTORS, strict=False):
-        # Low bits of round numbers are zeros, which a product alone would keep.
-        hashes = (hashes ^ column ^ (column >> np.uint64(31))) * factor
-    return hashes
-
-
-def _has_equal_neighbours(values: npt.NDArray[np.uint64]) -> Bools:
-    """(n - 1,) whether each value equals the next one."""
-    is_equal: Bools = values[1:] == values[:-1]
-    return is_equal
-
+from catoptra_server.world.triangles import (
+    Indices,
+    cell_members,
+    first_occurrences,
+    row_blocks,
+    sorted_rows,
+)
 
 # Obstacles lower than this are driven over: carpets, lines, sills.
 GROUND_CLEARANCE_M = 0.03
 
-
-# Cells along a side of the grid over the world: a triangle as large as the world lies in all of
-# them, a robot in four.
-_CELLS_PER_SIDE = 64
-_MIN_CELL_M = 0.5
-# Limit of all cells that triangles reach into, each with its triangle: 40 bytes while sorted.
-_OCCUPIED_CELLS_PER_TRIANGLE = 8
-_MIN_OCCUPIED_CELLS = 2**20
 # Three corners (x, y).
 Triangle2D = list[list[float]]
-# Both corners of each edge, and the third.
-_TRIANGLE_EDGES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 
 _NO_TRIANGLES: Floats = np.zeros((0, 3, 2))
-# Triangles that many rectangles are compared with in one operation: 1300 rectangles take 13 MB.
-_TRIANGLES_PER_PORTION = 128
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,13 +47,8 @@ class ObstacleGrid:
     dynamic_triangles: Floats = field(default_factory=lambda: _NO_TRIANGLES)
     """(m, 3, 2) further triangles, in no cell."""
 
-    def find_near(self, centre: tuple[float, float], radius_m: float) -> list[Triangle2D]:
-        """Triangles that reach into a square about a point."""
-        near: list[Triangle2D] = self.triangles_near(centre, radius_m).tolist()
-        return near
-
     def triangles_near(self, centre: tuple[float, float], radius_m: float) -> Floats:
-        """(n, 3, 2) triangles of `find_near`, as an array."""
+        """(n, 3, 2) triangles that reach into a square about a point."""
         columns, rows = (self._cell_range(coordinate, radius_m) for coordinate in centre)
         found = [self.cells[cell] for cell in product(columns, rows) if cell in self.cells]
         triangles = self.dynamic_triangles
@@ -195,6 +84,15 @@ def box_footprint(box: OrientedBox) -> Floats:
     return level[[[0, 1, 2], [0, 2, 3]]]
 
 
+# Cells along a side of the grid over the world: a triangle as large as the world lies in all of
+# them, a robot in four.
+_CELLS_PER_SIDE = 64
+_MIN_CELL_M = 0.5
+# Limit of all cells that triangles reach into, each with its triangle: 40 bytes while sorted.
+_OCCUPIED_CELLS_PER_TRIANGLE = 8
+_MIN_OCCUPIED_CELLS = 2**20
+
+
 def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> ObstacleGrid:
     """Grid of the triangles that reach into a band of heights above the floor z = 0."""
     # A view: of a million triangles outlines of their own would be 48 MB.
@@ -203,7 +101,7 @@ def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> Obs
     for block in row_blocks(len(scene)):
         is_within = _reach_into_band(scene.corners[block], low_m, high_m)
         within.append(block.start + np.flatnonzero(is_within))
-    # From above many triangles of a scene are one: a third of those of the football field remain.
+    # From above many triangles of a scene are one: a third of the football field's remain.
     triangles = first_occurrences(outlines, np.concatenate(within))
     if not len(triangles):
         return ObstacleGrid(_MIN_CELL_M, outlines, {})
@@ -267,6 +165,10 @@ def rectangle_intersects(
     )
 
 
+# Both corners of each edge, and the third.
+_TRIANGLE_EDGES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+
+
 def _has_separating_axis(
     along: list[float], across: list[float], half_size_m: tuple[float, float]
 ) -> bool:
@@ -297,8 +199,7 @@ def penetration_depths(
 ) -> list[float]:
     """Least translation that separates a rectangle from each of some triangles, metres.
 
-    0 for a triangle that the rectangle does not intersect. The arguments are those of
-    `rectangle_intersects`.
+    0 for a triangle that the rectangle does not intersect. Arguments as of `rectangle_intersects`.
     """
     return [
         _penetration_depth(along, across, half_size_m)
@@ -336,6 +237,10 @@ def _penetration_depth(
             corner = along[k] * normal[0] + across[k] * normal[1]
             depth = min(depth, (reach + min(max(edge, corner), -min(edge, corner))) / norm)
     return max(depth, 0.0)
+
+
+# Triangles that many rectangles are compared with in one operation: 1300 rectangles take 13 MB.
+_TRIANGLES_PER_PORTION = 128
 
 
 def rectangles_intersect(

@@ -2,14 +2,14 @@
 
 A triangle soup in the world frame: each triangle has one normal, one material and three texture
 coordinates. Colours belong to materials; only a mesh file with colours at its vertices has colours
-that vary over a triangle.
+that vary over a triangle. Shapes, mesh files and textures are loaded within one memory budget.
 
-Shapes of landmarks, beacons and goals, each built from one row of the landmark file.
+Large meshes are moved in place, in blocks of rows: half of a start with a million triangles was the
+system's time for new pages, of 507 MB then and 355 now.
 
-The file is `catoptra_protocol.landmarks`, from which clients localize: rendered shapes and promised
-positions have one source.
-
-Triangles of a world's items: shapes built, mesh files and textures loaded, within one budget.
+A landmark, beacon or goal, is built from one row of the landmark file
+(`catoptra_protocol.landmarks`), from which clients localize: rendered shapes and promised positions
+have one source.
 """
 
 from __future__ import annotations
@@ -28,10 +28,9 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import BYTES_PER_TRIANGLE, MemoryBudget
-from catoptra_server.world import shapes as primitives
-from catoptra_server.world.mesh_files import load_mesh_file
+from catoptra_server.world.mesh_files import MeshPart, load_mesh_file
 from catoptra_server.world.occlusion_map import OcclusionMap
-from catoptra_server.world.shapes import Patch, bounding_box, facet_normals
+from catoptra_server.world.shapes import bounding_box, build_shape, facet_normals, max_triangles
 from catoptra_server.world.textures import (
     MeshAppearance,
     Texture,
@@ -45,217 +44,10 @@ from catoptra_server.world.world_description import (
     Item,
     Material,
     MeshFile,
-    Primitive,
-    Rectangle,
     Rgb,
-    Ring,
     SceneObject,
-    SphereBand,
     World,
-    object_of_part,
 )
-
-WHITE: Rgb = (0.80, 0.80, 0.80)
-GOAL_WALL_THICKNESS_M = 0.02
-
-
-def items_from_landmark(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
-    """Items of a landmark, with a linear albedo for each colour name."""
-    return {"beacon": _beacon_items, "goal": _goal_items}[landmark.kind](landmark, albedos)
-
-
-def _beacon_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
-    """Beacon: a white post below the band, then the band's lower and upper colour."""
-    centre = landmark.band_centre_m
-    parts = [
-        ("post", 0.0, landmark.band_bottom_m, WHITE),
-        ("lower", landmark.band_bottom_m, centre, albedos[landmark.lower_colour]),
-        ("upper", centre, landmark.band_top_m, albedos[landmark.upper_colour]),
-    ]
-    return tuple(
-        Item(
-            name=f"{landmark.name}.{part}",
-            shape=Cylinder(radius_m=0.5 * landmark.width_m, height_m=top - bottom),
-            world_from_item=Pose.from_rpy((landmark.x_m, landmark.y_m, -0.5 * (bottom + top))),
-            material=Material(albedo),
-            object_name=landmark.name,
-            class_name=landmark.kind,
-        )
-        for part, bottom, top, albedo in parts
-        # A band that begins at the floor has no post.
-        if top > bottom
-    )
-
-
-def _goal_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
-    """Goal: a back and two sides, open towards the world's origin, without floor and top."""
-    # The mouth faces the origin along x: +1 for a goal at positive x, whose back is at larger x.
-    outward = math.copysign(1.0, landmark.x_m)
-    half, height = 0.5 * landmark.width_m, landmark.band_top_m
-    back_x = landmark.x_m + outward * (landmark.depth_m + 0.5 * GOAL_WALL_THICKNESS_M)
-    side_x = landmark.x_m + outward * 0.5 * landmark.depth_m
-    boards = [
-        (
-            "back",
-            back_x,
-            0.0,
-            (GOAL_WALL_THICKNESS_M, landmark.width_m + 2 * GOAL_WALL_THICKNESS_M, height),
-        ),
-        (
-            "left",
-            side_x,
-            -half - 0.5 * GOAL_WALL_THICKNESS_M,
-            (landmark.depth_m, GOAL_WALL_THICKNESS_M, height),
-        ),
-        (
-            "right",
-            side_x,
-            half + 0.5 * GOAL_WALL_THICKNESS_M,
-            (landmark.depth_m, GOAL_WALL_THICKNESS_M, height),
-        ),
-    ]
-    material = Material(albedos[landmark.upper_colour])
-    return tuple(
-        Item(
-            name=f"{landmark.name}.{board}",
-            shape=Box(size),
-            world_from_item=Pose.from_rpy((x, landmark.y_m + y, -0.5 * height)),
-            material=material,
-            object_name=landmark.name,
-            class_name=landmark.kind,
-        )
-        for board, x, y, size in boards
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ItemPart:
-    """Triangles of an item that share an appearance."""
-
-    item: int
-    """Index of the item."""
-    corners: Floats
-    """(n, 3, 3) metres, world frame."""
-    normals: Floats
-    """(n, 3) unit, world frame, from the winding; 0 for a triangle without area."""
-    appearance: MeshAppearance
-    node: str = ""
-    """Node of the item's mesh file; empty for one that has no nodes."""
-
-
-def empty_part() -> ItemPart:
-    """Part without a triangle."""
-    no_vectors = np.zeros((0, 3))
-    appearance = MeshAppearance(no_texture_coordinates(0), no_vectors, None, None, unlit=False)
-    return ItemPart(-1, np.zeros((0, 3, 3)), no_vectors, appearance)
-
-
-class ItemLoader:
-    """Loader of the items of one scene."""
-
-    def __init__(self, world_name: str, memory: MemoryBudget) -> None:
-        """Load nothing yet.
-
-        Args:
-            world_name: named in errors.
-            memory: budget of all triangles and textures.
-        """
-        self._where = SourceLocation(world_name)
-        self._memory = memory
-        self._textures: dict[Path, Texture] = {}
-
-    def load_parts(self, index: int, item: Item) -> Iterator[ItemPart]:
-        """Yield the parts of an item.
-
-        Raises:
-            ConfigError: A mesh or texture file is missing or unusable, or the budget is exceeded.
-        """
-        try:
-            yield from self._load_parts(index, item)
-        except ConfigError as error:
-            if item.where is None:
-                raise
-            # The line that names the file: a mesh may be one of fifty, and refer to others.
-            source = str(error.location)
-            expected = error.expected if source == error.value else f"{error.expected}; {source}"
-            key = f"{item.name}.{error.key}"
-            raise ConfigError(item.where, key=key, value=error.value, expected=expected) from error
-
-    def _load_parts(self, index: int, item: Item) -> Iterator[ItemPart]:
-        if isinstance(item.shape, MeshFile):
-            yield from self._load_mesh_file(index, item, item.shape)
-            return
-        assert item.material is not None, "only mesh files bring materials of their own"
-        num_triangles = primitives.max_triangles(item.shape)
-        self._memory.reserve(
-            BYTES_PER_TRIANGLE * num_triangles,
-            where=self._where,
-            key=item.name,
-            value=f"{num_triangles} triangles",
-            remedy="fewer items, Sectors or Rings",
-        )
-        patch = _build_shape(item.shape)
-        corners = item.world_from_item.transform_points(patch.corners)
-        # The winding alone gives the normal: vertex normals of files are ignored, facets are flat.
-        normals, _ = facet_normals(corners)
-        yield ItemPart(index, corners, normals, self._apply_material(patch.uv, item.material))
-
-    def _load_mesh_file(self, index: int, item: Item, shape: MeshFile) -> Iterator[ItemPart]:
-        for mesh in load_mesh_file(shape, self._memory):
-            appearance = mesh.appearance
-            if item.material is not None:
-                appearance = self._apply_material(appearance.uv, item.material)
-            if item.unlit is not None:
-                appearance = replace(appearance, unlit=item.unlit)
-            _transform_to_world(mesh.corners, mesh.normals, item.world_from_item)
-            yield ItemPart(index, mesh.corners, mesh.normals, appearance, mesh.node)
-
-    def _apply_material(self, uv: Floats, material: Material) -> MeshAppearance:
-        """Appearance of n triangles of a material, with (n, 3, 2) texture coordinates."""
-        albedo = np.broadcast_to(np.array(material.albedo), (len(uv), 3))
-        texture = self._load_texture(material)
-        return MeshAppearance(uv, albedo, None, texture, unlit=material.unlit)
-
-    def _load_texture(self, material: Material) -> Texture | None:
-        """Texture of a material, loaded once for all items that have it."""
-        if material.texture is None:
-            return None
-        path = material.texture.resolve()
-        if path not in self._textures:
-            self._textures[path] = load_texture(path, self._memory)
-        return self._textures[path]
-
-
-def _build_shape(shape: Primitive) -> Patch:
-    match shape:
-        case Box():
-            return primitives.box(shape)
-        case Cylinder():
-            return primitives.cylinder(shape)
-        case Rectangle():
-            return primitives.rectangle(shape)
-        case Ring():
-            return primitives.ring(shape)
-        case SphereBand():
-            return primitives.sphere_band(shape)
-
-
-def _transform_to_world(corners: Floats, normals: Floats, world_from_item: Pose) -> None:
-    """Move (n, 3, 3) corners and (n, 3) normals into the world.
-
-    In place: new arrays of a million triangles are 96 MB, which a process gets page by page in up
-    to 0.2 s.
-    """
-    rotation, translation = world_from_item.rotation, world_from_item.translation
-    if np.array_equal(rotation, np.eye(3)):
-        if translation.any():
-            corners += translation
-        return
-    for block in row_blocks(len(corners)):
-        # Rows of points: a product of n small matrices takes five times as long.
-        moved = world_from_item.transform_points(corners[block].reshape(-1, 3))
-        corners[block] = moved.reshape(-1, 3, 3)
-        normals[block] = world_from_item.rotate_directions(normals[block])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -341,20 +133,22 @@ def build_scene(world: World, memory: MemoryBudget | None = None) -> SceneMesh:
     landmark_items = [
         item
         for landmark in world.landmarks
-        for item in items_from_landmark(landmark, world.landmark_albedos)
+        for item in _items_from_landmark(landmark, world.landmark_albedos)
     ]
     items = (*world.items, *landmark_items)
-    loader = ItemLoader(world.name, memory or MemoryBudget())
+    loader = _ItemLoader(world.name, memory or MemoryBudget())
     parts = [part for index, item in enumerate(items) for part in loader.load_parts(index, item)]
     return _concatenate_parts(parts, items)
 
 
-def _concatenate_parts(parts: list[ItemPart], items: tuple[Item, ...]) -> SceneMesh:
+def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneMesh:
     # An empty world is valid: concatenation needs at least one array of the right shape.
-    parts = parts or [empty_part()]
+    parts = parts or [_make_empty_part()]
     looks = [part.appearance for part in parts]
     counts = [len(part.corners) for part in parts]
-    owners = [object_of_part(items[part.item], part.node) for part in parts if part.item >= 0]
+    owners = [
+        SceneObject.from_item(items[part.item], part.node) for part in parts if part.item >= 0
+    ]
     objects = tuple(dict.fromkeys(owners))
     numbers = {one: index for index, one in enumerate(objects)}
     textures = _distinct_textures(looks)
@@ -409,3 +203,178 @@ def _albedos_at_corners(look: MeshAppearance) -> Floats:
     if look.corner_albedo is not None:
         return look.corner_albedo
     return np.broadcast_to(look.albedo[:, None], (len(look.albedo), 3, 3))
+
+
+def _make_empty_part() -> MeshPart:
+    """Part without a triangle."""
+    no_vectors = np.zeros((0, 3))
+    appearance = MeshAppearance(no_texture_coordinates(0), no_vectors, None, None, unlit=False)
+    return MeshPart(np.zeros((0, 3, 3)), no_vectors, appearance)
+
+
+class _ItemLoader:
+    """Loader of the items of one scene."""
+
+    def __init__(self, world_name: str, memory: MemoryBudget) -> None:
+        """Load nothing yet.
+
+        Args:
+            world_name: named in errors.
+            memory: budget of all triangles and textures.
+        """
+        self._where = SourceLocation(world_name)
+        self._memory = memory
+        self._textures: dict[Path, Texture] = {}
+
+    def load_parts(self, index: int, item: Item) -> Iterator[MeshPart]:
+        """Yield the parts of an item.
+
+        Raises:
+            ConfigError: A mesh or texture file is missing or unusable, or the budget is exceeded.
+        """
+        try:
+            yield from self._load_parts(index, item)
+        except ConfigError as error:
+            if item.where is None:
+                raise
+            # The line that names the file: a mesh may be one of fifty, and refer to others.
+            source = str(error.location)
+            expected = error.expected if source == error.value else f"{error.expected}; {source}"
+            key = f"{item.name}.{error.key}"
+            raise ConfigError(item.where, key=key, value=error.value, expected=expected) from error
+
+    def _load_parts(self, index: int, item: Item) -> Iterator[MeshPart]:
+        if isinstance(item.shape, MeshFile):
+            yield from self._load_mesh_file(index, item, item.shape)
+            return
+        assert item.material is not None, "only mesh files bring materials of their own"
+        num_triangles = max_triangles(item.shape)
+        self._memory.reserve(
+            BYTES_PER_TRIANGLE * num_triangles,
+            where=self._where,
+            key=item.name,
+            value=f"{num_triangles} triangles",
+            remedy="fewer items, Sectors or Rings",
+        )
+        patch = build_shape(item.shape)
+        corners = item.world_from_item.transform_points(patch.corners)
+        # The winding alone gives the normal: vertex normals of files are ignored, facets are flat.
+        normals, _ = facet_normals(corners)
+        look = self._apply_material(patch.uv, item.material)
+        yield MeshPart(corners, normals, look, item=index)
+
+    def _load_mesh_file(self, index: int, item: Item, shape: MeshFile) -> Iterator[MeshPart]:
+        for mesh in load_mesh_file(shape, self._memory):
+            appearance = mesh.appearance
+            if item.material is not None:
+                appearance = self._apply_material(appearance.uv, item.material)
+            if item.unlit is not None:
+                appearance = replace(appearance, unlit=item.unlit)
+            _transform_to_world(mesh.corners, mesh.normals, item.world_from_item)
+            yield replace(mesh, appearance=appearance, item=index)
+
+    def _apply_material(self, uv: Floats, material: Material) -> MeshAppearance:
+        """Appearance of n triangles of a material, with (n, 3, 2) texture coordinates."""
+        albedo = np.broadcast_to(np.array(material.albedo), (len(uv), 3))
+        texture = self._load_texture(material)
+        return MeshAppearance(uv, albedo, None, texture, unlit=material.unlit)
+
+    def _load_texture(self, material: Material) -> Texture | None:
+        """Texture of a material, loaded once for all items that have it."""
+        if material.texture is None:
+            return None
+        path = material.texture.resolve()
+        if path not in self._textures:
+            self._textures[path] = load_texture(path, self._memory)
+        return self._textures[path]
+
+
+def _transform_to_world(corners: Floats, normals: Floats, world_from_item: Pose) -> None:
+    """Move (n, 3, 3) corners and (n, 3) normals into the world.
+
+    In place: new arrays of a million triangles are 96 MB, which a process gets page by page in up
+    to 0.2 s.
+    """
+    rotation, translation = world_from_item.rotation, world_from_item.translation
+    if np.array_equal(rotation, np.eye(3)):
+        if translation.any():
+            corners += translation
+        return
+    for block in row_blocks(len(corners)):
+        # Rows of points: a product of n small matrices takes five times as long.
+        moved = world_from_item.transform_points(corners[block].reshape(-1, 3))
+        corners[block] = moved.reshape(-1, 3, 3)
+        normals[block] = world_from_item.rotate_directions(normals[block])
+
+
+_WHITE: Rgb = (0.80, 0.80, 0.80)
+_GOAL_WALL_THICKNESS_M = 0.02
+
+
+def _items_from_landmark(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
+    """Items of a landmark, with a linear albedo for each colour name."""
+    return {"beacon": _beacon_items, "goal": _goal_items}[landmark.kind](landmark, albedos)
+
+
+def _beacon_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
+    """Beacon: a white post below the band, then the band's lower and upper colour."""
+    centre = landmark.band_centre_m
+    parts = [
+        ("post", 0.0, landmark.band_bottom_m, _WHITE),
+        ("lower", landmark.band_bottom_m, centre, albedos[landmark.lower_colour]),
+        ("upper", centre, landmark.band_top_m, albedos[landmark.upper_colour]),
+    ]
+    return tuple(
+        Item(
+            name=f"{landmark.name}.{part}",
+            shape=Cylinder(radius_m=0.5 * landmark.width_m, height_m=top - bottom),
+            world_from_item=Pose.from_rpy((landmark.x_m, landmark.y_m, -0.5 * (bottom + top))),
+            material=Material(albedo),
+            object_name=landmark.name,
+            class_name=landmark.kind,
+        )
+        for part, bottom, top, albedo in parts
+        # A band that begins at the floor has no post.
+        if top > bottom
+    )
+
+
+def _goal_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
+    """Goal: a back and two sides, open towards the world's origin, without floor and top."""
+    # The mouth faces the origin along x: +1 for a goal at positive x, whose back is at larger x.
+    outward = math.copysign(1.0, landmark.x_m)
+    half, height = 0.5 * landmark.width_m, landmark.band_top_m
+    back_x = landmark.x_m + outward * (landmark.depth_m + 0.5 * _GOAL_WALL_THICKNESS_M)
+    side_x = landmark.x_m + outward * 0.5 * landmark.depth_m
+    boards = [
+        (
+            "back",
+            back_x,
+            0.0,
+            (_GOAL_WALL_THICKNESS_M, landmark.width_m + 2 * _GOAL_WALL_THICKNESS_M, height),
+        ),
+        (
+            "left",
+            side_x,
+            -half - 0.5 * _GOAL_WALL_THICKNESS_M,
+            (landmark.depth_m, _GOAL_WALL_THICKNESS_M, height),
+        ),
+        (
+            "right",
+            side_x,
+            half + 0.5 * _GOAL_WALL_THICKNESS_M,
+            (landmark.depth_m, _GOAL_WALL_THICKNESS_M, height),
+        ),
+    ]
+    material = Material(albedos[landmark.upper_colour])
+    return tuple(
+        Item(
+            name=f"{landmark.name}.{board}",
+            shape=Box(size),
+            world_from_item=Pose.from_rpy((x, landmark.y_m + y, -0.5 * height)),
+            material=material,
+            object_name=landmark.name,
+            class_name=landmark.kind,
+        )
+        for board, x, y, size in boards
+    )

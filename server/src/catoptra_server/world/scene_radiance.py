@@ -1,16 +1,13 @@
-"""Upper bound of the radiance of a scene: branch and bound over its facets.
+"""Upper bounds of the radiance and irradiance in a scene, by branch and bound over its facets.
 
 Every facet first counts with all its light, a texture with its brightest texel of each colour, and
 a point light from the nearest point of a sphere about the facet. The few facets that may be the
 brightest then count by the boxes of their pieces, cut in four until no piece may be a tenth
 brighter than a point of the scene is: four lamps over one large floor do not all stand over the
-same point of it.
+same point of it. 30 ms for a million triangles, and 20 ms more for each point light.
 
-Upper bounds of irradiance in a scene, and of the radiance of dynamic objects.
-
-A point light counts from the nearest point of a facet's box. A dynamic object counts with its own
-brightest colour, turned towards all lights, and with point lights from the nearest point of its
-bounding sphere.
+A dynamic object counts with its own brightest colour, turned towards all lights, and with point
+lights from the nearest point of its bounding sphere.
 """
 
 from __future__ import annotations
@@ -23,7 +20,12 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.world.objects import DynamicObject, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import facet_irradiance, point_irradiance, point_lights
+from catoptra_server.world.shading import (
+    MIN_LIGHT_DISTANCE_M,
+    facet_irradiance,
+    point_irradiance,
+    point_lights,
+)
 from catoptra_server.world.triangles import row_blocks
 from catoptra_server.world.world_description import (
     DirectionalLight,
@@ -33,8 +35,21 @@ from catoptra_server.world.world_description import (
     linear_from_srgb,
 )
 
-MIN_DISTANCE_SQUARED_M2 = 1e-6
-"""Shading clamps the squared distance of a point light to this as well."""
+
+def max_radiance(scene: SceneMesh, world: World) -> float:
+    """Largest radiance in any colour channel, the background's included.
+
+    Visibility and shadows do not count, nor which texel lies where.
+    """
+    facets = _Facets(scene, world)
+    of_blocks = [facets.bound_roughly(block) for block in row_blocks(len(scene))]
+    bounds = np.concatenate([np.zeros(0), *of_blocks])
+    background = max(world.background)
+    if not facets.lamps:
+        return max(background, float(bounds.max(initial=0.0)))
+    return max(background, _refine(facets, bounds, background))
+
+
 # Time between the pose of an exposure and its begin or end.
 _MAX_OFFSET_S = 0.1
 
@@ -49,7 +64,7 @@ def max_object_radiance(dynamic_object: DynamicObject, world: World) -> float:
         towards = np.asarray(light.position_m) - dynamic_object.centre
         reach_m = dynamic_object.mesh.radius_m + _MAX_OFFSET_S * dynamic_object.twist.speed_m_s
         nearest_m = max(0.0, float(np.linalg.norm(towards)) - reach_m)
-        squared_m2 = max(nearest_m**2, MIN_DISTANCE_SQUARED_M2)
+        squared_m2 = max(nearest_m**2, MIN_LIGHT_DISTANCE_M**2)
         irradiance = irradiance + np.asarray(light.intensity) / squared_m2
     unlit, lit = _max_albedos(dynamic_object.mesh)
     return float(np.maximum(unlit, lit * irradiance).max())
@@ -60,6 +75,18 @@ def _max_albedos(mesh: ObjectMesh) -> tuple[Floats, Floats]:
     """(3,) largest albedo of unlit and of lit facets; 0 without any."""
     unlit, lit = mesh.albedo[mesh.unlit], mesh.albedo[~mesh.unlit]
     return unlit.max(axis=0, initial=0.0), lit.max(axis=0, initial=0.0)
+
+
+def _max_irradiance_of_any_facet(world: World) -> Floats:
+    """(3,) largest irradiance of a facet at any orientation, but for point lights."""
+    total = np.zeros(3)
+    for light in world.lights:
+        match light:
+            case HemisphereLight(up, down):
+                total += np.maximum(up, down)
+            case DirectionalLight(_, irradiance):
+                total += np.asarray(irradiance)
+    return total
 
 
 def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floats]:
@@ -77,7 +104,7 @@ def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Fl
     # The nearest point of a box needs no case distinction, and is never farther than the
     # triangle's.
     outside = np.maximum(np.maximum(low - position, position - high), 0.0)
-    squared = np.maximum(np.square(outside).sum(axis=-1), MIN_DISTANCE_SQUARED_M2)
+    squared = np.maximum(np.square(outside).sum(axis=-1), MIN_LIGHT_DISTANCE_M**2)
     irradiance: Floats = np.asarray(light.intensity) / squared[:, None]
     return irradiance, np.sqrt(squared)
 
@@ -89,21 +116,9 @@ def max_facet_irradiance(corners: Floats, normals: Floats, light: PointLight) ->
     # the same all over it, and no greater than any distance.
     to_light = np.asarray(light.position_m) - corners[:, 0]
     height_m = np.maximum(np.einsum("ni,ni->n", normals, to_light), 0.0)
-    distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_DISTANCE_SQUARED_M2**0.5)
+    distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_LIGHT_DISTANCE_M)
     irradiance: Floats = np.asarray(light.intensity) * (height_m / distance_m**3)[:, None]
     return irradiance
-
-
-def _max_irradiance_of_any_facet(world: World) -> Floats:
-    """(3,) largest irradiance of a facet at any orientation, but for point lights."""
-    total = np.zeros(3)
-    for light in world.lights:
-        match light:
-            case HemisphereLight(up, down):
-                total += np.maximum(up, down)
-            case DirectionalLight(_, irradiance):
-                total += np.asarray(irradiance)
-    return total
 
 
 # A bound this much above a radiance that the scene has is close enough.
@@ -118,21 +133,6 @@ _MAX_ROUNDS = 10
 _EVALUATED = 64
 
 
-def max_radiance(scene: SceneMesh, world: World) -> float:
-    """Largest radiance in any colour channel, the background's included.
-
-    30 ms for a million triangles, and 20 ms more for each point light. Visibility and shadows do
-    not count, nor which texel lies where.
-    """
-    facets = _Facets(scene, world)
-    of_blocks = [facets.bound_roughly(block) for block in row_blocks(len(scene))]
-    bounds = np.concatenate([np.zeros(0), *of_blocks])
-    background = max(world.background)
-    if not facets.lamps:
-        return max(background, float(bounds.max(initial=0.0)))
-    return max(background, _refine(facets, bounds, background))
-
-
 def _refine(facets: _Facets, bounds: Floats, known: float) -> float:
     """Largest radiance of any facet, by (n,) rough bounds; `known` is one that the scene has."""
     brightest = _find_brightest(bounds)
@@ -140,7 +140,7 @@ def _refine(facets: _Facets, bounds: Floats, known: float) -> float:
     index = np.flatnonzero(bounds > _ROUNDED * known)
     corners = facets.scene.corners[index]
     if len(index) > _MAX_PIECES:
-        # Many facets of one brightness: their own boxes say as much as those of pieces would.
+        # Many facets of one brightness: their own boxes say as much as pieces' would.
         of_blocks = (facets.bound(index[block], corners[block]) for block in row_blocks(len(index)))
         return max(float(one.max()) for one in of_blocks)
     bounds = facets.bound(index, corners)
@@ -206,7 +206,7 @@ class _Facets:
         squared_m2 += np.einsum("ni,ni->n", first, first)[:, None]
         nearest_m = np.sqrt(np.maximum(squared_m2, 0.0, out=squared_m2), out=squared_m2)
         nearest_m -= reach_m[:, None]
-        distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_DISTANCE_SQUARED_M2**0.5)
+        distance_m = np.maximum(np.maximum(nearest_m, height_m), MIN_LIGHT_DISTANCE_M)
         factor = height_m / (distance_m * distance_m * distance_m)
         return self._reflect(block, factor @ np.array([lamp.intensity for lamp in self.lamps]))
 

@@ -30,6 +30,10 @@ from catoptra_server.world.world_description import (
 # Lights that a surface can occlude.
 ShadowCastingLight = DirectionalLight | PointLight
 
+MIN_LIGHT_DISTANCE_M = 1e-3
+"""A point light counts from this distance at least: a lamp may touch a surface, where the inverse
+square has no value."""
+
 
 class LitFacets(Protocol):
     """Surfaces to be lit: the triangles of a scene, or of a dynamic object at its pose."""
@@ -70,14 +74,12 @@ def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
 def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -> Floats:
     """(n, 3) irradiance by point lights at (n, 3) points with (n, 3) normals.
 
-    At the light itself, where the inverse square has no value, the irradiance is that of a
-    millimetre.
+    At the light itself the irradiance is as at a millimetre.
     """
     total = np.zeros_like(normals)
     for light in point_lights(lights):
         towards = np.asarray(light.position_m) - points
-        # Light and point may coincide where a lamp touches a surface.
-        squared = np.maximum(np.einsum("ij,ij->i", towards, towards), 1e-6)
+        squared = np.maximum(np.einsum("ij,ij->i", towards, towards), MIN_LIGHT_DISTANCE_M**2)
         cosine = np.maximum(np.einsum("ij,ij->i", towards, normals), 0.0) / np.sqrt(squared)
         total += (cosine / squared)[:, None] * np.asarray(light.intensity)
     return total
@@ -114,7 +116,7 @@ def direction_to_light(light: ShadowCastingLight, points: Floats) -> tuple[Float
         return towards, np.full(len(points), np.inf)
     offset = np.asarray(light.position_m) - points
     distance = np.linalg.norm(offset, axis=-1)
-    return offset / np.maximum(distance, 1e-3)[:, None], distance
+    return offset / np.maximum(distance, MIN_LIGHT_DISTANCE_M)[:, None], distance
 
 
 def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:
@@ -142,18 +144,6 @@ def corner_radiance(facets: LitFacets, corner_albedo: Floats, lights: Iterable[L
     """
     irradiance = facet_irradiance(lights, facets.normals)
     return corner_albedo * np.where(facets.unlit[:, None], 1.0, irradiance)[:, None]
-
-
-def interpolate_albedo(corner_albedo: Floats, u: Floats, v: Floats) -> Floats:
-    """(n, 3) albedos at points of triangles with (n, 3, 3) albedos at the corners.
-
-    Args:
-        u: (n,) barycentric weight of corner 1.
-        v: (n,) barycentric weight of corner 2.
-    """
-    weights = np.stack((1.0 - u - v, u, v), axis=-1)
-    albedo: Floats = np.einsum("ni,nik->nk", weights, corner_albedo)
-    return albedo
 
 
 def sample_texture(linear_texture: Floats, uv: Floats) -> Floats:

@@ -1,12 +1,11 @@
-"""Geometry of many triangles: normals by their winding, areas, and the box around all.
+"""Triangles of the primitive shapes, and the geometry of many triangles.
 
-Components of a coordinate are kept in arrays of their own within a block: NumPy's operations on
-(n, 3) arrays take several times as long.
+Each shape is built in its own frame (SAE: z down) as a `Patch`. Corners are counter-clockwise seen
+from the lit side, so that cross(b - a, c - a) is the outward normal.
 
-Triangles of the primitive shapes, in the shape's own frame (SAE: z down).
-
-Each function returns a `Patch`. Corners are counter-clockwise seen from the lit side, so that
-cross(b - a, c - a) is the outward normal.
+Normals and the box around all serve meshes of a million triangles. Components of a coordinate are
+kept in arrays of their own within a block: NumPy's operations on (n, 3) arrays take several times
+as long.
 """
 
 from __future__ import annotations
@@ -28,9 +27,176 @@ from catoptra_server.world.world_description import (
     SphereBand,
 )
 
-# Coordinates in a row of a reduction: NumPy reduces long rows with vector instructions, rows of
-# three one by one (10 in place of 240 ms for a million triangles). A multiple of three.
-_REDUCTION_ROW = 576
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """Triangles with texture coordinates."""
+
+    corners: Floats
+    """(n, 3, 3) float64 metres."""
+    uv: Floats
+    """(n, 3, 2)."""
+
+    def translate(self, offset_m: tuple[float, float, float]) -> Patch:
+        """Patch moved by an offset."""
+        return Patch(self.corners + np.asarray(offset_m), self.uv)
+
+
+def concatenate(patches: list[Patch]) -> Patch:
+    """All patches as one."""
+    corners = np.concatenate([patch.corners for patch in patches])
+    return Patch(corners, np.concatenate([patch.uv for patch in patches]))
+
+
+def max_triangles(shape: Primitive) -> int:
+    """Number of triangles of a shape, before any is made; triangles without area count."""
+    match shape:
+        case Box():
+            return 12
+        case Cylinder():
+            # The wall, and two discs of as many triangles as a quadrilateral each.
+            return 6 * shape.sectors
+        case Rectangle():
+            return 2
+        case Ring():
+            return 2 * shape.sectors
+        case SphereBand():
+            return 2 * shape.sectors * shape.rings
+
+
+def build_shape(shape: Primitive) -> Patch:
+    """Build the triangles of a shape."""
+    match shape:
+        case Box():
+            return box(shape)
+        case Cylinder():
+            return _cylinder(shape)
+        case Rectangle():
+            return _rectangle(shape)
+        case Ring():
+            return _ring(shape)
+        case SphereBand():
+            return _sphere_band(shape)
+
+
+def box(shape: Box) -> Patch:
+    """Six sides of a box."""
+    x, y, z = (0.5 * length for length in shape.size_m)
+    # Lower left corner of each side, right and up as seen from outside: right x up points outward,
+    # so an image on the side is not mirrored.
+    sides = [
+        ((x, y, z), (0, -2 * y, 0), (0, 0, -2 * z)),
+        ((-x, -y, z), (0, 2 * y, 0), (0, 0, -2 * z)),
+        ((-x, y, z), (2 * x, 0, 0), (0, 0, -2 * z)),
+        ((x, -y, z), (-2 * x, 0, 0), (0, 0, -2 * z)),
+        ((-x, -y, -z), (0, 2 * y, 0), (2 * x, 0, 0)),
+        ((x, -y, z), (0, 2 * y, 0), (-2 * x, 0, 0)),
+    ]
+    return concatenate([_side(origin, right, up) for origin, right, up in sides])
+
+
+def _side(origin: tuple[float, ...], right: tuple[float, ...], up: tuple[float, ...]) -> Patch:
+    o, r, u = (np.asarray(vector, dtype=np.float64) for vector in (origin, right, up))
+    return _quad(o, o + r, o + r + u, o + u)
+
+
+def _quad(a: Floats, b: Floats, c: Floats, d: Floats) -> Patch:
+    """Two triangles of the corners a, b, c, d (counter-clockwise), textured 0..1."""
+    corners = np.array([[a, b, c], [a, c, d]], dtype=np.float64)
+    uv = np.array([[[0, 1], [1, 1], [1, 0]], [[0, 1], [1, 0], [0, 0]]], dtype=np.float64)
+    return Patch(corners, uv)
+
+
+def _cylinder(shape: Cylinder) -> Patch:
+    """Upright _cylinder with two caps."""
+    angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
+    x, y = shape.radius_m * np.cos(angle), shape.radius_m * np.sin(angle)
+    half = 0.5 * shape.height_m
+    # Rings from bottom to top: rows of a grid run up.
+    wall = np.stack([np.stack((x, y, np.full_like(x, z)), -1) for z in (half, -half)])
+    # From outside the angle grows to the left, texture coordinates to the right.
+    u = 1.0 - angle / (2.0 * math.pi)
+    uv = np.stack([np.stack((u, np.full_like(u, v)), -1) for v in (1.0, 0.0)])
+    side = grid(wall, uv)
+    centres = side.corners.mean(axis=1) * (1.0, 1.0, 0.0)
+    bottom, top = _disc(wall[0], outward=(0, 0, 1)), _disc(wall[1], outward=(0, 0, -1))
+    return concatenate([_orient_outward(side, outward=centres), bottom, top])
+
+
+def _disc(rim: Floats, *, outward: tuple[float, float, float]) -> Patch:
+    centre = np.broadcast_to(rim[:-1].mean(axis=0), rim.shape)
+    patch = grid(np.stack((rim, centre)), np.zeros((2, len(rim), 2)))
+    return _orient_outward(patch, outward=np.asarray(outward, dtype=np.float64))
+
+
+def _rectangle(shape: Rectangle) -> Patch:
+    """Level _rectangle that faces up; u runs along +y, v along -x."""
+    x, y = (0.5 * length for length in shape.size_m)
+    points = np.array([[[-x, -y, 0], [-x, y, 0]], [[x, -y, 0], [x, y, 0]]], dtype=np.float64)
+    (ru, rv) = shape.texture_repeat
+    uv = np.array([[[0, rv], [ru, rv]], [[0, 0], [ru, 0]]], dtype=np.float64)
+    return _orient_outward(grid(points, uv), outward=np.array([0.0, 0.0, -1.0]))
+
+
+def _ring(shape: Ring) -> Patch:
+    """Level annulus that faces up."""
+    angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
+    circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), -1)
+    points = np.stack((shape.inner_radius_m * circle, shape.outer_radius_m * circle))
+    return _orient_outward(
+        grid(points, np.zeros((2, len(angle), 2))), outward=np.array([0.0, 0.0, -1.0])
+    )
+
+
+def _sphere_band(shape: SphereBand) -> Patch:
+    """Band of a sphere between two angles from +z, lit from inside."""
+    # The last meridian repeats the first and so closes the band.
+    azimuth = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
+    angle = np.linspace(shape.from_rad, shape.to_rad, shape.rings + 1)[:, None]
+    points = shape.radius_m * np.stack(
+        (
+            np.sin(angle) * np.cos(azimuth),
+            np.sin(angle) * np.sin(azimuth),
+            np.broadcast_to(np.cos(angle), (shape.rings + 1, shape.sectors + 1)),
+        ),
+        axis=-1,
+    )
+    patch = grid(points, np.zeros((*points.shape[:2], 2)))
+    return _orient_outward(patch, outward=-patch.corners.mean(axis=1))
+
+
+def grid(points: Floats, uv: Floats) -> Patch:
+    """Triangles of a grid of points, without those that have no area, as at a pole.
+
+    Counter-clockwise when columns run right and rows run up, seen from the lit side.
+
+    Args:
+        points: (rows + 1, columns + 1, 3).
+        uv: (rows + 1, columns + 1, 2).
+    """
+
+    def corners(values: Floats) -> Floats:
+        a, b = values[:-1, :-1], values[:-1, 1:]
+        d, c = values[1:, :-1], values[1:, 1:]
+        both = np.stack((np.stack((a, b, c), axis=2), np.stack((a, c, d), axis=2)), axis=2)
+        return both.reshape(-1, 3, values.shape[-1])
+
+    triangles = corners(points)
+    edges = triangles[:, 1:] - triangles[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
+    # Relative to the largest: rounding leaves triangles at a pole a tiny area.
+    solid = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-300)
+    return Patch(triangles[solid], corners(uv)[solid])
+
+
+def _orient_outward(patch: Patch, *, outward: Floats) -> Patch:
+    """Patch wound so that its normals point along `outward`, (3,) or (n, 3)."""
+    corners = patch.corners
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normals, np.broadcast_to(outward, normals.shape)) < 0.0
+    order = np.where(inward[:, None], [0, 2, 1], [0, 1, 2])
+    rows = np.arange(len(corners))[:, None]
+    return Patch(corners[rows, order], patch.uv[rows, order])
 
 
 def facet_normals(corners: Floats) -> tuple[Floats, Bools]:
@@ -69,6 +235,11 @@ def hit_normals(normals: Floats, triangles: npt.NDArray[np.int32]) -> Floats:
     return hits
 
 
+# Coordinates in a row of a reduction: NumPy reduces long rows with vector instructions, rows of
+# three one by one (10 in place of 240 ms for a million triangles). A multiple of three.
+_REDUCTION_ROW = 576
+
+
 def bounding_box(corners: Floats) -> tuple[Floats, Floats]:
     """Smallest and largest (3,) coordinates of (n, 3, 3) triangles; inf and -inf without any."""
     flat = corners.reshape(-1)
@@ -80,159 +251,3 @@ def bounding_box(corners: Floats) -> tuple[Floats, Floats]:
         np.minimum(low, rest.min(axis=0, initial=np.inf)),
         np.maximum(high, rest.max(axis=0, initial=-np.inf)),
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Patch:
-    """Triangles with texture coordinates."""
-
-    corners: Floats
-    """(n, 3, 3) float64 metres."""
-    uv: Floats
-    """(n, 3, 2)."""
-
-    def translate(self, offset_m: tuple[float, float, float]) -> Patch:
-        """Patch moved by an offset."""
-        return Patch(self.corners + np.asarray(offset_m), self.uv)
-
-
-def max_triangles(shape: Primitive) -> int:
-    """Number of triangles of a shape, before any is made; triangles without area count."""
-    match shape:
-        case Box():
-            return 12
-        case Cylinder():
-            # The wall, and two discs of as many triangles as a quad each.
-            return 6 * shape.sectors
-        case Rectangle():
-            return 2
-        case Ring():
-            return 2 * shape.sectors
-        case SphereBand():
-            return 2 * shape.sectors * shape.rings
-
-
-def concatenate(patches: list[Patch]) -> Patch:
-    """All patches as one."""
-    corners = np.concatenate([patch.corners for patch in patches])
-    return Patch(corners, np.concatenate([patch.uv for patch in patches]))
-
-
-def quad(a: Floats, b: Floats, c: Floats, d: Floats) -> Patch:
-    """Two triangles of the corners a, b, c, d (counter-clockwise), textured 0..1."""
-    corners = np.array([[a, b, c], [a, c, d]], dtype=np.float64)
-    uv = np.array([[[0, 1], [1, 1], [1, 0]], [[0, 1], [1, 0], [0, 0]]], dtype=np.float64)
-    return Patch(corners, uv)
-
-
-def grid(points: Floats, uv: Floats) -> Patch:
-    """Triangles of a grid of points, without those that have no area, as at a pole.
-
-    Counter-clockwise when columns run right and rows run up, seen from the lit side.
-
-    Args:
-        points: (rows + 1, columns + 1, 3).
-        uv: (rows + 1, columns + 1, 2).
-    """
-
-    def corners(values: Floats) -> Floats:
-        a, b = values[:-1, :-1], values[:-1, 1:]
-        d, c = values[1:, :-1], values[1:, 1:]
-        both = np.stack((np.stack((a, b, c), axis=2), np.stack((a, c, d), axis=2)), axis=2)
-        return both.reshape(-1, 3, values.shape[-1])
-
-    triangles = corners(points)
-    edges = triangles[:, 1:] - triangles[:, :1]
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
-    # Relative to the largest: rounding leaves triangles at a pole a tiny area.
-    solid = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-300)
-    return Patch(triangles[solid], corners(uv)[solid])
-
-
-def box(shape: Box) -> Patch:
-    """Six sides of a box."""
-    x, y, z = (0.5 * length for length in shape.size_m)
-    # Lower left corner of each side, right and up as seen from outside: right x up points outward,
-    # so an image on the side is not mirrored.
-    sides = [
-        ((x, y, z), (0, -2 * y, 0), (0, 0, -2 * z)),
-        ((-x, -y, z), (0, 2 * y, 0), (0, 0, -2 * z)),
-        ((-x, y, z), (2 * x, 0, 0), (0, 0, -2 * z)),
-        ((x, -y, z), (-2 * x, 0, 0), (0, 0, -2 * z)),
-        ((-x, -y, -z), (0, 2 * y, 0), (2 * x, 0, 0)),
-        ((x, -y, z), (0, 2 * y, 0), (-2 * x, 0, 0)),
-    ]
-    return concatenate([_side(origin, right, up) for origin, right, up in sides])
-
-
-def _side(origin: tuple[float, ...], right: tuple[float, ...], up: tuple[float, ...]) -> Patch:
-    o, r, u = (np.asarray(vector, dtype=np.float64) for vector in (origin, right, up))
-    return quad(o, o + r, o + r + u, o + u)
-
-
-def _orient_outward(patch: Patch, *, outward: Floats) -> Patch:
-    """Patch wound so that its normals point along `outward`, (3,) or (n, 3)."""
-    corners = patch.corners
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", normals, np.broadcast_to(outward, normals.shape)) < 0.0
-    order = np.where(inward[:, None], [0, 2, 1], [0, 1, 2])
-    rows = np.arange(len(corners))[:, None]
-    return Patch(corners[rows, order], patch.uv[rows, order])
-
-
-def cylinder(shape: Cylinder) -> Patch:
-    """Upright cylinder with two caps."""
-    angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
-    x, y = shape.radius_m * np.cos(angle), shape.radius_m * np.sin(angle)
-    half = 0.5 * shape.height_m
-    # Rings from bottom to top: rows of a grid run up.
-    wall = np.stack([np.stack((x, y, np.full_like(x, z)), -1) for z in (half, -half)])
-    # From outside the angle grows to the left, texture coordinates to the right.
-    u = 1.0 - angle / (2.0 * math.pi)
-    uv = np.stack([np.stack((u, np.full_like(u, v)), -1) for v in (1.0, 0.0)])
-    side = grid(wall, uv)
-    centres = side.corners.mean(axis=1) * (1.0, 1.0, 0.0)
-    bottom, top = _disc(wall[0], outward=(0, 0, 1)), _disc(wall[1], outward=(0, 0, -1))
-    return concatenate([_orient_outward(side, outward=centres), bottom, top])
-
-
-def _disc(rim: Floats, *, outward: tuple[float, float, float]) -> Patch:
-    centre = np.broadcast_to(rim[:-1].mean(axis=0), rim.shape)
-    patch = grid(np.stack((rim, centre)), np.zeros((2, len(rim), 2)))
-    return _orient_outward(patch, outward=np.asarray(outward, dtype=np.float64))
-
-
-def rectangle(shape: Rectangle) -> Patch:
-    """Level rectangle that faces up; u runs along +y, v along -x."""
-    x, y = (0.5 * length for length in shape.size_m)
-    points = np.array([[[-x, -y, 0], [-x, y, 0]], [[x, -y, 0], [x, y, 0]]], dtype=np.float64)
-    (ru, rv) = shape.texture_repeat
-    uv = np.array([[[0, rv], [ru, rv]], [[0, 0], [ru, 0]]], dtype=np.float64)
-    return _orient_outward(grid(points, uv), outward=np.array([0.0, 0.0, -1.0]))
-
-
-def ring(shape: Ring) -> Patch:
-    """Level annulus that faces up."""
-    angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
-    circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), -1)
-    points = np.stack((shape.inner_radius_m * circle, shape.outer_radius_m * circle))
-    return _orient_outward(
-        grid(points, np.zeros((2, len(angle), 2))), outward=np.array([0.0, 0.0, -1.0])
-    )
-
-
-def sphere_band(shape: SphereBand) -> Patch:
-    """Band of a sphere between two angles from +z, lit from inside."""
-    # The last meridian repeats the first and so closes the band.
-    azimuth = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
-    angle = np.linspace(shape.from_rad, shape.to_rad, shape.rings + 1)[:, None]
-    points = shape.radius_m * np.stack(
-        (
-            np.sin(angle) * np.cos(azimuth),
-            np.sin(angle) * np.sin(azimuth),
-            np.broadcast_to(np.cos(angle), (shape.rings + 1, shape.sectors + 1)),
-        ),
-        axis=-1,
-    )
-    patch = grid(points, np.zeros((*points.shape[:2], 2)))
-    return _orient_outward(patch, outward=-patch.corners.mean(axis=1))

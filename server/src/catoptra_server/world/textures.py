@@ -1,26 +1,23 @@
-"""Image files as textures; the only module of the server that imports Pillow.
+"""Textures: image files, their coarser levels, and the appearance of meshes.
 
-An image file announces its size in the first bytes, long before Pillow decodes it: 22 kB of a PNG
-are 530 MB of pixels. The size is compared with the memory budget in between.
+Image files; no other module of the server imports Pillow. A file announces its size in the first
+bytes, long before Pillow decodes it: 22 kB of a PNG are 530 MB of pixels. The size is compared with
+the memory budget in between.
 
-Textures at ever coarser levels, and which of them a sample sees: no texel is finer than samples.
+Levels: no texel is finer than samples. A sample covers a part of a surface; steps to the two
+neighbouring samples, in texels, are its footprint. Where these are longer than a texel, a look-up
+in the image itself picks single texels of many: a distant pattern flickers. Each level halves the
+one before by the mean of what its texels cover, so a look-up in the level of the footprint averages
+all of it, at the cost of two look-ups. The footprint is an ellipse, a level's texel is a square. At
+a grazing angle the ellipse is long: the level of the longer axis would blur the texture across, the
+level of the shorter one would leave it aliased. As a compromise the longer axis counts at most
+`MAX_STRETCH` times the shorter. Source: Williams 1983 for levels, Igehy 1999 for steps on a
+surface, Heckbert 1989 for the ellipse. Twins: render/trace/kernel/src/texture_levels.h,
+glsl/include/texture_levels.glsl.
 
-Twins: render/trace/kernel/src/texture_levels.h, glsl/include/texture_levels.glsl.
-
-A sample covers a part of a surface; steps to the two neighbouring samples, in texels, are its
-footprint. Where these are longer than a texel, a look-up in the image itself picks single texels of
-many: a distant pattern flickers. Each level halves the one before by the mean of what its texels
-cover, so a look-up in the level of the footprint averages all of it, at the cost of two look-ups.
-
-The footprint is an ellipse, a level's texel is a square. Seen at a grazing angle the ellipse is
-long: the level of its longer axis would blur the texture across it, that of the shorter one would
-leave it aliased. As a compromise the longer axis counts at most `MAX_STRETCH` times the shorter.
-Source: Williams 1983 for levels, Igehy 1999 for steps on a surface, Heckbert 1989 for the ellipse.
-
-Appearance of a mesh as trimesh reads it: colours of corners, faces or material, texture, unlit.
-
-Used as far as the shading model goes. Colours between the corners of a triangle are interpolated in
-linear light, as glTF defines; a mesh whose triangles have one colour each has no corner colours.
+Appearance of a mesh as trimesh reads it: colours of corners, faces or material, texture, unlit, as
+far as the shading model goes. Colours between the corners of a triangle are interpolated in linear
+light, as glTF defines; a mesh whose triangles have one colour each has no corner colours.
 """
 
 from __future__ import annotations
@@ -193,7 +190,7 @@ def uv_steps(
         normals: (n, 3) of the surfaces, of any length but zero.
         hits: (n,) distances along the directions, metres.
         directions: (n, 3) unit directions of the rays.
-        ray_steps: (n, 2, 3) from each direction to those of its neighbours.
+        ray_steps: (n, 2, 3) from each direction to its neighbours'.
     """
     # A ray beside this one meets the plane where it has gone further, or less far, by the slope.
     cosine = np.einsum("ni,ni->n", normals, directions)
@@ -243,7 +240,7 @@ def sample_levels(levels: Levels, uv: Floats, footprint: Floats) -> Floats:
     return colours
 
 
-Faces = npt.NDArray[np.int64]
+_Faces = npt.NDArray[np.int64]
 
 # Colour of a surface whose file gives none: without a texture, and under one.
 _MID_GREY = np.full(3, 0.5)
@@ -285,7 +282,7 @@ class MeshAppearance:
 
 
 def read_appearance(
-    mesh: Any, faces: Faces, make_texture: Callable[[Any], Texture], *, is_gltf: bool
+    mesh: Any, faces: _Faces, make_texture: Callable[[Any], Texture], *, is_gltf: bool
 ) -> MeshAppearance:
     """Appearance of a mesh of trimesh's.
 
@@ -293,7 +290,7 @@ def read_appearance(
         mesh: the mesh.
         faces: (n, 3) vertices of the triangles, in the order of the corners.
         make_texture: texture of an image of Pillow's.
-        is_gltf: whether colours are linear; those of other files are sRGB.
+        is_gltf: whether colours are linear; in other files they are sRGB.
     """
     visual = mesh.visual
     material = getattr(visual, "material", None)
@@ -318,7 +315,7 @@ def no_texture_coordinates(num_triangles: int) -> Floats:
 
 
 def _plain_albedo(
-    visual: Any, material: Any, faces: Faces, *, is_gltf: bool
+    visual: Any, material: Any, faces: _Faces, *, is_gltf: bool
 ) -> tuple[Floats, Floats | None]:
     """(n, 3) albedos of triangles without a texture, and those at their corners."""
     if material is not None or visual.kind is None:
@@ -330,7 +327,7 @@ def _plain_albedo(
 
 
 def _tinted_albedo(
-    base: Floats, visual: Any, faces: Faces, *, is_gltf: bool
+    base: Floats, visual: Any, faces: _Faces, *, is_gltf: bool
 ) -> tuple[Floats, Floats | None]:
     """(n, 3) albedos of a material's base colour times the colours at vertices, if there are any.
 
@@ -342,7 +339,7 @@ def _tinted_albedo(
     return _corner_albedos(base * _linear_light(attributes["color"], is_gltf=is_gltf), faces)
 
 
-def _corner_albedos(vertex_albedo: Floats, faces: Faces) -> tuple[Floats, Floats | None]:
+def _corner_albedos(vertex_albedo: Floats, faces: _Faces) -> tuple[Floats, Floats | None]:
     """(n, 3) mean albedos of triangles with (v, 3) albedos at vertices, and those at corners."""
     corners = vertex_albedo.take(faces, axis=0)
     first, second, third = np.moveaxis(corners, 1, 0)
@@ -367,7 +364,7 @@ def _base_colour(material: Any, default: Floats, *, is_gltf: bool) -> Floats:
 
 
 def _linear_light(colours: npt.ArrayLike, *, is_gltf: bool) -> Floats:
-    """(..., 3) linear light of (..., 3 or 4) colours: glTF's are linear, those of others sRGB.
+    """(..., 3) linear light of (..., 3 or 4) colours: linear in glTF, sRGB elsewhere.
 
     Whole numbers are fractions of the largest one of their type; fractions beyond [0, 1] and NaN
     are clipped. Source: glTF 2.0, 3.9.2 and 3.7.2.1: baseColorFactor and COLOR_0 are linear.

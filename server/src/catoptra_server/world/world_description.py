@@ -1,24 +1,16 @@
 """Description of a world: shapes with materials, landmarks, lights, start poses, tags, victims.
 
-Frozen data; frame: world (SAE, z down, floor at z = 0). Colours are linear albedos in [0, 1].
+Frozen data; frame: world (SAE, z down, floor at z = 0). Colours are linear albedos in [0, 1], and
+linear from sRGB by IEC 61966-2-1.
 
-sRGB and linear light. Source: IEC 61966-2-1.
-
-Rigid motion: linear and angular velocity, and poses after some time of constant motion.
-
-Objects of a world: what labels count as one thing, with a name and a class.
-
-Items of one object name are one object. A glTF file has an object for each of its nodes, named
-after both; its class is the node's name without a trailing number, as modelling programs count
-copies (chair.001, chair_2).
-
-Start places of a world as the control protocol reports them.
+Objects are what labels count as one thing, with a name and a class. Items of one object name are
+one object. A glTF file has an object for each of its nodes, named after both; its class is the
+node's name without a trailing number, as modelling programs count copies (chair.001, chair_2).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 
@@ -29,103 +21,53 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Floats, require_domain
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_protocol.usarsim.reports import StartPose, StartPoses
+from catoptra_protocol.usarsim.reports import StartPose
 
-
-def linear_from_srgb(encoded: Floats) -> Floats:
-    """Linear light of encoded values, both in [0, 1]."""
-    encoded = np.asarray(encoded, dtype=np.float64)
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-
-
-@np.errstate(under="ignore")  # an underflow is black
-def srgb_from_linear(linear: Floats) -> Floats:
-    """Encoded values of linear light; light outside [0, 1] is clipped, as by a sensor.
-
-    Raises:
-        DomainError: An element is not a number; the text names the element.
-    """
-    require_domain(~np.isnan(linear), linear, "light is a number")
-    # NaN passes a clip silently and would become an arbitrary grey: rejected above.
-    linear = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-
+Rgb = tuple[float, float, float]
 
 Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Twist:
-    """Velocity of a rigid frame, referred to the frame's origin.
+class World:
+    """Whole world."""
 
-    The holder of a twist names the frame, and the axes of both vectors.
-    """
-
-    linear_m_s: Vector3 = (0.0, 0.0, 0.0)
-    """Velocity of the origin."""
-    angular_rad_s: Vector3 = (0.0, 0.0, 0.0)
-    """Angular velocity about axes through the origin."""
-
-    def at_offset(self, offset_m: Floats) -> Twist:
-        """Same motion, referred to another origin, (3,) metres from this one."""
-        # Plain floats: composed for every frame, in a tenth of the time of arrays of three.
-        vx, vy, vz = self.linear_m_s
-        wx, wy, wz = self.angular_rad_s
-        x, y, z = offset_m.tolist()
-        linear = (vx + (wy * z - wz * y), vy + (wz * x - wx * z), vz + (wx * y - wy * x))
-        return Twist(linear, self.angular_rad_s)
-
-    def relative_to(self, other: Twist) -> Twist:
-        """Motion relative to another frame, both referred to one origin."""
-        (vx, vy, vz), (ux, uy, uz) = self.linear_m_s, other.linear_m_s
-        (ax, ay, az), (bx, by, bz) = self.angular_rad_s, other.angular_rad_s
-        return Twist((vx - ux, vy - uy, vz - uz), (ax - bx, ay - by, az - bz))
-
-    def rotate(self, rotation: Floats) -> Twist:
-        """Same motion in rotated axes, by a (3, 3) rotation."""
-        linear = rotation @ np.asarray(self.linear_m_s)
-        return Twist(_vector3(linear), _vector3(rotation @ np.asarray(self.angular_rad_s)))
-
-    def integrate_pose(self, pose: Pose, time_s: float) -> Pose:
-        """Pose after some seconds of this motion; both in the axes of the pose's parent."""
-        # The same object, bit for bit: a standing robot's frames are then the same bytes.
-        if self == AT_REST:
-            return pose
-        # Rotation and translation separately rather than along a screw: the origin keeps its
-        # velocity in the world, which is the meaning of a twist here.
-        rotation = _rotation_from_vector(np.asarray(self.angular_rad_s) * time_s)
-        displacement = np.asarray(self.linear_m_s) * time_s
-        return Pose(rotation @ pose.rotation, pose.translation + displacement)
-
-    @property
-    def speed_m_s(self) -> float:
-        """Speed of the origin."""
-        return float(np.linalg.norm(self.linear_m_s))
+    name: str
+    items: tuple[Item, ...]
+    landmarks: tuple[Landmark, ...] = ()
+    lights: tuple[Light, ...] = ()
+    starts: tuple[StartPose, ...] = ()
+    background: Rgb = (0.0, 0.0, 0.0)
+    """Linear radiance of directions without a surface."""
+    landmark_albedos: dict[str, Rgb] = field(default_factory=dict)
+    """Linear albedo of each colour name in the landmark file."""
+    rfid_tags: tuple[RfidTag, ...] = ()
+    victims: tuple[Victim, ...] = ()
+    gps_origin: GpsOrigin | None = None
+    ambient_occlusion: bool = False
+    """Whether the server darkens hemisphere light where the static scene occludes it."""
 
 
-AT_REST = Twist()
+@dataclass(frozen=True, slots=True)
+class Item:
+    """Shape with a material and a pose."""
 
-
-def _vector3(values: Floats) -> Vector3:
-    x, y, z = values.tolist()
-    return x, y, z
-
-
-def _rotation_from_vector(vector: Floats) -> Floats:
-    """(3, 3) rotation about a vector by the vector's length in radians: Rodrigues' formula."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0.0:
-        return np.eye(3)
-    skew = np.cross(np.eye(3), vector / angle)
-    rotation: Floats = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
-    return rotation
-
-
-Rgb = tuple[float, float, float]
-
-# A millimetre from a point light of this intensity the irradiance still is a float32 number, and so
-# is the sum of a hundred.
-MAX_LIGHT = 1e30
+    name: str
+    shape: Shape
+    world_from_item: Pose
+    material: Material | None
+    """None: the mesh file's own materials."""
+    casts_shadows: bool = True
+    """False for surfaces that let light through, such as a ceiling under lamps."""
+    unlit: bool | None = None
+    """Whether a mesh file is shown at its albedo, whatever the lights; None: as file or material
+    say."""
+    where: SourceLocation | None = None
+    """Line of the world's file, for errors of its mesh and texture; None for an item of no file."""
+    object_name: str = ""
+    """Object that the item is a part of; empty: an object of the item's own name."""
+    class_name: str = ""
+    """Class of the object, for labels; empty: the node's name, or the default."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,27 +143,9 @@ class MeshFile:
 Primitive = Box | Cylinder | Rectangle | Ring | SphereBand
 Shape = Primitive | MeshFile
 
-
-@dataclass(frozen=True, slots=True)
-class Item:
-    """Shape with a material and a pose."""
-
-    name: str
-    shape: Shape
-    world_from_item: Pose
-    material: Material | None
-    """None: the mesh file's own materials."""
-    casts_shadows: bool = True
-    """False for surfaces that let light through, such as a ceiling under lamps."""
-    unlit: bool | None = None
-    """Whether a mesh file is shown at its albedo, whatever the lights; None: as file or material
-    say."""
-    where: SourceLocation | None = None
-    """Line of the world's file, for errors of its mesh and texture; None for an item of no file."""
-    object_name: str = ""
-    """Object that the item is a part of; empty: an object of the item's own name."""
-    class_name: str = ""
-    """Class of the object, for labels; empty: `SceneObject`'s default, or that of a file's node."""
+# A millimetre from a point light of this intensity the irradiance still is a float32 number, and so
+# is the sum of a hundred.
+MAX_LIGHT = 1e30
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,15 +198,6 @@ Light = HemisphereLight | DirectionalLight | PointLight
 
 
 @dataclass(frozen=True, slots=True)
-class StartPlace:
-    """Named start pose of a robot: INIT {Start name}, GETSTARTPOSES."""
-
-    name: str
-    location_m: tuple[float, float, float]
-    rotation_rad: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
 class RfidTag:
     """Tag for RFID readers."""
 
@@ -306,27 +221,7 @@ class GpsOrigin:
     longitude_deg: float
 
 
-@dataclass(frozen=True, slots=True)
-class World:
-    """Whole world."""
-
-    name: str
-    items: tuple[Item, ...]
-    landmarks: tuple[Landmark, ...] = ()
-    lights: tuple[Light, ...] = ()
-    starts: tuple[StartPlace, ...] = ()
-    background: Rgb = (0.0, 0.0, 0.0)
-    """Linear radiance of directions without a surface."""
-    landmark_albedos: dict[str, Rgb] = field(default_factory=dict)
-    """Linear albedo of each colour name in the landmark file."""
-    rfid_tags: tuple[RfidTag, ...] = ()
-    victims: tuple[Victim, ...] = ()
-    gps_origin: GpsOrigin | None = None
-    ambient_occlusion: bool = False
-    """Whether the server darkens hemisphere light where the static scene occludes it."""
-
-
-DEFAULT_CLASS = "object"
+_DEFAULT_CLASS = "object"
 """Class of an item whose file names none."""
 ROBOT_CLASS = "robot"
 
@@ -340,21 +235,97 @@ class SceneObject:
     name: str
     class_name: str
 
+    @classmethod
+    def from_item(cls, item: Item, node: str = "") -> SceneObject:
+        """Object that an item, or a node of its mesh file, is a part of."""
+        name = item.object_name or item.name
+        if not node:
+            return cls(name, item.class_name or _DEFAULT_CLASS)
+        class_name = item.class_name or _COPY_NUMBER.sub("", node) or _DEFAULT_CLASS
+        return cls(f"{name}/{node}", class_name)
 
-def object_of_part(item: Item, node: str = "") -> SceneObject:
-    """Object that a part of an item belongs to.
 
-    Args:
-        item: The item.
-        node: Node of the item's mesh file; empty for one that has no nodes.
+@dataclass(frozen=True, slots=True)
+class Twist:
+    """Velocity of a rigid frame, referred to the frame's origin.
+
+    The holder of a twist names the frame, and the axes of both vectors.
     """
-    name = item.object_name or item.name
-    if not node:
-        return SceneObject(name, item.class_name or DEFAULT_CLASS)
-    class_name = item.class_name or _COPY_NUMBER.sub("", node) or DEFAULT_CLASS
-    return SceneObject(f"{name}/{node}", class_name)
+
+    linear_m_s: Vector3 = (0.0, 0.0, 0.0)
+    """Velocity of the origin."""
+    angular_rad_s: Vector3 = (0.0, 0.0, 0.0)
+    """Angular velocity about axes through the origin."""
+
+    def at_offset(self, offset_m: Floats) -> Twist:
+        """Same motion, referred to another origin, (3,) metres from this one."""
+        # Plain floats: composed for every frame, in a tenth of the time of arrays of three.
+        vx, vy, vz = self.linear_m_s
+        wx, wy, wz = self.angular_rad_s
+        x, y, z = offset_m.tolist()
+        linear = (vx + (wy * z - wz * y), vy + (wz * x - wx * z), vz + (wx * y - wy * x))
+        return Twist(linear, self.angular_rad_s)
+
+    def relative_to(self, other: Twist) -> Twist:
+        """Motion relative to another frame, both referred to one origin."""
+        (vx, vy, vz), (ux, uy, uz) = self.linear_m_s, other.linear_m_s
+        (ax, ay, az), (bx, by, bz) = self.angular_rad_s, other.angular_rad_s
+        return Twist((vx - ux, vy - uy, vz - uz), (ax - bx, ay - by, az - bz))
+
+    def rotate(self, rotation: Floats) -> Twist:
+        """Same motion in rotated axes, by a (3, 3) rotation."""
+        linear = rotation @ np.asarray(self.linear_m_s)
+        return Twist(_vector3(linear), _vector3(rotation @ np.asarray(self.angular_rad_s)))
+
+    def integrate_pose(self, pose: Pose, time_s: float) -> Pose:
+        """Pose after some seconds of this motion; both in the axes of the pose's parent."""
+        # The same object, bit for bit: a standing robot's frames are then the same bytes.
+        if self == AT_REST:
+            return pose
+        # Rotation and translation separately rather than along a screw: the origin keeps its
+        # velocity in the world, which is the meaning of a twist here.
+        rotation = _rotation_from_vector(np.asarray(self.angular_rad_s) * time_s)
+        displacement = np.asarray(self.linear_m_s) * time_s
+        return Pose(rotation @ pose.rotation, pose.translation + displacement)
+
+    @property
+    def speed_m_s(self) -> float:
+        """Speed of the origin."""
+        return float(np.linalg.norm(self.linear_m_s))
 
 
-def report_start_poses(starts: Sequence[StartPlace]) -> StartPoses:
-    """Report of all start places, in the order of the world file."""
-    return StartPoses(tuple(StartPose(s.name, s.location_m, s.rotation_rad) for s in starts))
+AT_REST = Twist()
+
+
+def _vector3(values: Floats) -> Vector3:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _rotation_from_vector(vector: Floats) -> Floats:
+    """(3, 3) rotation about a vector by the vector's length in radians: Rodrigues' formula."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    skew = np.cross(np.eye(3), vector / angle)
+    rotation: Floats = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
+    return rotation
+
+
+def linear_from_srgb(encoded: Floats) -> Floats:
+    """Linear light of encoded values, both in [0, 1]."""
+    encoded = np.asarray(encoded, dtype=np.float64)
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+@np.errstate(under="ignore")  # an underflow is black
+def srgb_from_linear(linear: Floats) -> Floats:
+    """Encoded values of linear light; light outside [0, 1] is clipped, as by a sensor.
+
+    Raises:
+        DomainError: An element is not a number; the text names the element.
+    """
+    require_domain(~np.isnan(linear), linear, "light is a number")
+    # NaN passes a clip silently and would become an arbitrary grey: rejected above.
+    linear = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

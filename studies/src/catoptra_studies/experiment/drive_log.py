@@ -3,6 +3,10 @@
 The log has everything that a filter needs, so that filters can be compared on the same drive.
 Landmarks are measured by detection in frames, or by hand: the paper's real set-up measured by hand
 in recorded frames. Here the robot is simulated, so such a measurement is the truth with noise.
+
+Goals are landmarks by hand only: from pixels a goal's mouth has no range, since its visible part
+has another centre. The noise by hand is keyed by seed, run and landmark, and the runs are the
+robots Run0, Run1, ..., so that no number depends on the order of connections.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 Both filters of the paper have the same parameters, which are not given. These were chosen to
 reproduce the findings: odometry above 1 m, the gate's lock-out, the re-lock near step 23.
+
+In containers the set-ups are two servers of one image. The client waits for them itself, so engines
+without health checks will do.
 """
 
 from __future__ import annotations

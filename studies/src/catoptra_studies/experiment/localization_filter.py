@@ -3,6 +3,9 @@
 A drive is followed while the robot drives, or replayed from its log, by the same functions: first
 odometry, then every landmark. All are pure. The note shows a belief to the viewers of the robot,
 such as the live page; SPEC.md 9.7 lists the keys that viewers draw.
+
+The paper's filter follows the drive, so that viewers of `demo` see its belief; its run is not
+replayed, which makes up for the time of the notes. The others are replayed from the log.
 """
 
 from __future__ import annotations

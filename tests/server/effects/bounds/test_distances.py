@@ -1,4 +1,4 @@
-""""""
+"""No point of a box, plane or triangle is nearer than the bound of its ring."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from helpers.effect_measurement import CAMERA
 from helpers.range_images import FLOOR
 from helpers.worlds import CAMERA_STATE, make_omni_camera, make_test_world
 
-CAMERA_IMAGE_RINGS = make_omni_camera()
-RING = image_rings(CAMERA_IMAGE_RINGS)
-EDGES = RING.edges_rad
+PAPER_CAMERA = make_omni_camera()
+RINGS = image_rings(PAPER_CAMERA)
+EDGES = RINGS.edges_rad
 
 metres = st.floats(-5.0, 5.0)
 points = st.tuples(metres, metres, metres)
@@ -47,8 +47,8 @@ def ring_of(directions: Floats) -> Floats:
 def test_rings_have_equal_widths_in_the_image() -> None:
     directions = np.stack((np.sin(EDGES), 0.0 * EDGES, np.cos(EDGES)), axis=-1)
     directions[-1] = (math.sin(EDGES[-1] - 1e-9), 0.0, math.cos(EDGES[-1] - 1e-9))
-    pixels, _ = pixel_from_direction(CAMERA_IMAGE_RINGS, directions)
-    radius = np.linalg.norm(pixels - CAMERA_IMAGE_RINGS.centre_px, axis=-1)
+    pixels, _ = pixel_from_direction(PAPER_CAMERA, directions)
+    radius = np.linalg.norm(pixels - PAPER_CAMERA.centre_px, axis=-1)
     assert np.diff(radius) == pytest.approx(np.full(NUM_RINGS, 100.0 / NUM_RINGS), abs=1e-6)
 
 
@@ -59,7 +59,7 @@ def test_no_point_of_a_box_is_nearer_than_its_ring_bound(
 ) -> None:
     low, high = np.minimum(one, other), np.maximum(one, other)
     inside = np.random.default_rng(seed).uniform(low, high, (200, 3))
-    bounds = np.append(box_distance_bounds(low[None], high[None], RING)[0], 0.0)
+    bounds = np.append(box_distance_bounds(low[None], high[None], RINGS)[0], 0.0)
     assert (np.linalg.norm(inside, axis=-1) >= bounds[ring_of(inside)] - 1e-12).all()
 
 
@@ -74,7 +74,7 @@ def test_no_point_behind_a_plane_is_nearer_than_its_ring_bound(
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     reached = directions @ unit
     seen = directions[reached > 1e-6]
-    bounds = plane_distance_bounds(np.array([distance]), unit[2:], RING)[0]
+    bounds = plane_distance_bounds(np.array([distance]), unit[2:], RINGS)[0]
     ring = ring_of(seen)
     seen_m = distance / reached[reached > 1e-6]
     assert (seen_m >= np.append(bounds, 0.0)[ring] * (1.0 - 1e-12)).all()
@@ -82,7 +82,7 @@ def test_no_point_behind_a_plane_is_nearer_than_its_ring_bound(
 
 def test_floor_distance_follows_the_ring_angle() -> None:
     floor = np.array([[-50.0, -50.0, 0.6]]), np.array([[50.0, 50.0, 0.6]])
-    bounds = box_distance_bounds(*floor, RING)[0]
+    bounds = box_distance_bounds(*floor, RINGS)[0]
     down = np.cos(EDGES[:-1])
     expected = np.where(down > 0.0, 0.6 / np.maximum(down, 1e-9), np.inf)
     # A box grows by 1e-5 of its farthest corner, which for this floor is 0.7 mm.
@@ -92,27 +92,26 @@ def test_floor_distance_follows_the_ring_angle() -> None:
 def test_small_box_is_bounded_in_its_own_ring_only() -> None:
     theta = 0.5 * (EDGES[3] + EDGES[4])
     point = 2.0 * np.array([[0.0, math.sin(theta), math.cos(theta)]])
-    bounds = box_distance_bounds(point - 0.01, point + 0.01, RING)[0]
+    bounds = box_distance_bounds(point - 0.01, point + 0.01, RINGS)[0]
     assert np.flatnonzero(np.isfinite(bounds)).tolist() == [3]
     assert bounds[3] == pytest.approx(1.99, abs=0.01)
 
 
 def test_box_around_the_viewpoint_has_distance_zero_in_every_ring() -> None:
-    bounds = box_distance_bounds(np.array([[-1.0, -1.0, -1.0]]), np.array([[1.0, 2.0, 0.5]]), RING)
+    bounds = box_distance_bounds(np.array([[-1.0, -1.0, -1.0]]), np.array([[1.0, 2.0, 0.5]]), RINGS)
     assert bounds.tolist() == [[0.0] * NUM_RINGS]
 
 
 def test_plane_perhaps_behind_the_viewpoint_bounds_nothing() -> None:
-    assert plane_distance_bounds(np.zeros(1), np.zeros(1), RING).tolist() == [[0.0] * NUM_RINGS]
+    assert plane_distance_bounds(np.zeros(1), np.zeros(1), RINGS).tolist() == [[0.0] * NUM_RINGS]
 
 
 def test_floor_as_a_plane_is_infinitely_far_above_the_horizon() -> None:
-    bounds = plane_distance_bounds(np.array([0.6]), np.array([1.0]), RING)[0]
+    bounds = plane_distance_bounds(np.array([0.6]), np.array([1.0]), RINGS)[0]
     assert np.isinf(bounds[EDGES[:-1] > 0.5 * math.pi + 1e-3]).all()
     assert bounds[0] == pytest.approx(0.6, rel=1e-4)
 
 
-RING_RING_DISTANCE_BVH = image_rings(make_omni_camera())
 HERE = ViewpointBox(np.zeros(3), np.zeros(3), np.eye(3))
 
 
@@ -128,11 +127,7 @@ def min_point_distances(corners: Floats, viewpoint: Floats, turn: Floats) -> Flo
     """(NUM_RINGS,) smallest distances of many points of triangles, by ring."""
     shares = np.random.default_rng(1).dirichlet((0.5, 0.5, 0.5), 300)
     points = ((shares @ corners).reshape(-1, 3) - viewpoint) @ turn.T
-    theta = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
-    ring, distance = (
-        np.searchsorted(RING_RING_DISTANCE_BVH.edges_rad[1:], theta),
-        np.linalg.norm(points, axis=-1),
-    )
+    ring, distance = ring_of(points), np.linalg.norm(points, axis=-1)
     return np.array([distance[ring == index].min(initial=np.inf) for index in range(NUM_RINGS)])
 
 
@@ -144,14 +139,14 @@ def test_no_point_of_any_triangle_is_nearer_than_its_ring_bound(
     corners, normals = soup(count)
     turn = rotation_to_axis(axis)
     bounds = RingDistanceBvh(corners, normals).bounds(
-        ViewpointBox(np.zeros(3), np.zeros(3), turn), RING_RING_DISTANCE_BVH
+        ViewpointBox(np.zeros(3), np.zeros(3), turn), RINGS
     )
     assert (bounds <= min_point_distances(corners, np.zeros(3), turn)).all()
 
 
 def test_bounds_of_many_triangles_are_those_of_the_nearest() -> None:
     corners, normals = soup(1500, size_m=0.05)
-    bounds = RingDistanceBvh(corners, normals).bounds(HERE, RING_RING_DISTANCE_BVH)
+    bounds = RingDistanceBvh(corners, normals).bounds(HERE, RINGS)
     shares = bounds / min_point_distances(corners, np.zeros(3), np.eye(3))
     # A box may reach into a ring that its triangle just misses.
     assert np.median(shares) > 0.95
@@ -161,7 +156,7 @@ def test_bounds_of_a_box_of_viewpoints_hold_for_each() -> None:
     corners, normals = soup(400)
     half = np.array((0.2, 0.1, 0.05))
     bvh = RingDistanceBvh(corners, normals)
-    of_box = bvh.bounds(ViewpointBox(np.zeros(3), half, np.eye(3)), RING_RING_DISTANCE_BVH)
+    of_box = bvh.bounds(ViewpointBox(np.zeros(3), half, np.eye(3)), RINGS)
     for point in np.random.default_rng(2).uniform(-half, half, (20, 3)):
         assert (of_box <= min_point_distances(corners, point, np.eye(3))).all()
 
@@ -170,8 +165,8 @@ def test_bounds_with_few_triangles_are_looser_and_hold() -> None:
     corners, normals = soup(1500)
     bvh = RingDistanceBvh(corners, normals)
     hasty, patient = (
-        bvh.bounds(HERE, RING_RING_DISTANCE_BVH, max_triangles=0),
-        bvh.bounds(HERE, RING_RING_DISTANCE_BVH),
+        bvh.bounds(HERE, RINGS, max_triangles=0),
+        bvh.bounds(HERE, RINGS),
     )
     assert (hasty <= patient).all()
     assert (hasty < patient).any()
@@ -180,8 +175,8 @@ def test_bounds_with_few_triangles_are_looser_and_hold() -> None:
 def test_bounds_with_a_cutoff_reach_the_cutoff_or_hold() -> None:
     corners, normals = soup(1500)
     bvh = RingDistanceBvh(corners, normals)
-    whole = bvh.bounds(HERE, RING_RING_DISTANCE_BVH)
-    enough = bvh.bounds(HERE, RING_RING_DISTANCE_BVH, cutoff=0.5 * whole)
+    whole = bvh.bounds(HERE, RINGS)
+    enough = bvh.bounds(HERE, RINGS, cutoff=0.5 * whole)
     assert (enough >= 0.5 * whole).all()
     assert (enough <= whole).all()
 
@@ -190,20 +185,20 @@ def test_oblique_wall_is_as_far_as_its_plane() -> None:
     c, s = np.cos(0.7), np.sin(0.7)
     along, up, out = np.array((-s, c, 0.0)), np.array((0.0, 0.0, 1.0)), np.array((c, s, 0.0))
     corners = (out + np.array([[-5 * along - up, 5 * along - up, 5 * along + up]]))[0][None]
-    bounds = RingDistanceBvh(corners, out[None]).bounds(HERE, RING_RING_DISTANCE_BVH)
-    level = int(np.searchsorted(RING_RING_DISTANCE_BVH.edges_rad, 0.5 * np.pi)) - 1
+    bounds = RingDistanceBvh(corners, out[None]).bounds(HERE, RINGS)
+    level = int(np.searchsorted(EDGES, 0.5 * np.pi)) - 1
     assert bounds[level] == pytest.approx(1.0, rel=1e-4)
 
 
 def test_triangle_without_area_has_its_own_distance() -> None:
     corners = np.array([[[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]]])
-    bounds = RingDistanceBvh(corners, np.zeros((1, 3))).bounds(HERE, RING_RING_DISTANCE_BVH)
+    bounds = RingDistanceBvh(corners, np.zeros((1, 3))).bounds(HERE, RINGS)
     assert bounds[np.isfinite(bounds)] == pytest.approx(1.0, rel=1e-3)
 
 
 def test_empty_set_is_infinitely_far() -> None:
     nothing = RingDistanceBvh(np.zeros((0, 3, 3)), np.zeros((0, 3)))
-    assert np.isinf(nothing.bounds(HERE, RING_RING_DISTANCE_BVH)).all()
+    assert np.isinf(nothing.bounds(HERE, RINGS)).all()
 
 
 ROOM = build_scene(make_test_world())

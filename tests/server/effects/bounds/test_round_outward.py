@@ -1,4 +1,4 @@
-""""""
+"""Numbers are rounded outward, by less than a step."""
 
 from __future__ import annotations
 

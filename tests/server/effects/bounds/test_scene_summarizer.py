@@ -1,4 +1,4 @@
-"""Extent of a robot in its own mirror, by formula and by sampling."""
+"""Bounds of a camera state hold for everything that its image shows, and are not far off."""
 
 from __future__ import annotations
 
@@ -9,36 +9,30 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-)
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.bounds import round_outward
 from catoptra_server.effects.bounds.distances import image_rings
-from catoptra_server.effects.bounds.scene_summarizer import (
-    NOT_VISIBLE,
-    DynamicObjectBounds,
-    SceneBounds,
-    SceneSummarizer,
-    bound_self_view,
-    max_angle_from_axis,
-)
-from catoptra_server.effects.effect import NUM_RINGS
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer, max_angle_from_axis
+from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 from catoptra_server.world.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.robot_shapes import OmniCameraTower, build_ego_body_mesh
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.scene_radiance import max_object_radiance, max_radiance
-from catoptra_server.world.world_description import Box, Item, Material, Twist, World
+from catoptra_server.world.world_description import AT_REST, Box, Item, Material, Twist, World
 from helpers.configs import WORLDS
 from helpers.dynamic_objects import P2AT, ROBOT_MESH, TWO_ROBOTS, build_cube_mesh, place_cube
 from helpers.effect_measurement import CAMERA, DRIVING_STATE
 from helpers.ring_ranges import min_ring_ranges_m
-from helpers.worlds import CAMERA_STATE, HEMISPHERE_LIGHT, make_omni_camera, make_test_world
+from helpers.worlds import CAMERA_STATE, make_omni_camera, make_test_world
 
 WHITE = Material((1.0, 1.0, 1.0), unlit=True)
+
+
+EMPTY = World("nothing", ())
 
 
 def make_summarizer(world: World) -> SceneSummarizer:
@@ -156,43 +150,43 @@ def test_rings_and_twist_of_a_lens_are_about_its_axis_ahead() -> None:
     assert min(summarizer.summarize(away, lens).min_distances_m) == math.inf
 
 
-AT = CAMERA_STATE.world_from_mirror.translation
 # Rounded up, to eighths of an octave.
 COARSE = 2.0**0.125
 
 
+def max_distance_m(world: World, pose: Pose, *objects: DynamicObject) -> float:
+    return make_summarizer(world).summarize(CameraState(pose, objects), CAMERA).max_distance_m
+
+
 def test_no_surface_is_farther_than_the_bound() -> None:
-    scene = build_scene(make_test_world())
-    farthest = float(np.linalg.norm(scene.corners - AT, axis=-1).max())
-    assert farthest <= SceneBounds(scene).max_distance_m(AT, ()) <= 1.3 * COARSE * farthest
+    scene, pose = build_scene(make_test_world()), CAMERA_STATE.world_from_mirror
+    farthest = float(np.linalg.norm(scene.corners - pose.translation, axis=-1).max())
+    assert farthest <= max_distance_m(make_test_world(), pose) <= 1.3 * COARSE * farthest
 
 
 def test_object_beyond_the_scene_counts() -> None:
-    far = place_cube(40.0, 0.0, 0.0)
-    bound_m = SceneBounds(build_scene(make_test_world())).max_distance_m(np.zeros(3), (far,))
+    bound_m = max_distance_m(make_test_world(), Pose.identity(), place_cube(40.0, 0.0, 0.0))
     assert 40.2 <= bound_m <= 41.0 * COARSE
 
 
 def test_empty_world_has_distance_zero() -> None:
-    empty = SceneBounds(build_scene(World("nothing", ())))
-    assert empty.max_distance_m(AT, ()) == 0.0
+    assert max_distance_m(EMPTY, Pose.identity()) == 0.0
     near = place_cube(1.0, 0.0, 0.0)
-    assert empty.max_distance_m(Pose.identity().translation, (near,)) == pytest.approx(
-        1.3, rel=0.15
-    )
+    assert max_distance_m(EMPTY, Pose.identity(), near) == pytest.approx(1.3, rel=0.15)
 
 
 MIRROR = Pose.from_rpy((0.0, 0.0, -0.4543))
 # On the floor of the room, where no thing of it is between mirror and robot.
 BASE = Pose.from_rpy((0.4, -0.1, -0.1457), (0.0, 0.0, 0.7))
-WHITE_SELF_VIEW_BOUNDS = World(
-    "nothing", (), lights=(HEMISPHERE_LIGHT,), background=(1.0, 1.0, 1.0)
-)
 
 
 def camera_state_of(camera: OmniCamera, mirror: Pose = MIRROR) -> CameraState:
     ego_body = DynamicObject(build_ego_body_mesh(P2AT, OmniCameraTower(camera, mirror)), BASE)
     return CameraState(BASE @ mirror, ego_body=ego_body)
+
+
+def bound_self_view(state: CameraState, camera: OmniCamera) -> SceneSummary:
+    return make_summarizer(EMPTY).summarize(state, camera)
 
 
 def sampled_angles(corners: Floats) -> tuple[float, float]:
@@ -221,16 +215,17 @@ def test_triangle_around_the_antipole_reaches_pi() -> None:
 
 def test_robot_absent_or_beyond_the_rim_is_not_visible() -> None:
     camera = make_omni_camera()
-    above = CameraState(Pose.identity(), ego_body=place_cube(0.0, 0.0, -1.0))
-    assert bound_self_view(CameraState(Pose.identity()), camera) == NOT_VISIBLE
-    assert bound_self_view(above, camera) == NOT_VISIBLE
+    for ego_body in (None, place_cube(0.0, 0.0, -1.0)):
+        reach = bound_self_view(CameraState(Pose.identity(), ego_body=ego_body), camera)
+        assert reach.ego_body_max_angle_rad == 0.0
+        assert set(reach.ego_body_min_distances_m) == {math.inf}
 
 
 def test_robot_partly_within_the_rim_is_bounded_beyond_the_rim() -> None:
     narrow = make_omni_camera(rim_deg=5.0)
     reach = bound_self_view(camera_state_of(narrow), narrow)
-    assert reach.max_angle_rad > narrow.rim_rad
-    assert reach.min_distances_m[0] == pytest.approx(0.2321)
+    assert reach.ego_body_max_angle_rad > narrow.rim_rad
+    assert reach.ego_body_min_distances_m[0] == pytest.approx(0.2321)
 
 
 def test_bound_of_the_p2at_is_its_deck_corner() -> None:
@@ -238,9 +233,9 @@ def test_bound_of_the_p2at_is_its_deck_corner() -> None:
     below_m = 0.4543 + 0.1457 - 0.2913
     inner_m = P2AT.dimensions_m[1] - 2.0 * 0.4 * P2AT.wheel_radius_m
     corner = math.hypot(0.5 * P2AT.dimensions_m[0], 0.5 * inner_m) / below_m
-    assert reach.max_angle_rad == pytest.approx(math.atan(corner), abs=1e-6)
-    assert reach.min_distances_m[0] == pytest.approx(0.2321)
-    assert reach.min_distances_m[-1] == math.inf
+    assert reach.ego_body_max_angle_rad == pytest.approx(math.atan(corner), abs=1e-6)
+    assert reach.ego_body_min_distances_m[0] == pytest.approx(0.2321)
+    assert reach.ego_body_min_distances_m[-1] == math.inf
 
 
 def test_bounds_of_a_driving_robot_are_cached() -> None:
@@ -250,7 +245,8 @@ def test_bounds_of_a_driving_robot_are_cached() -> None:
     step = Pose.from_rpy((17.3, -4.1, 0.0), (0.0, 0.0, 2.2))
     moved = DynamicObject(state.ego_body.mesh, step @ state.ego_body.world_from_object)
     later = CameraState(step @ state.world_from_mirror, ego_body=moved)
-    assert bound_self_view(later, camera) is bound_self_view(state, camera)
+    found = [bound_self_view(one, camera).ego_body_min_distances_m for one in (state, later)]
+    assert found[0] is found[1]
 
 
 @pytest.mark.parametrize("ring", [0, 1])
@@ -264,57 +260,54 @@ def test_ring_distances_do_not_exceed_those_of_points(ring: int) -> None:
     share = ratio * camera.horizon_radius_px / camera.rim_radius_px
     of_ring = local[np.floor(share * NUM_RINGS).astype(int) == ring]
     reach = bound_self_view(state, camera)
-    assert reach.min_distances_m[ring] <= np.linalg.norm(of_ring, axis=-1).min() + 1e-9
+    assert reach.ego_body_min_distances_m[ring] <= np.linalg.norm(of_ring, axis=-1).min() + 1e-9
 
 
 def test_nearest_part_under_an_orthographic_camera_is_the_deck() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0)
     reach = bound_self_view(camera_state_of(camera), camera)
-    assert reach.min_distances_m[0] == pytest.approx(0.4543 + 0.1457 - 0.2913)
+    assert reach.ego_body_min_distances_m[0] == pytest.approx(0.4543 + 0.1457 - 0.2913)
 
 
-RING = image_rings(make_omni_camera())
-LEVEL = int(np.searchsorted(RING.edges_rad, 0.5 * np.pi)) - 1
-HERE = np.zeros(3)
+EDGES_RAD = image_rings(make_omni_camera()).edges_rad
+LEVEL = int(np.searchsorted(EDGES_RAD, 0.5 * np.pi)) - 1
 
 
-def around(*objects: DynamicObject) -> tuple[np.ndarray, np.ndarray]:
-    found = DynamicObjectBounds().bound(objects, HERE, np.eye(3), RING)
-    return found.min_distances_m, found.max_object_rates_rad_s
+def around(*objects: DynamicObject, pose: Pose | None = None) -> tuple[Floats, Floats]:
+    """Distances and rates by ring about a viewpoint, rounded outward."""
+    state = CameraState(pose or Pose.identity(), objects)
+    summary = make_summarizer(EMPTY).summarize(state, make_omni_camera())
+    return np.array(summary.min_distances_m), np.array(summary.max_object_rates_rad_s)
+
+
+def cube_ahead(twist: Twist = AT_REST) -> DynamicObject:
+    return DynamicObject(build_cube_mesh(0.4), Pose.from_rpy((1.2, 0.0, 0.0)), twist)
 
 
 def test_cube_ahead_is_as_far_as_its_face() -> None:
-    nearest, passing = around(DynamicObject(build_cube_mesh(0.4), Pose.from_rpy((1.2, 0.0, 0.0))))
-    assert nearest[LEVEL] == pytest.approx(1.0, rel=1e-3)
+    nearest, passing = around(cube_ahead())
+    assert 0.999 / COARSE < nearest[LEVEL] <= 1.0
     assert np.isinf(nearest[0])
     assert not passing.any()
 
 
 def test_crossing_object_passes_at_speed_over_distance() -> None:
-    moving = DynamicObject(
-        build_cube_mesh(0.4), Pose.from_rpy((1.2, 0.0, 0.0)), Twist((0.0, 0.5, 0.0))
-    )
-    _, passing = around(moving)
-    assert passing[LEVEL] == pytest.approx(0.5, rel=1e-3)
+    _, passing = around(cube_ahead(Twist((0.0, 0.5, 0.0))))
+    assert 0.5 <= passing[LEVEL] < 0.501 * COARSE
     assert passing[0] == 0.0
 
 
 def test_turning_object_passes_with_its_farthest_corner() -> None:
-    turning = DynamicObject(
-        build_cube_mesh(0.4), Pose.from_rpy((1.2, 0.0, 0.0)), Twist((0.0,) * 3, (0.0, 0.0, 2.0))
-    )
-    _, passing = around(turning)
-    assert 2.0 * 0.2 * np.sqrt(2.0) < passing[LEVEL] < 2.0 * 0.2 * np.sqrt(3.0) * 1.001
+    _, passing = around(cube_ahead(Twist((0.0,) * 3, (0.0, 0.0, 2.0))))
+    assert 2.0 * 0.2 * np.sqrt(2.0) < passing[LEVEL] < 2.0 * 0.2 * np.sqrt(3.0) * 1.001 * COARSE
 
 
 def test_no_corner_of_a_robot_is_nearer_than_its_ring_bound() -> None:
-    viewpoint = CAMERA_STATE.world_from_mirror.translation
-    found = DynamicObjectBounds().bound(TWO_ROBOTS, viewpoint, np.eye(3), RING)
+    pose = Pose(np.eye(3), CAMERA_STATE.world_from_mirror.translation)
+    bounds = np.append(around(*TWO_ROBOTS, pose=pose)[0], 0.0)
     for body in TWO_ROBOTS:
-        points = (
-            body.world_from_object.transform_points(ROBOT_MESH.corners.reshape(-1, 3)) - viewpoint
-        )
+        corners = body.world_from_object.transform_points(ROBOT_MESH.corners.reshape(-1, 3))
+        points = corners - pose.translation
         theta = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
-        ring = np.searchsorted(RING.edges_rad[1:], theta)
-        bounds = np.append(found.min_distances_m, 0.0)
+        ring = np.searchsorted(EDGES_RAD[1:], theta)
         assert (np.linalg.norm(points, axis=-1) >= bounds[ring]).all()

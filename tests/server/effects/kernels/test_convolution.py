@@ -1,4 +1,4 @@
-""""""
+"""Convolutions are the plain sums; kernels of discs have the variance and the light of discs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from catoptra_server.effects.kernels.convolution import (
     convolve_symmetric_within,
     disc_area_fractions,
     disc_kernel_table,
-    num_offset_pairs,
     offset_pairs,
     pair_multiplicities,
     table_row,
@@ -27,7 +26,7 @@ HALF_WIDTH_PX = 2
 
 def random_weights(half_width_px: int) -> Floats:
     """Weights that differ in every pair and sum to 1 over all pixels."""
-    weights = RNG.uniform(0.1, 1.0, num_offset_pairs(half_width_px))
+    weights = RNG.uniform(0.1, 1.0, len(pair_multiplicities(half_width_px)))
     return weights / (weights @ pair_multiplicities(half_width_px))
 
 
@@ -47,7 +46,7 @@ def convolve_directly(image: Floats, kernel: Floats) -> Floats:
 
 
 def test_pairs_when_counted_have_an_index_and_a_size_each() -> None:
-    assert [i * (i + 1) // 2 + j for i, j in offset_pairs(3)] == list(range(num_offset_pairs(3)))
+    assert [i * (i + 1) // 2 + j for i, j in offset_pairs(3)] == list(range(10))
     assert pair_multiplicities(3).sum() == 7 * 7
 
 

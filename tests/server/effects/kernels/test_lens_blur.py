@@ -1,6 +1,4 @@
-"""The closed forms against a thin lens and a mirror, traced or differenced.
-
-The closed form against rays through the rim of a thin lens, in metres."""
+"""Circles of confusion against rays that are traced through lens and mirror."""
 
 from __future__ import annotations
 
@@ -26,7 +24,6 @@ from catoptra_server.effects.kernels.lens_blur import (
     max_diameter_px,
     min_distance_at_radius,
     sample_radii_px,
-    thin_lens_circle_of_confusion,
     virtual_image_depth_m,
 )
 from helpers.lens_ray_tracer import Quadric
@@ -213,12 +210,12 @@ def test_nearest_when_a_radius_lies_on_a_border_of_rings_is_the_nearer_of_both()
     )
 
 
-CAMERA_THIN_LENS = PerspectiveCamera(640, 480, math.radians(40.0))
+PLAIN_CAMERA = PerspectiveCamera(640, 480, math.radians(40.0))
 
 
 def traced_diameter_px(aperture: Aperture, range_m: float, radius_px: float) -> float:
     """Disc of a point at a range and an image radius, by similar triangles behind the lens."""
-    image_m = CAMERA_THIN_LENS.focal_length_px * PITCH_M
+    image_m = PLAIN_CAMERA.focal_length_px * PITCH_M
     focus = 1.0 / aperture.focus_distance_m if aperture.focus_distance_m else 0.0
     focal_m = 1.0 / (1.0 / image_m + focus)
     depth_m = range_m * math.cos(math.atan(radius_px * PITCH_M / image_m))
@@ -240,34 +237,32 @@ def test_disc_of_a_point_is_that_of_traced_rays(
     focus_m: float, radius_px: float, range_m: float
 ) -> None:
     aperture = Aperture(2.8, PITCH_M, focus_m)
-    circle = thin_lens_circle_of_confusion(aperture, CAMERA_THIN_LENS, np.array(radius_px))
+    circle = circle_of_confusion(aperture, PLAIN_CAMERA, np.array(radius_px))
     traced = traced_diameter_px(aperture, range_m, radius_px)
     assert float(circle.diameter_px(np.array(range_m))) == pytest.approx(traced, rel=1e-9)
 
 
 def test_disc_at_the_hyperfocal_distance_of_infinity_is_one_pixel() -> None:
     aperture = Aperture(2.8, PITCH_M, 0.0)
-    focal_px = CAMERA_THIN_LENS.focal_length_px
+    focal_px = PLAIN_CAMERA.focal_length_px
     hyperfocal_m = focal_px * PITCH_M / 2.8 * focal_px
-    circle = thin_lens_circle_of_confusion(aperture, CAMERA_THIN_LENS, np.array(0.0))
+    circle = circle_of_confusion(aperture, PLAIN_CAMERA, np.array(0.0))
     assert float(circle.diameter_px(np.array(hyperfocal_m))) == pytest.approx(1.0, rel=1e-12)
     assert float(circle.diameter_px(np.array(math.inf))) == 0.0
 
 
 def test_focus_coordinate_of_no_distance_is_infinity() -> None:
-    assert lens_focus_coordinate(Aperture(4.0, PITCH_M, 0.0), CAMERA_THIN_LENS) == 0.0
-    assert lens_focus_coordinate(Aperture(4.0, PITCH_M, 0.5), CAMERA_THIN_LENS) == 2.0
+    assert lens_focus_coordinate(Aperture(4.0, PITCH_M, 0.0), PLAIN_CAMERA) == 0.0
+    assert lens_focus_coordinate(Aperture(4.0, PITCH_M, 0.5), PLAIN_CAMERA) == 2.0
 
 
 def test_lens_is_described_with_its_focus() -> None:
-    assert (
-        describe_lens(Aperture(4.0, PITCH_M, 0.0), CAMERA_THIN_LENS) == "F/4, focused at infinity"
-    )
-    assert describe_lens(Aperture(4.0, PITCH_M, 1.5), CAMERA_THIN_LENS) == "F/4, focused at 1.5 m"
+    assert describe_lens(Aperture(4.0, PITCH_M, 0.0), PLAIN_CAMERA) == "F/4, focused at infinity"
+    assert describe_lens(Aperture(4.0, PITCH_M, 1.5), PLAIN_CAMERA) == "F/4, focused at 1.5 m"
 
 
 def test_every_pixel_of_a_lens_is_interior() -> None:
-    assert interior_mask(CAMERA_THIN_LENS).all()
+    assert interior_mask(PLAIN_CAMERA).all()
 
 
 CIRCLE = CircleOfConfusion(np.array(-2.0), np.array(3.0), np.array(1.0), np.array(0.5))

@@ -1,4 +1,4 @@
-""""""
+"""Mirror surfaces by closed forms; contaminants cover what they should, where they should."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.kernels.light import camera_noise_key, pcg3d
+from catoptra_server.effects.kernels.grey_levels import camera_noise_key, pcg3d
 from catoptra_server.effects.kernels.mirror_surface import (
     ContaminantCells,
     Contaminants,
@@ -68,7 +68,7 @@ def test_hyperboloid_from_the_pinhole_is_scaled_as_in_perspective() -> None:
 
 def test_fraction_when_turned_back_is_the_radius() -> None:
     surface_table = mirror_surface_table(PAPER)
-    r_m = surface_table.r_from_area_fraction(np.array([0.0, 0.2, 0.7, 1.0]))
+    r_m = surface_table.plan_radius_from_area_fraction(np.array([0.0, 0.2, 0.7, 1.0]))
     np.testing.assert_allclose(
         np.interp(r_m, surface_table.r_m, surface_table.area_fraction), [0, 0.2, 0.7, 1], atol=1e-6
     )
@@ -133,7 +133,7 @@ def single_particle() -> tuple[ContaminantCells, Floats]:
         Contaminants(cover, 1.0, 0, 0.01, 1e-4), CAMERA, SURFACE_TABLE, NOISE_KEY
     )
     fraction, turn, _ = (float(word[0] + 0.5) / 2.0**32 for word in pcg3d(*np.split(NOISE_KEY, 3)))
-    r = float(SURFACE_TABLE.r_from_area_fraction(np.array(fraction)))
+    r = float(SURFACE_TABLE.plan_radius_from_area_fraction(np.array(fraction)))
     t = np.interp(
         r, SURFACE_TABLE.r_m, np.linspace(0.0, CAMERA.rim_t, len(SURFACE_TABLE.r_m))
     ) + np.array([0, 1e-6])

@@ -1,5 +1,4 @@
-"""Rays of a displaced pinhole against a separate caster: Eq. 1 itself, intersected by bisection,
-with normals by differencing, and Embree for the reflected rays."""
+"""Warped images, rays of a displaced pinhole by Eq. 1 and Embree, and speeds in the image."""
 
 from __future__ import annotations
 
@@ -15,6 +14,7 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
+from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_server.effects.bounds.distances import rotation_to_axis
 from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
@@ -22,7 +22,6 @@ from catoptra_server.effects.kernels.warp import (
     CameraPoseOffset,
     bound_motion,
     lookup_offsets_px,
-    max_speeds_px_s,
     reflect_rays,
     ring_scales_and_radii,
     warp,
@@ -269,6 +268,12 @@ MOTIONS = {
     "both": Twist((-0.5, 0.2, 0.0), (0.0, 0.0, 1.0)),
     "falls and rolls": Twist((0.0, 0.1, -0.7), (0.8, -0.5, 0.2)),
 }
+
+
+def max_speeds_px_s(summary: SceneSummary, camera: RadialCamera) -> Floats:
+    """Largest speed in each ring, by a motion of one second in that ring alone."""
+    one_ring = np.eye(NUM_RINGS)
+    return np.array([bound_motion(summary, camera, one).displacement_px for one in one_ring])
 
 
 # So short that displacements are straight, so long that they have digits in px.

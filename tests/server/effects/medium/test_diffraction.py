@@ -14,7 +14,6 @@ from catoptra_server.effects.medium.diffraction import (
     airy_pattern,
     kernel_half_width_px,
     kernel_weights,
-    truncated_fraction,
 )
 from helpers.blur_measurement import make_point_source
 from helpers.effect_measurement import (
@@ -32,6 +31,11 @@ IN_DISC = 0.83779
 
 def make_diffraction(f_number: float) -> Diffraction:
     return Diffraction(f_number, PITCH_M)
+
+
+def truncated_fraction(effect: Diffraction) -> Floats:
+    """Fraction of each colour's light, (3,), outside the kernel."""
+    return 1.0 - pair_multiplicities(kernel_half_width_px(effect)) @ airy_pattern(effect)
 
 
 @pytest.mark.parametrize(("f_number", "diameter_px"), [(4.0, 0.725), (8.0, 1.450)])

@@ -7,7 +7,6 @@ import pytest
 
 from catoptra_server.effects.mirror.mirror_reflectance import (
     MirrorReflectance,
-    mirror_incidence_rad,
     reflectance,
 )
 from helpers.effect_measurement import (
@@ -49,15 +48,14 @@ def test_glass_when_met_straight_reflects_four_hundredths() -> None:
 
 
 def test_mirror_when_met_at_its_rim_is_met_at_half_the_sum_of_both_angles() -> None:
-    t = np.array(CAMERA.rim_t)
-    r, z = CAMERA.mirror.surface_point(t)
+    r, z = CAMERA.mirror.surface_point(np.array(CAMERA.rim_t))
     psi = math.atan2(float(r), CAMERA.mirror.pinhole_distance_m - float(z))
-    assert float(mirror_incidence_rad(np.array(1.0), CAMERA)) == pytest.approx(
-        0.5 * (CAMERA.rim_rad + psi)
-    )
-    assert math.degrees(float(mirror_incidence_rad(np.array(1.0), CAMERA))) == pytest.approx(
-        65.0, abs=0.5
-    )
+    incidence_rad = np.array((0.0, 0.5 * (CAMERA.rim_rad + psi)))
+    assert math.degrees(incidence_rad[1]) == pytest.approx(65.0, abs=0.5)
+    normal, at_rim = reflectance(incidence_rad, 2.8, 3.4)
+    # Beyond the rim the rim's value applies.
+    corner = STEEL.apply(np.ones((96, 96, 3)), CAMERA, CAPTURE_CONTEXT)[0, 0]
+    np.testing.assert_allclose(corner, at_rim / normal, rtol=1e-12)
 
 
 def test_centre_when_light_meets_it_straight_keeps_its_light() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary, is_scene_effect
+from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import CAMERA
@@ -55,10 +55,6 @@ def test_grid_of_motions_has_both_sides_of_the_threshold() -> None:
 
 def test_robot_when_it_stands_is_not_blurred() -> None:
     assert BLUR.bound(SceneSummary(1.0, (0.1,) * NUM_RINGS), CAMERA).value == 0.0
-
-
-def test_blur_changes_the_number_of_renderings_not_the_image() -> None:
-    assert is_scene_effect(BLUR)
 
 
 def test_larger_image_has_a_larger_bound() -> None:

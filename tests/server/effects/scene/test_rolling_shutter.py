@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import NUM_RINGS, SceneSummary, is_scene_effect
+from catoptra_server.effects.effect import NUM_RINGS, SceneSummary
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.world.world_description import Twist
 from helpers.effect_measurement import CAMERA
 from helpers.motion_reference import displacements_px
-from helpers.worlds import make_omni_camera
 
 SHUTTER = RollingShutter(1.0 / 30.0)
 THRESHOLD_PX = 0.5
@@ -56,16 +55,3 @@ def test_global_shutter_is_disabled_by_the_criterion() -> None:
     fast = SceneSummary(1.0, (0.1,) * NUM_RINGS, scene_twist=Twist((9.0, 0.0, 0.0)))
     assert ccd.bound(fast, CAMERA).value == 0.0
     assert ccd.bound(fast, CAMERA).reason == "a global shutter"
-
-
-def test_shutter_changes_the_number_of_renderings_not_the_image() -> None:
-    assert is_scene_effect(SHUTTER)
-
-
-def test_larger_image_has_a_larger_bound() -> None:
-    summary = SceneSummary(1.0, (1.0,) * NUM_RINGS, scene_twist=Twist((0.5, 0.0, 0.0)))
-    small, large = (
-        SHUTTER.bound(summary, make_omni_camera(width_px=width)).displacement_px
-        for width in (96, 192)
-    )
-    assert large == pytest.approx(2.0 * small, rel=1e-6)

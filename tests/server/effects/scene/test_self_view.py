@@ -6,12 +6,10 @@ import pytest
 
 from catoptra_server.effects.effect import (
     NUM_RINGS,
-    Effect,
     EffectMode,
     EffectSetting,
     EffectSettings,
     SceneSummary,
-    is_scene_effect,
 )
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.self_view import SelfView
@@ -44,8 +42,3 @@ def test_summary_when_the_robot_is_visible_has_it_near_and_not_passing_by() -> N
     behind = SelfView().update_summary(SceneSummary(1.0, scene, ego_body_min_distances_m=own))
     assert behind.visible_min_distances_m == (0.2, 0.25, *[0.7] * (NUM_RINGS - 2))
     assert behind.min_distances_m == scene, "what moves against the camera is no nearer than before"
-
-
-def test_self_view_changes_the_scene_and_not_the_image() -> None:
-    effect: Effect = SelfView()
-    assert is_scene_effect(effect)

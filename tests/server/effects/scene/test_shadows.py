@@ -14,7 +14,6 @@ from catoptra_server.effects.effect import (
     EffectSettings,
     SceneSummary,
     ShadowLoss,
-    is_scene_effect,
 )
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.shadows import Shadows
@@ -137,8 +136,7 @@ def test_object_when_arriving_enables_shadows() -> None:
     assert 0.25 < change <= bound
 
 
-def test_shadows_change_the_scene_not_the_image() -> None:
-    assert is_scene_effect(Shadows())
+def test_plan_with_a_loss_has_shadows() -> None:
     plan = plan_effects(AUTO, SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.1, 0.2)), CAMERA)
     assert plan.scene_effects == (Shadows(),)
 

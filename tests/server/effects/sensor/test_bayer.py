@@ -3,24 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.sensor.bayer import Bayer, mosaic
-from helpers.effect_measurement import (
-    CAMERA,
-    CAPTURE_CONTEXT,
-    assert_effect_negligible,
-    assert_effect_not_negligible,
-    assert_summary_bounds_effect,
-    make_test_pattern,
-)
+from catoptra_server.effects.sensor.bayer import Bayer
+from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, assert_criterion, make_test_pattern
 
 
 def demosaic(image: np.ndarray) -> np.ndarray:
     return Bayer().apply(image, CAMERA, CAPTURE_CONTEXT)
-
-
-def test_filters_when_read_row_by_row_are_red_green_green_blue() -> None:
-    light = np.broadcast_to([1.0, 2.0, 3.0], (4, 4, 3))
-    np.testing.assert_array_equal(mosaic(light)[:2, :2], [[1, 2], [2, 3]])
 
 
 @pytest.mark.parametrize("shape", [(6, 8, 3), (5, 7, 3)])
@@ -41,15 +29,17 @@ def test_border_when_interpolated_is_mirrored_about_the_last_pixel() -> None:
     assert demosaic(light)[0, 0, 1] == pytest.approx(0.5)
 
 
-def test_measured_colour_when_demosaiced_is_kept() -> None:
+@pytest.mark.parametrize(("row", "column", "channel"), [(0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2)])
+def test_colour_of_the_filters_red_green_green_blue_is_kept_and_alone_counts(
+    row: int, column: int, channel: int
+) -> None:
     light = make_test_pattern()
-    np.testing.assert_array_equal(mosaic(demosaic(light)), mosaic(light))
+    own = np.zeros_like(light)
+    own[row::2, column::2, channel] = light[row::2, column::2, channel]
+    kept = demosaic(light)[row::2, column::2, channel]
+    np.testing.assert_array_equal(kept, light[row::2, column::2, channel])
+    np.testing.assert_array_equal(kept, demosaic(own)[row::2, column::2, channel])
 
 
-def test_night_is_disabled_by_the_criterion() -> None:
-    assert_effect_negligible(Bayer(), 1e-4)
-
-
-def test_day_is_enabled_by_the_criterion() -> None:
-    assert_effect_not_negligible(Bayer())
-    assert_summary_bounds_effect(Bayer(), 2.0)
+def test_criterion_enables_the_day_and_not_the_night() -> None:
+    assert_criterion(off=[(Bayer(), 1e-4)], on=[(Bayer(), 1.0)])

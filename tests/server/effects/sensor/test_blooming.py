@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects.sensor.blooming import Blooming
-from helpers.effect_measurement import (
-    CAMERA,
-    CAPTURE_CONTEXT,
-    assert_effect_negligible,
-    assert_effect_not_negligible,
-    assert_summary_bounds_effect,
-)
+from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, assert_criterion
 
 BLOOMING = Blooming(0.3, 5.0)
 
@@ -37,12 +31,10 @@ def test_charge_when_it_leaves_the_image_is_lost() -> None:
     assert bloom_row(0)[1:, 3, 0].sum() == pytest.approx(0.5 * 0.3 * 3.0)
 
 
-def test_dim_scene_is_disabled_by_the_criterion() -> None:
-    assert_effect_negligible(BLOOMING, 1.0)
+def test_image_below_the_full_well_keeps_every_bit() -> None:
     image = np.random.default_rng(1).uniform(0.0, 1.0, (20, 7, 3))
     np.testing.assert_array_equal(BLOOMING.apply(image, CAMERA, CAPTURE_CONTEXT), image)
 
 
-def test_bright_scene_is_enabled_by_the_criterion() -> None:
-    assert_effect_not_negligible(BLOOMING, 3.0)
-    assert_summary_bounds_effect(BLOOMING, 3.0)
+def test_criterion_enables_a_bright_scene_alone() -> None:
+    assert_criterion(off=[(BLOOMING, 1.0)], on=[(BLOOMING, 3.0)])

@@ -3,14 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_server.effects.sensor.exposure import Exposure
-from helpers.effect_measurement import (
-    CAMERA,
-    CAPTURE_CONTEXT,
-    assert_effect_negligible,
-    assert_effect_not_negligible,
-    assert_summary_bounds_effect,
-    make_test_pattern,
-)
+from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, assert_criterion, make_test_pattern
 
 LONG_EXPOSURE = Exposure(0.1, 0.02)
 
@@ -23,16 +16,12 @@ def test_light_when_the_shutter_is_open_longer_grows_with_the_time() -> None:
     )
 
 
-def test_white_time_is_disabled_by_the_criterion() -> None:
-    assert_effect_negligible(Exposure(0.02, 0.02))
-    assert_effect_negligible(Exposure(0.02005, 0.02))
-
-
-def test_other_time_is_enabled_by_the_criterion() -> None:
-    assert_effect_not_negligible(LONG_EXPOSURE)
-    assert_effect_not_negligible(Exposure(0.005, 0.02))
-    assert_summary_bounds_effect(LONG_EXPOSURE, 2.0)
-
-
-def test_night_needs_no_exposure() -> None:
-    assert_effect_negligible(LONG_EXPOSURE, 1e-5)
+def test_criterion_enables_other_times_than_whites_by_day() -> None:
+    assert_criterion(
+        off=[
+            (Exposure(0.02, 0.02), 1.0),
+            (Exposure(0.02005, 0.02), 1.0),
+            (LONG_EXPOSURE, 1e-5),
+        ],
+        on=[(LONG_EXPOSURE, 1.0), (Exposure(0.005, 0.02), 1.0)],
+    )

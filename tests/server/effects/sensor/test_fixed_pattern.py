@@ -6,13 +6,7 @@ import pytest
 from catoptra_server.effects.effect import CaptureContext
 from catoptra_server.effects.sensor.fixed_pattern import FixedPattern
 from catoptra_server.world.camera_state import NoiseSeed
-from helpers.effect_measurement import (
-    CAMERA,
-    NOISE_SEED,
-    assert_effect_negligible,
-    assert_effect_not_negligible,
-    assert_summary_bounds_effect,
-)
+from helpers.effect_measurement import CAMERA, NOISE_SEED, assert_criterion
 
 SENSOR = FixedPattern(0.02, 9.0, 18000.0)
 
@@ -46,10 +40,5 @@ def test_pattern_of_another_camera_is_another_one() -> None:
     assert abs(np.corrcoef(mine.ravel(), other.ravel())[0, 1]) < 0.02
 
 
-def test_even_sensor_is_disabled_by_the_criterion() -> None:
-    assert_effect_negligible(FixedPattern(1e-4, 0.1, 18000.0))
-
-
-def test_uneven_sensor_is_enabled_by_the_criterion() -> None:
-    assert_effect_not_negligible(SENSOR)
-    assert_summary_bounds_effect(SENSOR, 1.5)
+def test_criterion_enables_an_uneven_sensor_alone() -> None:
+    assert_criterion(off=[(FixedPattern(1e-4, 0.1, 18000.0), 1.0)], on=[(SENSOR, 1.0)])

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects.sensor.quantisation import Quantisation
-from helpers.effect_measurement import (
-    CAMERA,
-    CAPTURE_CONTEXT,
-    assert_effect_negligible,
-    assert_effect_not_negligible,
-    assert_summary_bounds_effect,
-)
+from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, assert_criterion
 
 
 def test_light_when_converted_is_a_whole_code_at_most_half_a_step_away() -> None:
@@ -30,10 +24,5 @@ def test_light_when_beyond_white_is_white() -> None:
     assert Quantisation(8).apply(np.full((2, 2, 3), 7.0), CAMERA, CAPTURE_CONTEXT).max() == 1.0
 
 
-def test_twelve_bits_are_disabled_by_the_criterion() -> None:
-    assert_effect_negligible(Quantisation(12))
-
-
-def test_eight_bits_are_enabled_by_the_criterion() -> None:
-    assert_effect_not_negligible(Quantisation(8))
-    assert_summary_bounds_effect(Quantisation(8), 2.0)
+def test_criterion_enables_eight_bits_and_not_twelve() -> None:
+    assert_criterion(off=[(Quantisation(12), 1.0)], on=[(Quantisation(8), 1.0)])

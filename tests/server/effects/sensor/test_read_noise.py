@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects.sensor.read_noise import ReadNoise
-from helpers.effect_measurement import (
-    CAMERA,
-    CAPTURE_CONTEXT,
-    assert_effect_negligible,
-    assert_effect_not_negligible,
-    assert_summary_bounds_effect,
-)
+from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT, assert_criterion
 
 SENSOR = ReadNoise(13.0, 18000.0)
 
@@ -23,10 +17,5 @@ def test_spread_in_electrons_is_the_amplifiers_whatever_the_light(level: float) 
     )
 
 
-def test_noiseless_amplifier_is_disabled_by_the_criterion() -> None:
-    assert_effect_negligible(ReadNoise(0.4, 18000.0))
-
-
-def test_usual_amplifier_is_enabled_by_the_criterion() -> None:
-    assert_effect_not_negligible(SENSOR)
-    assert_summary_bounds_effect(SENSOR, 1.2)
+def test_criterion_enables_a_usual_amplifier_and_no_noiseless_one() -> None:
+    assert_criterion(off=[(ReadNoise(0.4, 18000.0), 1.0)], on=[(SENSOR, 1.0)])

@@ -6,13 +6,7 @@ import pytest
 from catoptra_server.effects.effect import CaptureContext
 from catoptra_server.effects.sensor.shot_noise import ShotNoise
 from catoptra_server.world.camera_state import NoiseSeed
-from helpers.effect_measurement import (
-    CAMERA,
-    NOISE_SEED,
-    assert_effect_negligible,
-    assert_effect_not_negligible,
-    assert_summary_bounds_effect,
-)
+from helpers.effect_measurement import CAMERA, NOISE_SEED, assert_criterion
 
 SENSOR = ShotNoise(18000.0)
 
@@ -48,10 +42,5 @@ def test_well_when_full_is_not_exceeded_and_the_dark_is_noiseless() -> None:
     assert not measure_flat_field(0.0).any()
 
 
-def test_enormous_well_is_disabled_by_the_criterion() -> None:
-    assert_effect_negligible(ShotNoise(1e8))
-
-
-def test_usual_well_is_enabled_by_the_criterion() -> None:
-    assert_effect_not_negligible(SENSOR)
-    assert_summary_bounds_effect(SENSOR)
+def test_criterion_enables_a_usual_well_and_no_enormous_one() -> None:
+    assert_criterion(off=[(ShotNoise(1e8), 1.0)], on=[(SENSOR, 1.0)])

@@ -170,7 +170,7 @@ def test_rows_of_a_rolling_shutter_are_labelled_at_their_own_times() -> None:
         STATE,
         twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.0)),
         objects=tuple(replace(robot, twist=Twist((0.0, 1.0, 0.0))) for robot in ROBOTS),
-        shutter=INSTANTANEOUS.with_exposure(0.02, 3.0).with_readout(0.06, 9.0),
+        shutter=INSTANTANEOUS.add_exposure(0.02, 3.0).add_readout(0.06, 9.0),
     )
     with open_labels() as labels:
         found = labels.render(DrawnExposure(camera, moving), ("range", "ids")).channels
@@ -192,7 +192,7 @@ def test_global_shutter_is_labelled_at_the_middle_of_the_exposure() -> None:
     moving = replace(
         STATE,
         twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.0)),
-        shutter=INSTANTANEOUS.with_exposure(0.05, 3.0),
+        shutter=INSTANTANEOUS.add_exposure(0.05, 3.0),
     )
     with open_labels() as labels:
         blurred = labels.render(DrawnExposure(camera, moving), ("ids",)).channels

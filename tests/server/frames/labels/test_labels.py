@@ -28,11 +28,11 @@ from catoptra_server.world.world_description import Box, Item, Material, Twist, 
 from helpers.labelled_rooms import CAMERAS, ROBOTS, SCENE, STATE
 
 CAMERA = CAMERAS["paper"]
-ROLLING = INSTANTANEOUS.with_exposure(0.01, 1.0).with_readout(0.03, 4.0)
+ROLLING = INSTANTANEOUS.add_exposure(0.01, 1.0).add_readout(0.03, 4.0)
 
 
 def test_exposure_time_alone_changes_no_ray() -> None:
-    blurred = make_ray_source(CAMERA, None, INSTANTANEOUS.with_exposure(0.01, 1.0))
+    blurred = make_ray_source(CAMERA, None, INSTANTANEOUS.add_exposure(0.01, 1.0))
     assert blurred == make_ray_source(CAMERA, None, None)
     assert build_label_rays(blurred, 1).times is None
 

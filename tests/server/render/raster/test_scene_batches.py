@@ -24,7 +24,7 @@ from catoptra_server.render.raster.scene_batches import (
 )
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
-from catoptra_server.world.shading import facet_irradiance, interpolate_albedo, point_irradiance
+from catoptra_server.world.shading import facet_irradiance, point_irradiance
 from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import Item, Light, MeshFile, World, srgb_from_linear
 from helpers.dynamic_objects import ROBOT_MESH, TWO_ROBOTS, place_cube
@@ -92,7 +92,7 @@ def expected_levels(scene: SceneMesh, lights: tuple[Light, ...]) -> tuple[Floats
     u, v = np.linalg.solve(np.stack((b - a, c - a), axis=-1), (points[:, :2] - a).T)
     inside = (np.minimum(np.minimum(u, v), 1.0 - u - v) > 0.02) & seen.ravel() & (ray[:, 2] > 0)
     assert scene.corner_albedo is not None
-    albedo = interpolate_albedo(np.broadcast_to(scene.corner_albedo[0], (len(u), 3, 3)), u, v)
+    albedo = np.stack((1.0 - u - v, u, v), axis=-1) @ scene.corner_albedo[0]
     normals = np.broadcast_to(scene.normals[0], points.shape)
     light = facet_irradiance(lights, normals) + point_irradiance(lights, points, normals)
     radiance = np.where(inside[:, None], albedo * (1.0 if scene.unlit[0] else light), 0.0)

@@ -10,6 +10,9 @@ hence r_i / h = 2 kappa s t / (1 - kappa^2 t^2). This is the exact projection; t
 
 No form cancels or overflows between the plane (k = 2) and the largest float: 1 - kappa is a
 quotient of sums, from which 1 - kappa t and 1 - kappa t^2 are composed.
+
+One identity carries the projection and its inverse from the axis to the asymptote, and the horizon
+is t = 1 exactly. The model holds to a dozen roundings from k next to 2 up to the largest double.
 """
 
 from __future__ import annotations

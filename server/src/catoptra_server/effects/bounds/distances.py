@@ -1,23 +1,20 @@
-"""Distance bounds of boxes and planes in the rings of an image, bands of equal image radius.
+"""Distance bounds of the static scene: no ring of the image shows a surface that is nearer.
 
-A ring of the image is a band of angles theta about the optical axis, at any azimuth. So a
-box counts as the solid of revolution that the box sweeps about the axis: a rectangle of (rho, z).
-The rectangle's nearest point within a band is its nearest point to the viewpoint, if in the band,
-or lies on one of the band's two borders. Every value is a lower bound.
+A ring is a band of angles theta about the optical axis, at any azimuth. So a box counts as the
+solid of revolution that it sweeps about the axis: a rectangle of (rho, z). The rectangle's nearest
+point within a band is its nearest point to the viewpoint, if in the band, or lies on one of the
+band's two borders.
 
-Bounding volume hierarchy that finds the distance of a triangle set in each ring of the image.
+Triangles are bounded in a hierarchy of boxes: neighbours share a box, neighbouring boxes a larger
+one. A query holds for all viewpoints of a box at once, so its result can be cached. A triangle is
+bounded by its own box, rotated with the optical axis, and by its own plane. Occlusion is not
+considered: a hidden triangle counts.
 
-Neighbouring triangles share a box, neighbouring boxes a larger one. A query holds for all
-viewpoints of a box at once, so its result can be cached. A triangle is bounded by its own box,
-rotated with the mirror axis, and by its own plane. Occlusion is not considered: a hidden triangle
-counts.
-
-Distance bounds of the static scene, by ring of the image, shared by all viewpoints of a cell.
-
-Cells belong to fixed grids and do not depend on earlier frames: a frame follows from its camera
-state alone. Of four sizes the largest cell counts whose bound is little below that of its centre.
-Cells are lower than wide, since robots drive on floors: above an open floor, half a metre up or
-down would change the bound by far more than half a metre sideways.
+All viewpoints of a cell share a bound. Cells belong to fixed grids and do not depend on earlier
+frames: a frame follows from its camera state alone. Of four sizes the largest cell counts whose
+bound is little below its centre's. Cells are lower than wide, since robots drive on floors: above
+an open floor, half a metre up or down would change the bound by far more than half a metre
+sideways.
 """
 
 from __future__ import annotations
@@ -25,7 +22,6 @@ from __future__ import annotations
 from functools import cached_property, lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
@@ -34,8 +30,116 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.bounds import round_outward
 from catoptra_server.effects.effect import NUM_RINGS
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.triangles import make_clusters
+from catoptra_server.world.triangles import Indices, make_clusters
 from catoptra_server.world.world_description import Vector3
+
+# Largest first. A viewpoint too near a surface for the smallest is evaluated on its own: a robot
+# would leave smaller cells in every frame.
+_CELL_SIDES_M = (0.5, 0.25, 0.125, 0.0625)
+_CELL_HEIGHT_FRACTION = 0.125  # of the side
+# A cell's bound may be this fraction of its centre's.
+_MIN_BOUND_FRACTION = 0.7
+# A ring this many times farther than the nearest may lose any fraction: the nearest ring dominates
+# the criteria.
+_FAR_RATIO = 4.0
+# A cell whose query opens more triangles than this counts as too large.
+_MAX_TRIANGLES_PER_CELL = 2048
+# Within 1e-6 rad, a tenth of the padding of boxes.
+_AXIS_DIGITS = 6
+# 100 bytes an entry; a driving robot needs five new ones a second.
+_CACHE_SIZE = 4096
+
+_RingDistances = tuple[float, ...]
+
+
+class DistanceBoundCache:
+    """Distance bounds of one scene."""
+
+    def __init__(self, scene: SceneMesh) -> None:
+        self._scene = scene
+        # Caches of bound methods, per instance: a cache on the class would keep scenes alive.
+        self._cached_in_cell = lru_cache(maxsize=_CACHE_SIZE)(self._bounds_in_cell)
+        self._cached_at_point = lru_cache(maxsize=_CACHE_SIZE)(self._bounds_at_point)
+
+    @cached_property
+    def _bvh(self) -> RingDistanceBvh:
+        # On demand: 0.35 s for a million triangles.
+        return RingDistanceBvh(self._scene.corners, self._scene.normals)
+
+    @property
+    def num_evaluations(self) -> int:
+        """Number of viewpoints and cells evaluated so far, for tests and measurements."""
+        return self._cached_in_cell.cache_info().misses + self._cached_at_point.cache_info().misses
+
+    def min_distances_m(self, world_from_mirror: Pose, camera: RadialCamera) -> _RingDistances:
+        """Distance bound of each ring of the image, rounded down.
+
+        Args:
+            world_from_mirror: Pose of the mirror frame; its origin is the viewpoint.
+        """
+        axis = mirror_axis(world_from_mirror)
+        x, y, z = world_from_mirror.translation.tolist()
+        for side in _CELL_SIDES_M:
+            cell = (round(x / side), round(y / side), round(z / (_CELL_HEIGHT_FRACTION * side)))
+            nearest = self._cached_in_cell(camera, axis, cell, side)
+            if nearest is not None:
+                return nearest
+        return self._cached_at_point(camera, axis, (x, y, z))
+
+    def _bounds_at_point(
+        self, camera: RadialCamera, axis: Vector3, point: Vector3
+    ) -> _RingDistances:
+        viewpoint = ViewpointBox(np.array(point), np.zeros(3), rotation_to_axis(axis))
+        return round_outward.round_down(self._bvh.bounds(viewpoint, image_rings(camera)).tolist())
+
+    def _bounds_in_cell(
+        self, camera: RadialCamera, axis: Vector3, cell: tuple[int, int, int], side: float
+    ) -> _RingDistances | None:
+        """Bounds of a cell; None for a cell too large for its surroundings."""
+        rings, rotation = image_rings(camera), rotation_to_axis(axis)
+        sides = side * np.array((1.0, 1.0, _CELL_HEIGHT_FRACTION))
+        centre = sides * cell
+        at_centre = self._bvh.bounds(ViewpointBox(centre, np.zeros(3), rotation), rings)
+        # A surface nearer than a cell's side: some viewpoint of the cell could touch the surface.
+        if at_centre.min() < side:
+            return None
+        cutoff = _MIN_BOUND_FRACTION * at_centre
+        box = ViewpointBox(centre, 0.5 * sides, rotation)
+        nearest = self._bvh.bounds(box, rings, cutoff=cutoff, max_triangles=_MAX_TRIANGLES_PER_CELL)
+        is_far = nearest >= _FAR_RATIO * nearest.min()
+        is_fine = ((nearest >= cutoff) | is_far).all() and nearest.min() > 0.0
+        return round_outward.round_down(nearest.tolist()) if is_fine else None
+
+
+def mirror_axis(world_from_mirror: Pose) -> Vector3:
+    """Mirror axis in the world, rounded, so that all upright robots share one."""
+    x, y, z = world_from_mirror.rotation[:, 2].tolist()
+    # -0.0 + 0.0 is 0.0: one cache key for both zeros.
+    return round(x, _AXIS_DIGITS) + 0.0, round(y, _AXIS_DIGITS) + 0.0, round(z, _AXIS_DIGITS) + 0.0
+
+
+@lru_cache(maxsize=64)
+def rotation_to_axis(axis: Vector3) -> Floats:
+    """Smallest (3, 3) rotation into axes whose z is a given axis.
+
+    The smallest one keeps world-aligned boxes aligned under an upright mirror, where bounds of
+    rotated boxes would be looser.
+    """
+    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
+    # 1 / (1 + z) has a pole at the axis straight up, of a camera upside down: turn by half a
+    # revolution first.
+    if z < 0.0:
+        return np.array([1.0, -1.0, -1.0])[:, None] * _rotation_to_upward_axis(-x, -y, -z)
+    return _rotation_to_upward_axis(x, y, z)
+
+
+def _rotation_to_upward_axis(x: float, y: float, z: float) -> Floats:
+    """Rotation about (y, -x, 0) that takes (x, y, z) to (0, 0, 1); z >= 0."""
+    c = 1.0 / (1.0 + z)
+    return np.array(
+        [[1.0 - c * x * x, -c * x * y, -x], [-c * x * y, 1.0 - c * y * y, -y], [x, y, z]]
+    )
+
 
 # Boxes grow by this fraction of their distance on all sides: frames are rendered in float32, so a
 # surface just beside a ring can appear in the ring. Some 0.003 px at 640 px.
@@ -71,7 +175,7 @@ def image_rings(camera: RadialCamera) -> ImageRings:
 
 
 def box_distance_bounds(low: Floats, high: Floats, rings: ImageRings) -> Floats:
-    """Distance within which each ring shows nothing of a box; inf: none of the box in the ring.
+    """Distance within which each ring shows nothing of a box; inf: the box is not in the ring.
 
     Args:
         low: (n, 3) lower corners from the viewpoint, in axes whose z is the optical axis.
@@ -132,8 +236,6 @@ def plane_distance_bounds(distance: Floats, cosine: Floats, rings: ImageRings) -
     return np.where(distance[:, None] > 0.0, (1.0 - _RELATIVE_PADDING) * bounds, 0.0)
 
 
-Indices = npt.NDArray[np.intp]
-
 # Triangles a leaf, and boxes a parent.
 _BRANCHING = 16
 _MAX_ROOTS = 128
@@ -143,7 +245,7 @@ _REFINE_FRACTION = 0.95
 # to profit from the bounds found.
 _BATCH_SIZE = 8
 # Some 5 ms.
-MAX_TRIANGLES = 2**14
+_MAX_TRIANGLES = 2**14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,48 +258,6 @@ class ViewpointBox:
     """(3,) metres; zero for a single viewpoint."""
     axis_rotation: Floats
     """(3, 3) to axes whose z is the mirror axis."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Boxes:
-    """Boxes of one level, (n, 3) each."""
-
-    centre: Floats
-    half_extent: Floats
-
-    def bounds(self, indices: Indices, viewpoints: ViewpointBox, rings: ImageRings) -> Floats:
-        """(m, NUM_RINGS) bounds of the boxes at some indices."""
-        centre = (self.centre[indices] - viewpoints.centre) @ viewpoints.axis_rotation.T
-        half = (self.half_extent[indices] + viewpoints.half_extent) @ np.abs(
-            viewpoints.axis_rotation
-        ).T
-        return box_distance_bounds(centre - half, centre + half, rings)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _NodeBounds:
-    """Boxes of one level with their bounds."""
-
-    level: int
-    nodes: Indices
-    """(n,) indices within the level."""
-    bounds: Floats
-    """(n, NUM_RINGS) metres."""
-
-    def select(self, mask: Bools) -> _NodeBounds:
-        """Boxes of a (n,) mask."""
-        return _NodeBounds(self.level, self.nodes[mask], self.bounds[mask])
-
-    def split_nearest(self, cutoff: Floats) -> tuple[_NodeBounds, _NodeBounds]:
-        """Boxes that are nearest in any ring and nearer than the (NUM_RINGS,) cutoff; and the
-        rest."""
-        is_nearest = np.ones(len(self.nodes), dtype=bool)
-        # A partial sort by ring: the union over the rings is at most NUM_RINGS * _BATCH_SIZE boxes.
-        if len(is_nearest) > _BATCH_SIZE:
-            open_bounds = np.where(self.bounds < cutoff, self.bounds, np.inf)
-            is_nearest[:] = False
-            is_nearest[np.argpartition(open_bounds, _BATCH_SIZE, axis=0)[:_BATCH_SIZE]] = True
-        return self.select(is_nearest), self.select(~is_nearest)
 
 
 class RingDistanceBvh:
@@ -224,7 +284,7 @@ class RingDistanceBvh:
         rings: ImageRings,
         *,
         cutoff: Floats | None = None,
-        max_triangles: int = MAX_TRIANGLES,
+        max_triangles: int = _MAX_TRIANGLES,
     ) -> Floats:
         """Distance within which no ring shows a triangle.
 
@@ -293,121 +353,54 @@ class RingDistanceBvh:
             np.maximum(in_front, behind) - np.abs(normals) @ viewpoints.half_extent, 0.0
         )
         # All corners lie on one side of a plane, and so does the triangle: this holds for any
-        # normal, so that of a degenerate triangle does no harm.
+        # normal, so a degenerate triangle's does no harm.
         cosine = (normals @ viewpoints.axis_rotation[2]) * np.where(in_front >= behind, 1.0, -1.0)
         return np.maximum(to_box, plane_distance_bounds(distance, cosine, rings))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Boxes:
+    """Boxes of one level, (n, 3) each."""
+
+    centre: Floats
+    half_extent: Floats
+
+    def bounds(self, indices: Indices, viewpoints: ViewpointBox, rings: ImageRings) -> Floats:
+        """(m, NUM_RINGS) bounds of the boxes at some indices."""
+        centre = (self.centre[indices] - viewpoints.centre) @ viewpoints.axis_rotation.T
+        half = (self.half_extent[indices] + viewpoints.half_extent) @ np.abs(
+            viewpoints.axis_rotation
+        ).T
+        return box_distance_bounds(centre - half, centre + half, rings)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _NodeBounds:
+    """Boxes of one level with their bounds."""
+
+    level: int
+    nodes: Indices
+    """(n,) indices within the level."""
+    bounds: Floats
+    """(n, NUM_RINGS) metres."""
+
+    def select(self, mask: Bools) -> _NodeBounds:
+        """Boxes of a (n,) mask."""
+        return _NodeBounds(self.level, self.nodes[mask], self.bounds[mask])
+
+    def split_nearest(self, cutoff: Floats) -> tuple[_NodeBounds, _NodeBounds]:
+        """Boxes that are nearest in any ring and nearer than the (NUM_RINGS,) cutoff; and the
+        rest."""
+        is_nearest = np.ones(len(self.nodes), dtype=bool)
+        # A partial sort by ring: the union over the rings is at most NUM_RINGS * _BATCH_SIZE boxes.
+        if len(is_nearest) > _BATCH_SIZE:
+            open_bounds = np.where(self.bounds < cutoff, self.bounds, np.inf)
+            is_nearest[:] = False
+            is_nearest[np.argpartition(open_bounds, _BATCH_SIZE, axis=0)[:_BATCH_SIZE]] = True
+        return self.select(is_nearest), self.select(~is_nearest)
 
 
 def _child_indices(nodes: Indices, count: int) -> Indices:
     """Indices of the children of nodes, in a level of `count` members."""
     children = (nodes[:, None] * _BRANCHING + np.arange(_BRANCHING)).ravel()
     return children[children < count]
-
-
-# Largest first. A viewpoint too near a surface for the smallest is evaluated on its own: a robot
-# would leave smaller cells in every frame.
-_CELL_SIDES_M = (0.5, 0.25, 0.125, 0.0625)
-_CELL_HEIGHT_FRACTION = 0.125  # of the side
-# A cell's bound may be this fraction of its centre's.
-_MIN_BOUND_FRACTION = 0.7
-# A ring this many times farther than the nearest may lose any fraction: the nearest ring dominates
-# the criteria.
-_FAR_RATIO = 4.0
-# A cell whose query opens more triangles than this counts as too large.
-_MAX_TRIANGLES = 2048
-# Within 1e-6 rad, a tenth of the padding of boxes.
-_AXIS_DIGITS = 6
-# 100 bytes an entry; a driving robot needs five new ones a second.
-_CACHE_SIZE = 4096
-
-RingDistances = tuple[float, ...]
-
-
-class DistanceBoundCache:
-    """Distance bounds of one scene."""
-
-    def __init__(self, scene: SceneMesh) -> None:
-        self._scene = scene
-        # Caches of bound methods, per instance: a cache on the class would keep scenes alive.
-        self._cached_in_cell = lru_cache(maxsize=_CACHE_SIZE)(self._bounds_in_cell)
-        self._cached_at_point = lru_cache(maxsize=_CACHE_SIZE)(self._bounds_at_point)
-
-    @cached_property
-    def _bvh(self) -> RingDistanceBvh:
-        """Bounding volume hierarchy: 0.35 s of work for a million triangles, so built on
-        demand."""
-        return RingDistanceBvh(self._scene.corners, self._scene.normals)
-
-    @property
-    def num_evaluations(self) -> int:
-        """Number of viewpoints and cells evaluated so far, for tests and measurements."""
-        return self._cached_in_cell.cache_info().misses + self._cached_at_point.cache_info().misses
-
-    def min_distances_m(self, world_from_mirror: Pose, camera: RadialCamera) -> RingDistances:
-        """Distance bound of each ring of the image, rounded down.
-
-        Args:
-            world_from_mirror: Pose of the mirror frame; its origin is the viewpoint.
-        """
-        axis = mirror_axis(world_from_mirror)
-        x, y, z = world_from_mirror.translation.tolist()
-        for side in _CELL_SIDES_M:
-            cell = (round(x / side), round(y / side), round(z / (_CELL_HEIGHT_FRACTION * side)))
-            nearest = self._cached_in_cell(camera, axis, cell, side)
-            if nearest is not None:
-                return nearest
-        return self._cached_at_point(camera, axis, (x, y, z))
-
-    def _bounds_at_point(
-        self, camera: RadialCamera, axis: Vector3, point: Vector3
-    ) -> RingDistances:
-        viewpoint = ViewpointBox(np.array(point), np.zeros(3), rotation_to_axis(axis))
-        return round_outward.round_down(self._bvh.bounds(viewpoint, image_rings(camera)).tolist())
-
-    def _bounds_in_cell(
-        self, camera: RadialCamera, axis: Vector3, cell: tuple[int, int, int], side: float
-    ) -> RingDistances | None:
-        """Bounds of a cell; None for a cell too large for its surroundings."""
-        rings, rotation = image_rings(camera), rotation_to_axis(axis)
-        sides = side * np.array((1.0, 1.0, _CELL_HEIGHT_FRACTION))
-        centre = sides * cell
-        at_centre = self._bvh.bounds(ViewpointBox(centre, np.zeros(3), rotation), rings)
-        # A surface nearer than a cell's side: some viewpoint of the cell could touch the surface.
-        if at_centre.min() < side:
-            return None
-        cutoff = _MIN_BOUND_FRACTION * at_centre
-        box = ViewpointBox(centre, 0.5 * sides, rotation)
-        nearest = self._bvh.bounds(box, rings, cutoff=cutoff, max_triangles=_MAX_TRIANGLES)
-        is_far = nearest >= _FAR_RATIO * nearest.min()
-        is_fine = ((nearest >= cutoff) | is_far).all() and nearest.min() > 0.0
-        return round_outward.round_down(nearest.tolist()) if is_fine else None
-
-
-def mirror_axis(world_from_mirror: Pose) -> Vector3:
-    """Mirror axis in the world, rounded, so that all upright robots share one."""
-    x, y, z = world_from_mirror.rotation[:, 2].tolist()
-    # -0.0 + 0.0 is 0.0: one cache key for both zeros.
-    return round(x, _AXIS_DIGITS) + 0.0, round(y, _AXIS_DIGITS) + 0.0, round(z, _AXIS_DIGITS) + 0.0
-
-
-@lru_cache(maxsize=64)
-def rotation_to_axis(axis: Vector3) -> Floats:
-    """Smallest (3, 3) rotation into axes whose z is a given axis.
-
-    The smallest one keeps world-aligned boxes aligned under an upright mirror, where bounds of
-    rotated boxes would be looser.
-    """
-    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
-    # 1 / (1 + z) has a pole at the axis straight up, of a camera upside down: turn by half a
-    # revolution first.
-    if z < 0.0:
-        return np.array([1.0, -1.0, -1.0])[:, None] * _rotation_to_upward_axis(-x, -y, -z)
-    return _rotation_to_upward_axis(x, y, z)
-
-
-def _rotation_to_upward_axis(x: float, y: float, z: float) -> Floats:
-    """Rotation about (y, -x, 0) that takes (x, y, z) to (0, 0, 1); z >= 0."""
-    c = 1.0 / (1.0 + z)
-    return np.array(
-        [[1.0 - c * x * x, -c * x * y, -x], [-c * x * y, 1.0 - c * y * y, -y], [x, y, z]]
-    )

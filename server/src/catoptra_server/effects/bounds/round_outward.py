@@ -11,12 +11,8 @@ from collections.abc import Iterable
 
 from catoptra_server.world.world_description import Twist, Vector3
 
-_STEPS_PER_OCTAVE = 8
-_STEPS_PER_VECTOR = 16
 # Criteria divide by distances.
 MIN_DISTANCE_M = 1e-6
-# Below a nanometre a second there is only rounding, whose changing sign would change the bound.
-_MIN_RATE = 1e-9
 
 
 def round_down(distances_m: Iterable[float]) -> tuple[float, ...]:
@@ -32,6 +28,13 @@ def round_away_from_zero(values: Iterable[float]) -> tuple[float, ...]:
 def round_twist(twist: Twist) -> Twist:
     """Twist with each component rounded away from zero, in sixteenths of the vector's octave."""
     return Twist(_round_vector(twist.linear_m_s), _round_vector(twist.angular_rad_s))
+
+
+_STEPS_PER_OCTAVE = 8
+_STEPS_PER_VECTOR = 16
+
+# Below a nanometre a second there is only rounding, whose changing sign would change the bound.
+_MIN_RATE = 1e-9
 
 
 def _round_vector(values: Vector3) -> Vector3:

@@ -1,19 +1,17 @@
-"""Convolution with kernels that are symmetric about both axes and both diagonals.
+"""Convolution with kernels that are symmetric about both axes and both diagonals; kernels of discs.
 
-Such a kernel has one weight for each pair i >= j >= 0 of offsets in columns and rows: the pixels at
-(+-i, +-j) and (+-j, +-i) share a weight and are summed before the product. Weights may differ from
-pixel to pixel. Outside the image the border pixel is repeated.
+A symmetric kernel has one weight for each pair i >= j >= 0 of offsets in columns and rows: the
+pixels at (+-i, +-j) and (+-j, +-i) share a weight and are summed before the product. Weights may
+differ from pixel to pixel. Outside the image the border pixel is repeated.
 
-Kernels of uniform discs on the pixel grid, by their variance.
-
-A pixel is already the mean over its square, so a disc is laid over squares of constant radiance: a
-pixel's weight is the fraction of the disc's area in that pixel. The squares add a spread of their
-own, 1/12 px^2 for large discs; the laid disc is therefore smaller than the intended one, such that
-the kernel's variance along each axis is that of the intended disc, d^2 / 16, exactly. A disc within
-its pixel would have no effect; by the variance the four neighbours still receive light. Weights are
-0 or more and sum to 1: no light is lost, nothing overshoots. The linear mixture of two rows of the
-table keeps sum and variance exact. Source: derived here; the area is the integral of the circle's
-ordinate, cut at the square's sides.
+A uniform disc has a kernel by its variance. A pixel is already the mean over its square, so a disc
+is laid over squares of constant radiance: a pixel's weight is the fraction of the disc's area in
+that pixel. The squares add a spread of their own, 1/12 px^2 for large discs; the laid disc is
+therefore smaller than the intended one, such that the kernel's variance along each axis is exactly
+d^2 / 16, as of the intended disc. A disc within its pixel would have no effect; by the variance the
+four neighbours still receive light. Weights are 0 or more and sum to 1: no light is lost, nothing
+overshoots. The linear mixture of two rows of the table keeps sum and variance exact. Source:
+derived here; the area is the integral of the circle's ordinate, cut at the square's sides.
 """
 
 from __future__ import annotations
@@ -29,33 +27,12 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import Real
 
-# Rows per strip: the sums of a strip stay in the processor's cache.
-_ROWS_PER_STRIP = 32
-
 # Weights of a strip of rows: (pairs, rows, w) or, the same for all pixels, (pairs, 3, 1, 1).
-KernelRowWeights = Callable[[slice], npt.NDArray[Real]]
-
-
-def num_offset_pairs(half_width_px: int) -> int:
-    """Number of weights of a kernel of (2 half_width_px + 1)^2 pixels."""
-    return (half_width_px + 1) * (half_width_px + 2) // 2
-
-
-def offset_pairs(half_width_px: int) -> Iterator[tuple[int, int]]:
-    """Pairs (i, j) in the order of their weights: index i (i + 1) / 2 + j."""
-    # Sorted by i, so the weights of a narrower kernel are a prefix of those of a wider one.
-    return ((i, j) for i in range(half_width_px + 1) for j in range(i + 1))
-
-
-def pair_multiplicities(half_width_px: int) -> Floats:
-    """Number of pixels that share each weight: 1, 4 or 8."""
-    # 4 on the axes (j = 0) and on the diagonals (j = i), 8 between.
-    sizes = [1 if i == 0 else 4 if j in (0, i) else 8 for i, j in offset_pairs(half_width_px)]
-    return np.array(sizes, dtype=np.float64)
+_KernelRowWeights = Callable[[slice], npt.NDArray[Real]]
 
 
 def convolve_symmetric(
-    image: npt.NDArray[Real], half_width_px: int, kernel_row_weights: KernelRowWeights[Real]
+    image: npt.NDArray[Real], half_width_px: int, kernel_row_weights: _KernelRowWeights[Real]
 ) -> npt.NDArray[Real]:
     """Convolve a (h, w, 3) image.
 
@@ -77,7 +54,7 @@ def convolve_symmetric_within(
     image: npt.NDArray[Real],
     mask: Bools,
     half_width_px: int,
-    kernel_row_weights: KernelRowWeights[Real],
+    kernel_row_weights: _KernelRowWeights[Real],
 ) -> npt.NDArray[Real]:
     """Convolve the pixels of an (h, w) mask with pixels of the mask alone.
 
@@ -94,8 +71,30 @@ def convolve_symmetric_within(
     return result
 
 
+def offset_pairs(half_width_px: int) -> Iterator[tuple[int, int]]:
+    """Pairs (i, j) in the order of their weights: index i (i + 1) / 2 + j."""
+    # Sorted by i, so a narrower kernel's weights are a prefix of a wider one's.
+    return ((i, j) for i in range(half_width_px + 1) for j in range(i + 1))
+
+
+def _num_offset_pairs(half_width_px: int) -> int:
+    """Number of weights of a kernel of (2 half_width_px + 1)^2 pixels."""
+    return (half_width_px + 1) * (half_width_px + 2) // 2
+
+
+def pair_multiplicities(half_width_px: int) -> Floats:
+    """Number of pixels that share each weight: 1, 4 or 8."""
+    # 4 on the axes (j = 0) and on the diagonals (j = i), 8 between.
+    sizes = [1 if i == 0 else 4 if j in (0, i) else 8 for i, j in offset_pairs(half_width_px)]
+    return np.array(sizes, dtype=np.float64)
+
+
+# Rows per strip: the sums of a strip stay in the processor's cache.
+_ROWS_PER_STRIP = 32
+
+
 def _weighted_sums(
-    planes: npt.NDArray[Real], half_width_px: int, kernel_row_weights: KernelRowWeights[Real]
+    planes: npt.NDArray[Real], half_width_px: int, kernel_row_weights: _KernelRowWeights[Real]
 ) -> Iterator[tuple[slice, npt.NDArray[Real]]]:
     """Weighted sums, (c, rows, w), of (c, h, w) planes, strip by strip."""
     count, height, width = planes.shape
@@ -139,7 +138,7 @@ def _sum_of_shifts(
 MAX_DIAMETER_PX = 32.0
 """Widest disc that is drawn; a wider one is drawn as this: tables grow with the fourth power."""
 # Rows of the table per px^2 of variance; a kink of a weight between two rows is cut by 1e-4.
-ROWS_PER_PX2 = 64
+_ROWS_PER_PX2 = 64
 # Step of the laid disc's diameter; the table's variances are interpolated between these steps.
 _DIAMETER_STEP_PX = 0.02
 
@@ -151,7 +150,7 @@ class DiscKernelTable:
     half_width_px: int
     """Half width of the widest kernel, without the central pixel."""
     weights: Floats
-    """(rows, pairs); row n has a variance of n / ROWS_PER_PX2."""
+    """(rows, pairs); row n has a variance of n / _ROWS_PER_PX2."""
 
     def half_width_up_to_row(self, row: float) -> int:
         """Half width of the widest kernel up to a row."""
@@ -163,7 +162,7 @@ class DiscKernelTable:
         below = np.minimum(row.astype(np.intp), len(self.weights) - 2)
         fraction = row - below.astype(row.dtype)
         # The pairs of a narrower kernel are the first ones of a wider kernel.
-        weights = self.weights[:, : num_offset_pairs(half_width_px)].T.astype(row.dtype)
+        weights = self.weights[:, : _num_offset_pairs(half_width_px)].T.astype(row.dtype)
         steps = np.diff(weights, axis=1)
         mixed = np.zeros((len(weights), *row.shape), dtype=row.dtype)
         for pair, (lower, step) in enumerate(zip(weights, steps, strict=True)):
@@ -192,7 +191,7 @@ class DiscKernelTable:
 def table_row(diameter_px: Floats) -> Floats:
     """Fractional row of the kernel of a disc."""
     # The variance of a disc along an axis is d^2 / 16.
-    row: Floats = (ROWS_PER_PX2 / 16.0) * np.square(diameter_px)
+    row: Floats = (_ROWS_PER_PX2 / 16.0) * np.square(diameter_px)
     return row
 
 
@@ -201,7 +200,7 @@ def disc_kernel_table(max_diameter_px: float) -> DiscKernelTable:
     """Kernels of all discs up to a diameter, at most MAX_DIAMETER_PX."""
     max_diameter_px = min(max_diameter_px, MAX_DIAMETER_PX)
     rows = math.ceil(float(table_row(np.array(max_diameter_px)))) + 2
-    variance = np.arange(rows) / ROWS_PER_PX2
+    variance = np.arange(rows) / _ROWS_PER_PX2
     # A laid disc of 1 px has no variance; one of max_diameter_px + 1 always has more than the
     # intended one: between both lie all variances of the table.
     laid_px = np.arange(1.0, max(max_diameter_px, 1.0) + 1.0 + _DIAMETER_STEP_PX, _DIAMETER_STEP_PX)
@@ -213,7 +212,7 @@ def disc_kernel_table(max_diameter_px: float) -> DiscKernelTable:
         [np.interp(variance, laid_variance, fraction) for fraction in fractions.T], axis=-1
     )
     half_width = _half_width(weights, half_width)
-    weights = np.ascontiguousarray(weights[:, : num_offset_pairs(half_width)])
+    weights = np.ascontiguousarray(weights[:, : _num_offset_pairs(half_width)])
     weights.setflags(write=False)
     return DiscKernelTable(half_width, weights)
 

@@ -1,10 +1,9 @@
-"""Position in the image and image scale of points on a mirror's own surface.
+"""Dust particles and scratches on a mirror, and the fraction of each pixel that they cover.
 
-Rings of the mirror from the axis to the rim, by plan radius: the fraction of the surface within,
-the image radius, and px per metre along the meridian, along the plan radius, and tangentially.
-Linear between rings, within 1e-5 of the exact values. Domain: central mirrors.
-
-Dust particles and scratches on a mirror, and the fraction of each pixel that they cover.
+Positions on the surface and the image scale there come from a table of rings of the mirror, from
+the axis to the rim, by plan radius: the fraction of the surface within, the image radius, and px
+per metre along the meridian, along the plan radius, and tangentially. Linear between rings, within
+1e-5 of the exact values. Domain: central mirrors.
 
 Particles are discs with exponentially distributed diameters (an assumption), uniform over the
 surface; scratches are straight in plan, of one width, with exponentially distributed lengths. Sizes
@@ -25,79 +24,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.kernels.light import UInt32Array, pcg3d
-
-_NUM_RINGS = 1025
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MirrorSurfaceTable:
-    """Table of (n,) rings of a mirror, from the axis to the rim."""
-
-    r_m: Floats
-    """Radius about the axis, in plan."""
-    area_fraction: Floats
-    """Fraction of the surface within the ring."""
-    image_radius_px: Floats
-    """Radius in the image."""
-    radial_px_per_m: Floats
-    """Image px per metre of surface, along the meridian."""
-    tangential_px_per_m: Floats
-    """Image px per metre of surface, around the axis."""
-    plan_radial_px_per_m: Floats
-    """Image px per metre of the plan radius."""
-    area_m2: float
-    """Area of the whole surface."""
-
-    @property
-    def max_px_per_m(self) -> float:
-        """Largest scale of lengths in plan, in any direction."""
-        return float(max(self.plan_radial_px_per_m.max(), self.tangential_px_per_m.max()))
-
-    @property
-    def max_px2_per_m2(self) -> float:
-        """Largest scale of areas of the surface."""
-        return float((self.radial_px_per_m * self.tangential_px_per_m).max())
-
-    def r_from_area_fraction(self, area_fraction: Floats) -> Floats:
-        """Plan radius, m, within which a fraction of the surface lies."""
-        # Near the axis areas grow with the square of the radius: in the square roots the relation
-        # is nearly linear and interpolates well.
-        r: Floats = np.interp(np.sqrt(area_fraction), np.sqrt(self.area_fraction), self.r_m)
-        return r
-
-    def interpolate(self, r_m: Floats) -> tuple[Floats, Floats, Floats]:
-        """Image radius in px, radial and tangential px per metre of surface, at plan radii."""
-        radius, radial, tangential = (
-            np.interp(r_m, self.r_m, values)
-            for values in (self.image_radius_px, self.radial_px_per_m, self.tangential_px_per_m)
-        )
-        return radius, radial, tangential
-
-
-@lru_cache(maxsize=4)
-def mirror_surface_table(camera: OmniCamera) -> MirrorSurfaceTable:
-    """Surface table of a camera's mirror."""
-    t = np.linspace(0.0, camera.rim_t, _NUM_RINGS)
-    r, z = camera.mirror.surface_point(t)
-    radius_px = camera.scale_px * camera.projection.radius_ratio_from_t(t)
-    arc = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(r), np.diff(z)))))
-    # Exact lateral areas of the cone frusta between rings.
-    rings = np.pi * (r[1:] + r[:-1]) * np.diff(arc)
-    area = np.concatenate(([0.0], np.cumsum(rings)))
-    radial = np.gradient(radius_px, arc, edge_order=2)
-    # On the axis both scales agree by symmetry, where the quotient would be 0 / 0.
-    tangential = np.concatenate((radial[:1], radius_px[1:] / r[1:]))
-    return MirrorSurfaceTable(
-        r_m=r,
-        area_fraction=area / area[-1],
-        image_radius_px=radius_px,
-        radial_px_per_m=radial,
-        tangential_px_per_m=tangential,
-        plan_radial_px_per_m=np.gradient(radius_px, r, edge_order=2),
-        area_m2=float(area[-1]),
-    )
-
+from catoptra_server.effects.kernels.grey_levels import UInt32Array, pcg3d
 
 # Limit of time and memory: above, fewer but larger particles have the same coverage.
 _MAX_PARTICLES = 2**19
@@ -146,45 +73,17 @@ class ContaminantCells:
     """Sides, up to 1 px."""
 
 
-def pixel_coverage(cells: ContaminantCells, camera: OmniCamera) -> Floats:
-    """Fraction of each pixel, (h, w), that squares cover, at most 1; overlaps count twice."""
-    height, width = camera.height_px, camera.width_px
-    covered = np.zeros(height * width)
-    half = 0.5 * cells.side_px
-    # A side is at most a pixel, so a cell lies in two columns and two rows at most.
-    columns, rows = (
-        _split_between_pixels(centre - half, cells.side_px) for centre in (cells.u, cells.v)
-    )
-    for column, width_px in columns:
-        for row, height_px in rows:
-            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            pixel = (row * width + column)[inside]
-            # bincount adds repeated pixels in a fixed order: the same bits in every run.
-            covered += np.bincount(pixel, (width_px * height_px)[inside], height * width)
-    return np.minimum(covered, 1.0).reshape(height, width)
-
-
-def _split_between_pixels(
-    start: Floats, length: Floats
-) -> list[tuple[npt.NDArray[np.intp], Floats]]:
-    """Split intervals of up to 1 px between the two pixels that contain them."""
-    pixel = np.floor(start)
-    first = np.minimum(pixel + 1.0 - start, length)
-    index = pixel.astype(np.intp)
-    return [(index, first), (index + 1, length - first)]
-
-
 def particle_cells(
     contaminants: Contaminants,
     camera: OmniCamera,
-    surface_table: MirrorSurfaceTable,
+    surface_table: _MirrorSurfaceTable,
     key: UInt32Array,
 ) -> ContaminantCells:
     """Cells of all dust particles in a camera's image."""
     diameter = contaminants.particle_diameters_m(surface_table.area_m2)
     area_fraction, turn, _ = _uniform_variates(len(diameter), key)
     radius_px, radial, tangential = surface_table.interpolate(
-        surface_table.r_from_area_fraction(area_fraction)
+        surface_table.plan_radius_from_area_fraction(area_fraction)
     )
     cells_per_side = np.ceil(_CELLS_PER_PX * diameter * np.maximum(radial, tangential)).astype(
         np.intp
@@ -215,7 +114,7 @@ def particle_cells(
 def scratch_cells(
     contaminants: Contaminants,
     camera: OmniCamera,
-    surface_table: MirrorSurfaceTable,
+    surface_table: _MirrorSurfaceTable,
     key: UInt32Array,
 ) -> ContaminantCells:
     """Cells of all scratches in a camera's image, without their parts beyond the mirror's rim."""
@@ -225,7 +124,7 @@ def scratch_cells(
     rows = math.ceil(contaminants.scratch_width_m / step_m)
     parts = []
     for r, length, azimuth, direction in zip(
-        surface_table.r_from_area_fraction(area_fraction),
+        surface_table.plan_radius_from_area_fraction(area_fraction),
         lengths,
         2.0 * np.pi * turn,
         np.pi * heading,
@@ -242,8 +141,108 @@ def scratch_cells(
     return _join_cells(parts, camera)
 
 
+def pixel_coverage(cells: ContaminantCells, camera: OmniCamera) -> Floats:
+    """Fraction of each pixel, (h, w), that squares cover, at most 1; overlaps count twice."""
+    height, width = camera.height_px, camera.width_px
+    covered = np.zeros(height * width)
+    half = 0.5 * cells.side_px
+    # A side is at most a pixel, so a cell lies in two columns and two rows at most.
+    columns, rows = (
+        _split_between_pixels(centre - half, cells.side_px) for centre in (cells.u, cells.v)
+    )
+    for column, width_px in columns:
+        for row, height_px in rows:
+            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+            pixel = (row * width + column)[inside]
+            # bincount adds repeated pixels in a fixed order: the same bits in every run.
+            covered += np.bincount(pixel, (width_px * height_px)[inside], height * width)
+    return np.minimum(covered, 1.0).reshape(height, width)
+
+
+_NUM_RINGS = 1025
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _MirrorSurfaceTable:
+    """Table of (n,) rings of a mirror, from the axis to the rim."""
+
+    r_m: Floats
+    """Radius about the axis, in plan."""
+    area_fraction: Floats
+    """Fraction of the surface within the ring."""
+    image_radius_px: Floats
+    """Radius in the image."""
+    radial_px_per_m: Floats
+    """Image px per metre of surface, along the meridian."""
+    tangential_px_per_m: Floats
+    """Image px per metre of surface, around the axis."""
+    plan_radial_px_per_m: Floats
+    """Image px per metre of the plan radius."""
+    area_m2: float
+    """Area of the whole surface."""
+
+    @property
+    def max_px_per_m(self) -> float:
+        """Largest scale of lengths in plan, in any direction."""
+        return float(max(self.plan_radial_px_per_m.max(), self.tangential_px_per_m.max()))
+
+    @property
+    def max_px2_per_m2(self) -> float:
+        """Largest scale of areas of the surface."""
+        return float((self.radial_px_per_m * self.tangential_px_per_m).max())
+
+    def plan_radius_from_area_fraction(self, area_fraction: Floats) -> Floats:
+        """Plan radius, m, within which a fraction of the surface lies."""
+        # Near the axis areas grow with the square of the radius: in the square roots the relation
+        # is nearly linear and interpolates well.
+        r: Floats = np.interp(np.sqrt(area_fraction), np.sqrt(self.area_fraction), self.r_m)
+        return r
+
+    def interpolate(self, r_m: Floats) -> tuple[Floats, Floats, Floats]:
+        """Image radius in px, radial and tangential px per metre of surface, at plan radii."""
+        radius, radial, tangential = (
+            np.interp(r_m, self.r_m, values)
+            for values in (self.image_radius_px, self.radial_px_per_m, self.tangential_px_per_m)
+        )
+        return radius, radial, tangential
+
+
+@lru_cache(maxsize=4)
+def mirror_surface_table(camera: OmniCamera) -> _MirrorSurfaceTable:
+    """Surface table of a camera's mirror."""
+    t = np.linspace(0.0, camera.rim_t, _NUM_RINGS)
+    r, z = camera.mirror.surface_point(t)
+    radius_px = camera.scale_px * camera.projection.radius_ratio_from_t(t)
+    arc = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(r), np.diff(z)))))
+    # Exact lateral areas of the cone frusta between rings.
+    rings = np.pi * (r[1:] + r[:-1]) * np.diff(arc)
+    area = np.concatenate(([0.0], np.cumsum(rings)))
+    radial = np.gradient(radius_px, arc, edge_order=2)
+    # On the axis both scales agree by symmetry, where the quotient would be 0 / 0.
+    tangential = np.concatenate((radial[:1], radius_px[1:] / r[1:]))
+    return _MirrorSurfaceTable(
+        r_m=r,
+        area_fraction=area / area[-1],
+        image_radius_px=radius_px,
+        radial_px_per_m=radial,
+        tangential_px_per_m=tangential,
+        plan_radial_px_per_m=np.gradient(radius_px, r, edge_order=2),
+        area_m2=float(area[-1]),
+    )
+
+
+def _split_between_pixels(
+    start: Floats, length: Floats
+) -> list[tuple[npt.NDArray[np.intp], Floats]]:
+    """Split intervals of up to 1 px between the two pixels that contain them."""
+    pixel = np.floor(start)
+    first = np.minimum(pixel + 1.0 - start, length)
+    index = pixel.astype(np.intp)
+    return [(index, first), (index + 1, length - first)]
+
+
 def _project_cells(
-    x: Floats, y: Floats, cell_m2: float, surface_table: MirrorSurfaceTable
+    x: Floats, y: Floats, cell_m2: float, surface_table: _MirrorSurfaceTable
 ) -> Floats:
     """Project cells from plan to the image.
 
@@ -267,7 +266,7 @@ def _join_cells(parts: list[Floats], camera: OmniCamera) -> ContaminantCells:
 
 
 def _disc_cell_centres(cells_per_side: int) -> tuple[Floats, Floats]:
-    """Centres of those of cells_per_side^2 cells that lie in a disc of diameter 1."""
+    """Centres of the cells, of cells_per_side^2, that lie in a disc of diameter 1."""
     y, x = np.meshgrid(_cell_centres(cells_per_side), _cell_centres(cells_per_side))
     inside = np.hypot(x, y) <= 0.5
     return x[inside], y[inside]

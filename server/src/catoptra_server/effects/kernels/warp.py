@@ -1,22 +1,20 @@
-"""Warp of an image by a displacement map that is the same in every frame.
+"""Displacement of light in an image: maps of a displaced capture camera, and bounds by motion.
 
-Bilinear in linear radiance, with neighbours and weights computed once; outside the image the border
-pixel is repeated. A pixel whose displacement is a whole number of pixels is copied bit by bit.
+A warp map is the same in every frame. It is bilinear in linear radiance, with neighbours and
+weights computed once; outside the image the border pixel is repeated. A pixel whose displacement is
+a whole number of pixels is copied bit by bit.
 
-Directions seen by a capture camera that is displaced from the mirror's second focus.
+A capture camera may be displaced from the mirror's second focus. A pixel's ray leaves the displaced
+pinhole, meets the mirror and is reflected; the pixel of the aligned camera with the same direction
+is the one to read. The normal of a central mirror needs no derivative: the normal bisects the angle
+between the outward direction from the viewpoint and the direction to the second focus. Domain: any
+central mirror; distant scenes, since the reflected rays no longer meet in one viewpoint.
 
-A pixel's ray leaves the displaced pinhole, meets the mirror and is reflected; the pixel of the
-aligned camera with the same direction is the one to read. The normal of a central mirror needs no
-derivative: the normal bisects the angle between the outward direction from the viewpoint and the
-direction to the second focus. Domain: any central mirror; distant scenes, since the reflected rays
-no longer meet in one viewpoint.
-
-Largest speed in an image, ring by ring, before anything is rendered.
-
-A speed v past the nearest distance D turns directions by |v| / D, times px per radian; dynamic
-objects pass at the rates of the summary; a turn about the optical axis moves a pixel by the angle
-times the image radius, a turn about another axis by px per radian. All are added as if they agreed
-in one pixel, so the sum is a bound.
+Motion displaces light by at most its largest speed, ring by ring. A speed v past the nearest
+distance D turns directions by |v| / D, times px per radian; dynamic objects pass at the rates of
+the summary; a turn about the optical axis moves a pixel by the angle times the image radius, a turn
+about another axis by px per radian. All are added as if they agreed in one pixel, so the sum is a
+bound.
 """
 
 from __future__ import annotations
@@ -36,25 +34,25 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import NUM_RINGS, EffectBound, Real, SceneSummary
-from catoptra_server.effects.kernels.light import max_change_by_shift
+from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
 
-Indices = npt.NDArray[np.intp]
-Float32Array = npt.NDArray[np.float32]
+_Indices = npt.NDArray[np.intp]
+_Float32Array = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WarpMap:
     """Source pixels and weights of every pixel of a warped image of h x w pixels."""
 
-    corner_indices: tuple[Indices, Indices, Indices, Indices]
+    corner_indices: tuple[_Indices, _Indices, _Indices, _Indices]
     """(h w,) flat indices of the upper left, upper right, lower left, lower right neighbour."""
-    right_weights: Float32Array
+    right_weights: _Float32Array
     """(h w, 3) weights of the right neighbours, the same for the three colours."""
-    lower_weights: Float32Array
+    lower_weights: _Float32Array
     """(h w, 3) weights of the lower neighbours, the same for the three colours."""
 
 
-def warp_map_from_offsets(offsets_px: Float32Array) -> WarpMap:
+def warp_map_from_offsets(offsets_px: _Float32Array) -> WarpMap:
     """Warp map of an image whose pixels are sampled (h, w, 2) offsets from their centres, px."""
     height, width = offsets_px.shape[:2]
     whole = np.floor(offsets_px)
@@ -92,15 +90,6 @@ def warp(image: npt.NDArray[Real], warp_map: WarpMap) -> npt.NDArray[Real]:
     return above.reshape(image.shape)
 
 
-# Newton's method squares the error in each step; for offsets of a tenth of the mirror twelve steps
-# are enough. Rays that have not converged by then count as missing the mirror.
-_MAX_NEWTON_STEPS = 12
-_CONVERGENCE_TOLERANCE = 1e-12
-# Offsets are rounded to a nanopixel: the search's residue would otherwise mix neighbours where a
-# pixel is to be copied.
-_DECIMALS = 9
-
-
 @dataclass(frozen=True, slots=True)
 class CameraPoseOffset:
     """Displacement of the capture camera from its aligned pose, in the mirror frame."""
@@ -113,16 +102,9 @@ class CameraPoseOffset:
     """Turn about y through the same point."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ReflectedRays:
-    """Rays of the capture camera after their reflection at the mirror, (...) rays."""
-
-    point_m: Floats
-    """(..., 3) points of reflection, mirror frame."""
-    direction: Floats
-    """(..., 3) directions away from the mirror, mirror frame, not of unit length."""
-    is_hit: Bools
-    """(...) whether the ray meets the mirror within its rim."""
+# Offsets are rounded to a nanopixel: the search's residue would otherwise mix neighbours where a
+# pixel is to be copied.
+_DECIMALS = 9
 
 
 def lookup_offsets_px(camera: OmniCamera, pose_offset: CameraPoseOffset) -> tuple[Floats, Bools]:
@@ -139,9 +121,27 @@ def lookup_offsets_px(camera: OmniCamera, pose_offset: CameraPoseOffset) -> tupl
     return np.where(valid[..., None], np.round(aligned - pixels, _DECIMALS), 0.0), valid
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _ReflectedRays:
+    """Rays of the capture camera after their reflection at the mirror, (...) rays."""
+
+    point_m: Floats
+    """(..., 3) points of reflection, mirror frame."""
+    direction: Floats
+    """(..., 3) directions away from the mirror, mirror frame, not of unit length."""
+    is_hit: Bools
+    """(...) whether the ray meets the mirror within its rim."""
+
+
+# Newton's method squares the error in each step; for offsets of a tenth of the mirror twelve steps
+# are enough. Rays that have not converged by then count as missing the mirror.
+_MAX_NEWTON_STEPS = 12
+_CONVERGENCE_TOLERANCE = 1e-12
+
+
 def reflect_rays(
     camera: OmniCamera, pose_offset: CameraPoseOffset, pixels: Floats
-) -> ReflectedRays:
+) -> _ReflectedRays:
     """Reflect the rays of (..., 2) pixels at the mirror."""
     # Vectors lie along the first axis here: three planes with one number per ray, which NumPy
     # works through faster than triples.
@@ -156,12 +156,12 @@ def reflect_rays(
         if not (np.abs(above) > _CONVERGENCE_TOLERANCE * distance)[is_hit].any():
             break
         # Heights are measured along the ray from the viewpoint: its angle with the normal turns
-        # the slope along the capture ray into that of `above`.
+        # the slope along the capture ray into the slope of `above`.
         slope = _dot(normal, direction) / _dot(normal, _unit_vectors(point))
         distance = np.clip(distance - above / slope, lower, upper)
     is_hit &= np.abs(above) <= _CONVERGENCE_TOLERANCE * distance
     reflected = direction - 2.0 * _dot(normal, direction) * normal
-    return ReflectedRays(np.moveaxis(point, 0, -1), np.moveaxis(reflected, 0, -1), is_hit)
+    return _ReflectedRays(np.moveaxis(point, 0, -1), np.moveaxis(reflected, 0, -1), is_hit)
 
 
 def _camera_rays(
@@ -234,10 +234,7 @@ def _dot(one: Floats, other: Floats) -> Floats:
     return dot
 
 
-# Scales are known at sampled radii and smooth between them; a pixel centre exceeds them by less.
-_INTERPOLATION_MARGIN = 1.001
-
-# Fields of a summary that all functions of this module read.
+# Fields of a summary that `bound_motion` reads.
 MOTION_FIELDS = frozenset(
     {"scene_twist", "min_distances_m", "max_object_rates_rad_s", "max_radiance"}
 )
@@ -248,7 +245,7 @@ def bound_motion(
 ) -> EffectBound:
     """Bound the change of an image in which everything moves, with its cause.
 
-    The change is that of the continuous image, which has no samples that pass an edge all at once.
+    The continuous image counts: it has no samples that pass an edge all at once.
 
     Args:
         summary: Distances and motions.
@@ -256,17 +253,17 @@ def bound_motion(
         durations_s: Duration of the motion, one or (NUM_RINGS,).
     """
     durations_s = np.broadcast_to(durations_s, NUM_RINGS)
-    displacements_px = durations_s * max_speeds_px_s(summary, camera)
+    displacements_px = durations_s * _max_speeds_px_s(summary, camera)
     ring = int(displacements_px.argmax())
     displacement_px = float(displacements_px[ring])
     return EffectBound(
         max_change_by_shift(displacement_px, summary.max_radiance),
-        describe_motion(summary, ring, float(durations_s[ring])),
+        _describe_motion(summary, ring, float(durations_s[ring])),
         displacement_px,
     )
 
 
-def max_speeds_px_s(summary: SceneSummary, camera: RadialCamera) -> Floats:
+def _max_speeds_px_s(summary: SceneSummary, camera: RadialCamera) -> Floats:
     """Largest speed in each ring of the image, (NUM_RINGS,), px/s."""
     scale, radius_px = ring_scales_and_radii(camera)
     x, y, z = summary.scene_twist.angular_rad_s
@@ -277,6 +274,10 @@ def max_speeds_px_s(summary: SceneSummary, camera: RadialCamera) -> Floats:
     # than px per radian.
     speeds: Floats = rates * scale + abs(z) * radius_px
     return speeds
+
+
+# Scales are known at sampled radii and smooth between them; a pixel centre exceeds them by less.
+_INTERPOLATION_MARGIN = 1.001
 
 
 @lru_cache(maxsize=16)
@@ -297,7 +298,7 @@ def ring_scales_and_radii(camera: RadialCamera) -> tuple[Floats, Floats]:
     return _INTERPOLATION_MARGIN * np.array(rings), edges_px[1:]
 
 
-def describe_motion(summary: SceneSummary, ring: int, duration_s: float) -> str:
+def _describe_motion(summary: SceneSummary, ring: int, duration_s: float) -> str:
     """Describe the motion in a ring and its duration, for the reason of a bound."""
     min_distance_m = summary.min_distances_m[ring]
     parts = []

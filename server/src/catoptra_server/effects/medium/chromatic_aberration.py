@@ -1,10 +1,10 @@
 """Chromatic aberration: a camera's lens magnifies red and blue differently from green.
 
 Lateral colour of the first order: L'_c(p) = L_c(o + (p - o) / m_c), o the lens's axis in the image,
-m_c the magnification of red or blue over that of green; bilinear between pixels, in linear
+m_c the magnification of red or blue over green's; bilinear between pixels, in linear
 radiance. Axial colour, one focus for each colour, is left out. Domain: magnifications near 1;
-outside the image the border pixel is repeated. Criterion: the largest |p - q| in view
-times the contrast of black and the brightest.
+outside the image the border pixel is repeated. Criterion: the largest |p - q| in view times the
+contrast of black and the brightest.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import max_change_by_shift
+from catoptra_server.effects.kernels.grey_levels import max_change_by_shift
 
 # Green is the reference: its image keeps every bit.
 _RED, _BLUE = 0, 2
@@ -34,7 +34,7 @@ _RED, _BLUE = 0, 2
 
 @dataclass(frozen=True, slots=True)
 class ChromaticAberration:
-    """Magnification of red and blue over that of green."""
+    """Magnification of red and blue over green's."""
 
     red_magnification: float = 1.0
     blue_magnification: float = 1.0

@@ -1,16 +1,16 @@
 """Defocus: the mirror's virtual image is curved, and the lens is sharp at one depth only.
 
 Every pixel is the mean of a uniform disc around it, with the diameter of infinity at its image
-radius: |infinity_diameter_px| of `lens_blur`, where the optics are derived. No range is needed:
-in a mirror everything beyond half a metre has nearly this disc, and without one everything beyond
-the hyperfocal distance. Nearer objects are the domain of `DefocusByDepth`, which then does all of
-the blur and supersedes this effect. Kernels:
-`disc_kernel`. Domain: that of `lens_blur`; at a depth discontinuity the pixel's own disc counts,
-not its neighbour's. An edge within a pixel is blurred as if the whole pixel had its mean: of the
-real camera's pixels at F/4 and F/2, 88 to 99 % are within 2 grey levels of 256 rays through the
-aperture, and 98.6 to 100 % within 8, by world (tests/server/render/test_defocus_of_real_camera.py).
-Criterion: the light that the largest disc of anything in view, near or far,
-takes from other pixels, times the contrast of black and the brightest.
+radius: |infinity_diameter_px| of `lens_blur`, where the optics are derived. No range is needed: in
+a mirror everything beyond half a metre has nearly this disc, and without one everything beyond the
+hyperfocal distance. Nearer objects are the domain of `DefocusByDepth`, which then does all of the
+blur and supersedes this effect. Kernels: `convolution`. Domain: as of `lens_blur`; at a depth
+discontinuity the pixel's own disc counts, not its neighbour's. An edge within a pixel is blurred as
+if the whole pixel had its mean: of the real camera's pixels at F/4 and F/2, 88 to 99 % are within 2
+grey levels of 256 rays through the aperture, and 98.6 to 100 % within 8, by world
+(tests/server/render/test_defocus_of_real_camera.py). Criterion: the light that the largest disc of
+anything in view, near or far, takes from other pixels, times the contrast of black and the
+brightest.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from catoptra_server.effects.kernels.convolution import (
     disc_kernel_table,
     table_row,
 )
+from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.lens_blur import (
     DISTANCE_FIELDS,
     Aperture,
@@ -48,7 +49,6 @@ from catoptra_server.effects.kernels.lens_blur import (
     min_distance_at_radius,
     sample_radii_px,
 )
-from catoptra_server.effects.kernels.light import max_change_by_exchange
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Defocus:
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
         """Bound the change by the largest disc of anything in view."""
-        # Near discs count, too: this bound is then never below that of DefocusByDepth, for which
+        # Near discs count, too: this bound is then never below DefocusByDepth's, for which
         # this effect stands in where both discs differ by less than the threshold.
         radius_px = sample_radii_px(camera)
         circle = circle_of_confusion(self.aperture, camera, radius_px)
@@ -128,8 +128,8 @@ def table_row_map(effect: Defocus, camera: RadialCamera) -> npt.NDArray[np.float
 F_NUMBER = EffectParameter("FNumber", "f_number", 4.0, 0.7, 64.0)
 PIXEL_PITCH = EffectParameter("PixelPitch", "pixel_pitch_m", 7.4e-6, 1e-7, 1e-3)
 # 0: the focus that minimizes the largest disc of infinity.
-FOCUS_DISTANCE = EffectParameter("FocusDistance", "focus_distance_m", 0.0, 0.0, 1000.0)
-APERTURE_PARAMETERS = (F_NUMBER, PIXEL_PITCH, FOCUS_DISTANCE)
+_FOCUS_DISTANCE = EffectParameter("FocusDistance", "focus_distance_m", 0.0, 0.0, 1000.0)
+APERTURE_PARAMETERS = (F_NUMBER, PIXEL_PITCH, _FOCUS_DISTANCE)
 
 
 def _create_effect(f_number: float, pixel_pitch_m: float, focus_distance_m: float) -> Defocus:

@@ -3,7 +3,7 @@
 Every pixel is the mean of a uniform disc around it, with the diameter of `lens_blur`'s circle of
 confusion at the range of the pixel's centre. The effect includes all of `Defocus` and supersedes
 that effect: an image blurred by another disc before cannot be made sharp again. Robot files that
-name both leave the choice to the two criteria. Domain: that of `Defocus`. Criterion: the largest
+name both leave the choice to the two criteria. Domain: as of `Defocus`. Criterion: the largest
 difference between the kernels of the nearest object in view and of infinity, times the contrast of
 black and the brightest.
 """
@@ -34,6 +34,7 @@ from catoptra_server.effects.kernels.convolution import (
     disc_kernel_table,
     table_row,
 )
+from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.kernels.lens_blur import (
     DISTANCE_FIELDS,
     Aperture,
@@ -46,7 +47,6 @@ from catoptra_server.effects.kernels.lens_blur import (
     min_distance_at_radius,
     sample_radii_px,
 )
-from catoptra_server.effects.kernels.light import max_change_by_exchange
 from catoptra_server.effects.medium.defocus import APERTURE_PARAMETERS, Defocus
 
 
@@ -68,7 +68,7 @@ class DefocusByDepth:
         min_distance_m = min_distance_at_radius(summary, camera, radius_px)
         # Relative to infinity's disc, not absolute: Defocus already does that part without ranges.
         displacement_px = float(max_diameter_change_px(circle, min_distance_m).max())
-        exchange = max_exchange(circle, min_distance_m)
+        exchange = _max_exchange(circle, min_distance_m)
         nearest_m = min(summary.visible_min_distances_m)
         lens = describe_lens(self.aperture, camera)
         distance = f"{nearest_m:.2g} m away" if math.isfinite(nearest_m) else "far away"
@@ -103,7 +103,7 @@ class DefocusByDepth:
         )
 
 
-def max_exchange(circle: CircleOfConfusion, min_distance_m: Floats) -> float:
+def _max_exchange(circle: CircleOfConfusion, min_distance_m: Floats) -> float:
     """Largest fraction of light that a disc nearer than infinity takes from other pixels than
     infinity's disc does.
 

@@ -3,11 +3,11 @@
 A circular aperture images a point as (2 J1(v) / v)^2, v = pi r / (lambda N): a disc with 83.8 % of
 the light within a first dark ring of diameter 2.44 lambda N, and rings around. A pixel's weight is
 the pattern's integral over its square, for a point at the centre of the central pixel; each colour
-has one wavelength in place of its filter's band. The pattern never ends: beyond r a fraction of
-2 lambda N / (pi^2 r) remains. The kernel is cut at a square five times as wide as the disc, which
-loses up to 3 % (`truncated_fraction`), and normalized to a sum of 1: no light is lost. Source: Airy
-1835; encircled energy 1 - J0^2 - J1^2, Rayleigh 1881. Domain: a lens without other aberrations, the
-same everywhere in the image; the f-number is that of the image side.
+has one wavelength in place of its filter's band. The pattern never ends: beyond r a fraction of 2
+lambda N / (pi^2 r) remains. The kernel is cut at a square five times as wide as the disc, which
+loses up to 3 %, and normalized to a sum of 1: no light is lost. Source: Airy 1835; encircled energy
+1 - J0^2 - J1^2, Rayleigh 1881. Domain: a lens without other aberrations, the same everywhere in the
+image; the f-number is the image side's.
 
 Criterion: the fraction of light that other pixels receive, beside the central weight, times the
 contrast of black and the brightest. The displacement is the radius of the first dark ring in red.
@@ -38,14 +38,14 @@ from catoptra_server.effects.kernels.convolution import (
     offset_pairs,
     pair_multiplicities,
 )
-from catoptra_server.effects.kernels.light import max_change_by_exchange
+from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.effects.medium.defocus import F_NUMBER, PIXEL_PITCH
 
 # Assumed: the centres of the bands of a sensor's red, green and blue filters.
 WAVELENGTHS_M = (610e-9, 540e-9, 465e-9)
 # The first zero of J1, over pi: the dark ring's radius over lambda N.
 _FIRST_DARK_RING = 3.8317059702075125 / math.pi
-MAX_AIRY_DIAMETER_PX = 24.0
+_MAX_AIRY_DIAMETER_PX = 24.0
 """Widest Airy disc of red that robot files may ask for: F/64 on pixels of 4 um."""
 # Width of the kernel's square over the diameter of the disc.
 _KERNEL_WIDTH_IN_DISCS = 5.0
@@ -112,14 +112,6 @@ def kernel_weights(effect: Diffraction) -> Floats:
     weights /= pair_multiplicities(kernel_half_width_px(effect)) @ weights
     weights.setflags(write=False)
     return weights
-
-
-def truncated_fraction(effect: Diffraction) -> Floats:
-    """Fraction of light, (3,), outside the kernel before normalization."""
-    truncated: Floats = 1.0 - pair_multiplicities(kernel_half_width_px(effect)) @ airy_pattern(
-        effect
-    )
-    return truncated
 
 
 def airy_pattern(effect: Diffraction) -> Floats:
@@ -195,14 +187,14 @@ def _find_fault(effect: Diffraction) -> ParameterFault | None:
     F/64 on pixels of 0.1 um would take a border of 2400 px and three million weights.
     """
     diameter_px = effect.airy_diameter_px(WAVELENGTHS_M[0])
-    if diameter_px <= MAX_AIRY_DIAMETER_PX:
+    if diameter_px <= _MAX_AIRY_DIAMETER_PX:
         return None
-    pitch_m = effect.pixel_pitch_m * diameter_px / MAX_AIRY_DIAMETER_PX
+    pitch_m = effect.pixel_pitch_m * diameter_px / _MAX_AIRY_DIAMETER_PX
     return ParameterFault(
         PIXEL_PITCH.key,
         f"at least {pitch_m:.2g} m at F/{effect.f_number:g}, where the Airy disc of red would be "
         f"{diameter_px:.0f} px wide: Diffraction draws discs of at most "
-        f"{MAX_AIRY_DIAMETER_PX:g} px",
+        f"{_MAX_AIRY_DIAMETER_PX:g} px",
     )
 
 

@@ -1,7 +1,7 @@
 """Misalignment: the capture camera's pinhole is displaced from the mirror's second focus.
 
 L'(p) = L(q(p)): q is the aligned camera's pixel with the direction of p's reflected ray
-(`misaligned_rays`); bilinear between pixels, in linear radiance. Black where the ray misses the
+(`kernels/warp`); bilinear between pixels, in linear radiance. Black where the ray misses the
 mirror, or comes from beyond the aligned camera's rim. Not simulated: parallax, since the reflected
 rays no longer meet in one point. In the paper's mirror they pass the viewpoint at up to 0.19 of the
 pinhole's offset: 1 mm displaces a point 1 m away by at most 0.04 px of 360, and farther ones less.
@@ -34,7 +34,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     max_change_by_exchange,
     max_change_by_shift,
 )

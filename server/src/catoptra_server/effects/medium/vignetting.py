@@ -25,7 +25,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import max_change_by_gain
+from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 
 # Radii of the bound: between them the gain of 60 degrees off the axis bends by 1e-5.
 _NUM_RADII = 201

@@ -1,15 +1,15 @@
 """Mirror dust: particles and scratches cover the mirror and scatter light themselves.
 
 L' = (1 - a) L + a w A: a(p) the fraction of a pixel's view that contaminants cover
-(`contaminants`), w their albedo, A the mean radiance of the image in place of the irradiance on
+(`mirror_surface`), w their albedo, A the mean radiance of the image in place of the irradiance on
 them. The lens is focused at the mirror's virtual image, behind its surface: contaminants are
 blurred by the disc of points on the mirror (`lens_blur`). Positions are constant for a camera and
 differ between cameras. Domain: central mirrors; diffuse scattering, independent of the angle.
 Criterion: the loss of white, or the gain of black, at the maximum coverage of a pixel: of this
 camera's own map, or of any camera's where the camera is not known.
 
-The maximum of any camera: several particles in one pixel by Bernstein's inequality, such
-that no pixel in 1e12 exceeds the maximum (one that did would be cut).
+The maximum of any camera: several particles in one pixel by Bernstein's inequality, such that no
+pixel in 1e12 exceeds the maximum (one that did would be cut).
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from catoptra_server.effects.kernels.convolution import (
     disc_kernel_table,
     table_row,
 )
-from catoptra_server.effects.kernels.lens_blur import (
-    Aperture,
-    circle_of_confusion_map,
-)
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     camera_noise_key,
     grey_level,
     max_change_by_gain,
     mean_luminance,
+)
+from catoptra_server.effects.kernels.lens_blur import (
+    Aperture,
+    circle_of_confusion_map,
 )
 from catoptra_server.effects.kernels.mirror_surface import (
     Contaminants,

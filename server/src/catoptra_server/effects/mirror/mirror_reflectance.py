@@ -31,7 +31,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import max_change_by_gain
+from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 
 # Radii of the bound: between them the reflectance of steel in the paper's mirror bends by 6e-7.
 _NUM_RADII = 201
@@ -57,7 +57,7 @@ class MirrorReflectance:
         # All radii, not the ends: metals have a minimum of R between normal and grazing incidence.
         gains = self._relative_reflectance(np.linspace(0.0, 1.0, _NUM_RADII), camera)
         value = max(max_change_by_gain(float(gain), summary.max_radiance) for gain in gains)
-        angle = math.degrees(float(mirror_incidence_rad(np.array(1.0), camera)))
+        angle = math.degrees(float(_mirror_incidence_rad(np.array(1.0), camera)))
         return EffectBound(value, f"light meets the mirror at up to {angle:.0f} degrees")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
@@ -69,7 +69,7 @@ class MirrorReflectance:
         return replace(summary, max_radiance=(1.0 / normal) * summary.max_radiance)
 
     def _relative_reflectance(self, radius_fraction: Floats, camera: OmniCamera) -> Floats:
-        incidence_rad = mirror_incidence_rad(radius_fraction, camera)
+        incidence_rad = _mirror_incidence_rad(radius_fraction, camera)
         index, extinction = self.refractive_index, self.extinction_coefficient
         normal = reflectance(np.array(0.0), index, extinction)
         relative: Floats = reflectance(incidence_rad, index, extinction) / normal
@@ -101,7 +101,7 @@ def reflectance(incidence_rad: Floats, n: float, k: float) -> Floats:
     return mean
 
 
-def mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
+def _mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
     """Angle of incidence on the mirror at fractions of the rim's image radius."""
     radius_px = radius_fraction * camera.rim_radius_px
     t = camera.projection.t_from_radius_ratio(radius_px / camera.scale_px)
@@ -126,7 +126,7 @@ EFFECT_TYPE = EffectType(
     "MirrorReflectance",
     MirrorReflectance,
     (
-        # Approximately those of aluminium in green light.
+        # Approximately aluminium's in green light.
         EffectParameter("MirrorIndex", "refractive_index", 0.96, 0.01, 10.0),
         EffectParameter("MirrorExtinction", "extinction_coefficient", 6.7, 0.0, 20.0),
     ),

@@ -4,7 +4,7 @@ L' = L exp(-beta D) + A (1 - exp(-beta D)), D the range, beta the extinction per
 airlight, the same in all directions. The background, infinitely far away, has the colour of the
 airlight. Source: Koschmieder's law. Domain: homogeneous fog; beta = 0 is clear air; the
 meteorological visibility, a contrast of 5 %, is 3 / beta. Not a change of the image but of the air
-in the scene: each renderer fogs every sample by its own distance (`capture.fog_medium`), so that
+in the scene: each renderer fogs every sample by its own distance (`FogMedium`), so that
 outlines stay as smooth as in clear air. Criterion: the largest change, in encoded grey levels, of
 any radiance from black to the brightest at the farthest surface's range, and of the background,
 whose radiance is known, at infinity. The background counts even if no pixel shows any: in a room

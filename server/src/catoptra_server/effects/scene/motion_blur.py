@@ -48,7 +48,7 @@ class MotionBlur:
         # Enabled by the robot file without motion: one sharp image is the exact result.
         if displacement_px == 0.0:
             return camera_state
-        shutter = (camera_state.shutter or INSTANTANEOUS).with_exposure(
+        shutter = (camera_state.shutter or INSTANTANEOUS).add_exposure(
             self.exposure_s, displacement_px
         )
         return replace(camera_state, shutter=shutter)

@@ -33,7 +33,7 @@ class RollingShutter:
     """Row-wise exposure with a readout time."""
 
     readout_s: float
-    """Time from the start of the first row's exposure to that of a row after the last."""
+    """Time between the exposures of the first row and of a row after the last."""
 
     name: ClassVar[str] = "RollingShutter"
     changes_scene: ClassVar[bool] = True
@@ -55,9 +55,9 @@ class RollingShutter:
         """Camera state whose shutter reads out row by row."""
         if displacement_px == 0.0:
             return camera_state
-        # The displacement is that of the half before or after the pose, the shutter counts both.
+        # The displacement counts the half before or after the pose, the shutter both.
         shutter = camera_state.shutter or INSTANTANEOUS
-        shutter = shutter.with_readout(self.readout_s, 2.0 * displacement_px)
+        shutter = shutter.add_readout(self.readout_s, 2.0 * displacement_px)
         return replace(camera_state, shutter=shutter)
 
 

@@ -3,8 +3,8 @@
 Not a change of the image but one more object in the scene, rendered, lit and occluded like any
 object. The ego body is fixed to the mirror, so it stays still in the image while the world turns.
 Domain: central mirrors; the support between camera and mirror is transparent, and the mirror does
-not see itself. Criterion: the contrast of black and the brightest; 0 if none of the body is within
-the rim, by the largest angle between the optical axis and any of its points.
+not see itself. Criterion: the contrast of black and the brightest; 0 if no part of the body is
+within the rim, by the largest angle between the optical axis and any of its points.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import NEEDS_MIRROR, EffectBound, EffectType, SceneSummary
-from catoptra_server.effects.kernels.light import max_change_by_exchange
+from catoptra_server.effects.kernels.grey_levels import max_change_by_exchange
 from catoptra_server.world.camera_state import CameraState
 
 
@@ -44,7 +44,7 @@ class SelfView:
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Summary of the scene with the ego body."""
-        # Distances of the ego body stay apart from those of the scene: near surfaces count for
+        # Distances of the ego body stay apart from the scene's: near surfaces count for
         # defocus, but surfaces that move with the camera do not count for motion blur.
         return replace(
             summary,

@@ -16,7 +16,7 @@ from typing import ClassVar
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import EffectBound, EffectType, SceneSummary
-from catoptra_server.effects.kernels.light import grey_level
+from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.world.camera_state import CameraState
 
 

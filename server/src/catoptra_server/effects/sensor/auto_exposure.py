@@ -25,7 +25,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import max_change_by_gain, mean_luminance
+from catoptra_server.effects.kernels.grey_levels import max_change_by_gain, mean_luminance
 
 
 @dataclass(frozen=True, slots=True)

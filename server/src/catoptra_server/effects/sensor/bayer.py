@@ -24,7 +24,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import grey_level
+from catoptra_server.effects.kernels.grey_levels import grey_level
 
 _EVEN, _ODD = slice(0, None, 2), slice(1, None, 2)
 
@@ -52,7 +52,7 @@ class Bayer:
         self, image: npt.NDArray[Real], camera: RadialCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Measure one colour per pixel and interpolate the others."""
-        raw = mosaic(image)
+        raw = _measure(image)
         # "reflect" repeats no pixel: the neighbour outside has the colour that the pattern expects.
         padded = np.pad(raw, 1, mode="reflect")
         horizontal = image.dtype.type(0.5) * (padded[1:-1, :-2] + padded[1:-1, 2:])
@@ -65,7 +65,7 @@ class Bayer:
         return _assemble_channels(raw, horizontal, vertical, diagonal, cross)
 
 
-def mosaic(image: npt.NDArray[Real]) -> npt.NDArray[Real]:
+def _measure(image: npt.NDArray[Real]) -> npt.NDArray[Real]:
     """Radiance that each pixel measures through its filter, (h, w)."""
     raw = image[..., 1].copy()
     raw[::2, ::2] = image[::2, ::2, 0]

@@ -26,7 +26,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import grey_level
+from catoptra_server.effects.kernels.grey_levels import grey_level
 
 
 @dataclass(frozen=True, slots=True)

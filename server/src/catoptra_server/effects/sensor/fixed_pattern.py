@@ -26,7 +26,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
     max_change_by_offset,

@@ -24,7 +24,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import max_change_by_offset
+from catoptra_server.effects.kernels.grey_levels import max_change_by_offset
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from catoptra_server.effects.effect import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     MAX_NORMAL_VARIATE,
     frame_noise_key,
     max_change_by_offset,

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, cast
 
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects.bounds.light import cull_lights
+from catoptra_server.effects.bounds.light_loss import cull_lights
 from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import (

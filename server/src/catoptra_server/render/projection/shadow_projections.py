@@ -13,7 +13,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.projection.cameras import min_distance_bound
+from catoptra_server.render.projection.frustum import min_distance_bound
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.shading import ShadowCastingLight
 from catoptra_server.world.world_description import DirectionalLight, PointLight

@@ -14,7 +14,7 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.projection.cameras import MAX_NEAR_M, DepthRange
+from catoptra_server.render.projection.frustum import MAX_NEAR_M, DepthRange
 from catoptra_server.render.raster.device import SampleSpacing
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, image_bytes
 from catoptra_server.render.raster.scene_batches import object_distance_range

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.render.projection.atlas import Atlas, AtlasCell
-from catoptra_server.render.projection.cameras import LensProjection
+from catoptra_server.render.projection.frustum import LensProjection
 from catoptra_server.render.raster.device import (
     ProgramSpec,
     ShaderPrograms,

@@ -15,17 +15,17 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.projection.cameras import make_lens_projection
+from catoptra_server.render.projection.frustum import make_lens_projection
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms, fit_spacing, open_device
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.passes import OutputImage
-from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.raster.views import (
+from catoptra_server.render.raster.raster_views import (
     LensPasses,
     OmniPasses,
     RasterOmniView,
     make_lookup_map,
 )
+from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.renderer import FaceCamera, RenderPlan, View
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.render.projection.cameras import min_distance_bound
+from catoptra_server.render.projection.frustum import min_distance_bound
 from catoptra_server.render.raster.device import (
     SPLIT_FORMAT,
     Definitions,

@@ -19,7 +19,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render.projection.cameras import DepthRangeFinder
+from catoptra_server.render.projection.frustum import DepthRangeFinder
 from catoptra_server.render.raster.device import (
     COARSE_FORMAT,
     FrameUniforms,

@@ -82,7 +82,7 @@ def create_engine(
     """
 
     def create_kernel() -> TraceEngine:
-        from catoptra_server.render.trace.kernel.engine import KernelEngine
+        from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 
         return KernelEngine(
             scene,
@@ -103,7 +103,7 @@ def create_engine(
             # The message names the missing part and the remedy.
             log.warning("%s; tracing with the NumPy reference, many times slower", error)
     # As above, where the engine is needed: see deferred_modules.
-    from catoptra_server.render.trace.reference.engine import ReferenceEngine
+    from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
 
     return "reference", ReferenceEngine(scene, world, threads=threads, scene_lights=scene_lights)
 

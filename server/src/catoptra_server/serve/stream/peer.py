@@ -20,7 +20,7 @@ from functools import partial
 from typing import assert_never
 
 from catoptra_protocol.errors import InvalidRequestError, LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.notes import find_note_error
+from catoptra_protocol.notes import check_note
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
     bytes_from_message,
@@ -222,9 +222,10 @@ class StreamPeer:
 
     def _publish(self, request: PublishRequest) -> None:
         # Checked here, where the JSON of one client delays no robot.
-        reason = find_note_error(request.name, request.text)
-        if reason:
-            self.send_reply(Error(request.id, reason))
+        try:
+            check_note(request.name, request.text)
+        except LocalProtocolError as error:
+            self.send_reply(Error(request.id, str(error)))
         else:
             self.robot.publish(request, self._pending.add(request.id))
 

@@ -14,8 +14,8 @@ import pytest
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.kernel import engine as kernel_rays
-from catoptra_server.render.trace.kernel.engine import KernelEngine
+from catoptra_server.render.trace.kernel import kernel_engine as kernel_rays
+from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.render.trace.kernel.library import KernelDevice, KernelError
 from catoptra_server.render.trace.ray_table import face_ray_table
 from catoptra_server.world.scene_mesh import build_scene

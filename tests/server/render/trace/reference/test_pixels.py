@@ -106,7 +106,7 @@ def test_unlit_surface_shows_its_albedo_in_any_shadow() -> None:
 ROLLING = replace(
     STATE,
     twist=Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.0)),
-    shutter=INSTANTANEOUS.with_exposure(0.02, 3.0).with_readout(0.06, 9.0),
+    shutter=INSTANTANEOUS.add_exposure(0.02, 3.0).add_readout(0.06, 9.0),
 )
 
 

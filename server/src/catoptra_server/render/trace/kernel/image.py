@@ -22,12 +22,12 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import CaptureContext, ImageEffect
 from catoptra_server.effects.kernels.convolution import DiscKernelTable
-from catoptra_server.effects.kernels.lens_blur import interior_mask
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     count_valid_pixels,
     frame_noise_key,
     normal_quantile_table,
 )
+from catoptra_server.effects.kernels.lens_blur import interior_mask
 from catoptra_server.effects.medium import defocus, defocus_by_depth
 from catoptra_server.effects.medium.chromatic_aberration import channel_offsets_px
 from catoptra_server.effects.medium.defocus import Defocus

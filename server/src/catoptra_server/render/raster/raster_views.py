@@ -36,7 +36,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.effect import CaptureContext, ImageEffect
 from catoptra_server.render.image_changer import ExposedImage, ImageChanger
 from catoptra_server.render.projection.atlas import Atlas
-from catoptra_server.render.projection.cameras import LensProjection
+from catoptra_server.render.projection.frustum import LensProjection
 from catoptra_server.render.raster.device import Definitions, GlDevice, ShaderPrograms
 from catoptra_server.render.raster.face_pass import DrawCounts, FacePass
 from catoptra_server.render.raster.mirror_pass import (

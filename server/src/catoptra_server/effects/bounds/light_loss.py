@@ -1,11 +1,13 @@
-"""Largest visible change by a loss of light: the worst of many surfaces, in encoded grey levels.
+"""Loss of light that an image would show, in encoded grey levels; lights that change nothing.
 
-Culling of lights whose absence no surface of a scene would show.
+Encoded, since the sRGB curve is 13 times as steep in the dark as at white: the largest linear loss
+is rarely the largest visible one. The worst of many surfaces counts.
 
-For each light the largest irradiance on any triangle is bounded: none on back faces, the inverse
-square from the nearest point of the triangle's box, at most the cosine from there. Lights that
-change no triangle's colour by more than MAX_CULLED_GREY_LEVELS, all together, are culled: too far,
-too dim, or behind every facet. Dynamic objects move and turn, so they keep all lights.
+Lights below visibility are culled. For each light the largest irradiance on any triangle is
+bounded: none on back faces, the inverse square from the nearest point of the triangle's box, at
+most the cosine from there. Lights that together change no triangle's colour by more than
+MAX_CULLED_GREY_LEVELS are dropped with a log line: too far, too dim, or behind every facet. Dynamic
+objects move and turn, so they keep all lights.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.effects.kernels.light import grey_level
+from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.world import shading
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.scene_radiance import max_point_irradiance
@@ -52,6 +54,13 @@ def visible_losses(
     return levels
 
 
+def grey_level_change(loss: ShadowLoss) -> float:
+    """Change of the encoded image by a loss, grey levels."""
+    return grey_level(loss.remaining_radiance + loss.lost_radiance) - grey_level(
+        loss.remaining_radiance
+    )
+
+
 def _scale_to_white(
     lost_radiance: Floats, remaining_radiance: Floats, can_be_darker: Bools
 ) -> tuple[Floats, Floats, Floats]:
@@ -62,22 +71,9 @@ def _scale_to_white(
         can_be_darker[:, None], 1.0 / np.maximum(lost_radiance + remaining_radiance, 1.0), 1.0
     )
     lost_radiance, remaining_radiance = factor * lost_radiance, factor * remaining_radiance
-    # Encoded, not linear: sRGB is 13 times as steep in the dark as at white, so the largest linear
-    # loss is rarely the largest visible one.
-    change = _encode_srgb(lost_radiance + remaining_radiance) - _encode_srgb(remaining_radiance)
+    lit = lost_radiance + remaining_radiance
+    change: Floats = srgb_from_linear(lit) - srgb_from_linear(remaining_radiance)
     return lost_radiance, remaining_radiance, change
-
-
-def grey_level_change(loss: ShadowLoss) -> float:
-    """Change of the encoded image by a loss, grey levels."""
-    return grey_level(loss.remaining_radiance + loss.lost_radiance) - grey_level(
-        loss.remaining_radiance
-    )
-
-
-def _encode_srgb(radiance: Floats) -> Floats:
-    encoded: Floats = srgb_from_linear(np.minimum(radiance, 1.0))
-    return encoded
 
 
 # Sum over all culled lights. A tenth of the threshold of effects: an exposure of ten times the

@@ -11,7 +11,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
-from catoptra_server.render.projection.cameras import (
+from catoptra_server.render.projection.frustum import (
     MAX_NEAR_M,
     MIN_NEAR_M,
     DepthRange,

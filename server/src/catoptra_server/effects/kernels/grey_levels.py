@@ -1,16 +1,14 @@
-"""Largest change of an encoded pixel, in grey levels of 255, for a change of linear radiance.
+"""Grey levels of changes of light, the mean luminance of an image, and random numbers for pixels.
 
 Criteria compare encoded values: the sRGB curve is 13 times as steep in the dark as a straight line
 and 0.4 times as steep at white, so a bound in linear counts would be wrong by as much.
 
-Mean luminance of all pixels that show anything, for auto-exposure and scattering dust.
-
-Random numbers for pixels, the same bits in NumPy and in the kernel's stages.
-
-Counter-based: a 32-bit integer hash of pixel and key, so that neither threads nor tiles nor their
-order matter. Source of the hash: pcg3d, Jarzynski and Olano 2020, "Hash Functions for GPU
-Rendering", JCGT 9(3). Normal variates come from a table of 2^16 quantiles of unit variance, one
-lookup for each half of a word; the sum of both over sqrt(2) is at most `MAX_NORMAL_VARIATE`.
+Random numbers are the same bits in NumPy and in the kernel's stages, which Box-Muller's logarithms
+and cosines would not give. They are counter-based: a 32-bit integer hash of pixel and key, so that
+neither threads nor tiles nor their order matter. The key is made of seed, robot, camera and tick.
+Source of the hash: pcg3d, Jarzynski and Olano 2020, "Hash Functions for GPU Rendering", JCGT 9(3).
+Normal variates come from a table of 2^16 quantiles of unit variance, one lookup for each half of a
+word; the sum of both over sqrt(2) is at most `MAX_NORMAL_VARIATE`.
 """
 
 from __future__ import annotations
@@ -30,8 +28,6 @@ from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_server.effects.effect import Real
 from catoptra_server.world.camera_state import NoiseSeed
 from catoptra_server.world.world_description import srgb_from_linear
-
-_NUM_RADIANCES = 2049
 
 
 def grey_level(radiance: float) -> float:
@@ -77,6 +73,9 @@ def max_change_by_gain(gain: float, max_radiance: float) -> float:
     return grey_level(gain * just_white) - grey_level(just_white)
 
 
+_NUM_RADIANCES = 2049
+
+
 def max_change_by_offset(offset: Callable[[Floats], Floats], max_radiance: float) -> float:
     """Largest change, in grey levels, of any radiance that gains or loses an offset.
 
@@ -95,14 +94,14 @@ def max_change_by_offset(offset: Callable[[Floats], Floats], max_radiance: float
 
 
 # Rec. 709, for linear red, green, blue.
-LUMINANCE_WEIGHTS = (0.2126, 0.7152, 0.0722)
+_LUMINANCE_WEIGHTS = (0.2126, 0.7152, 0.0722)
 
 
 def mean_luminance(image: npt.NDArray[Real], camera: RadialCamera) -> float:
     """Mean luminance of the pixels that a mirror or lens shows anything in."""
-    # Summed in float64 for any image, so the gain of a float32 image is that of its reference.
+    # Summed in float64 for any image, so a float32 image and its reference have one gain.
     colours = image.sum(axis=(0, 1), dtype=np.float64)
-    return float(colours @ LUMINANCE_WEIGHTS) / max(count_valid_pixels(camera), 1)
+    return float(colours @ _LUMINANCE_WEIGHTS) / max(count_valid_pixels(camera), 1)
 
 
 @lru_cache(maxsize=16)
@@ -112,26 +111,6 @@ def count_valid_pixels(camera: RadialCamera) -> int:
 
 
 UInt32Array = npt.NDArray[np.uint32]  # (3,)
-_NUM_QUANTILES = 2**16
-_SQRT_HALF = np.float32(np.sqrt(0.5))
-# Of the linear congruential generator that opens pcg3d (Numerical Recipes' constants).
-_MULTIPLIER, _INCREMENT = np.uint32(1664525), np.uint32(1013904223)
-
-
-def pcg3d(
-    x: UInt32Array, y: UInt32Array, z: UInt32Array
-) -> tuple[UInt32Array, UInt32Array, UInt32Array]:
-    """Hash three 32-bit words to three uniform words; arrays broadcast, arithmetic is mod 2^32."""
-    x, y, z = (word * _MULTIPLIER + _INCREMENT for word in (x, y, z))
-    # The order of these three lines is part of the hash: each uses the word mixed before.
-    x = x + y * z
-    y = y + z * x
-    z = z + x * y
-    x, y, z = (word ^ (word >> np.uint32(16)) for word in (x, y, z))
-    x = x + y * z
-    y = y + z * x
-    z = z + x * y
-    return x, y, z
 
 
 def frame_noise_key(seed: NoiseSeed, purpose: str) -> UInt32Array:
@@ -153,6 +132,10 @@ def _noise_key(first: int, second: int, tick: int, purpose: str) -> UInt32Array:
     return np.concatenate(pcg3d(x, y, z))
 
 
+# Twice the table's last entry, the quantile 1 - 2^-17, over sqrt(2); rounded up.
+MAX_NORMAL_VARIATE = 6.12
+
+
 def normal_variates(key: UInt32Array, height: int, width: int) -> npt.NDArray[np.float32]:
     """Normal variates, (height, width, 3), one for each pixel and colour."""
     x = np.arange(width, dtype=np.uint32)[None, :] + key[0]
@@ -165,6 +148,11 @@ def normal_variates(key: UInt32Array, height: int, width: int) -> npt.NDArray[np
         low = table.take(word & np.uint32(0xFFFF))
         variates[..., channel] = (low + table.take(word >> np.uint32(16))) * _SQRT_HALF
     return variates
+
+
+_SQRT_HALF = np.float32(np.sqrt(0.5))
+
+_NUM_QUANTILES = 2**16
 
 
 @cache
@@ -182,5 +170,21 @@ def normal_quantile_table() -> npt.NDArray[np.float32]:
     return scaled
 
 
-# Twice the table's last entry, that of the quantile 1 - 2^-17, over sqrt(2); rounded up.
-MAX_NORMAL_VARIATE = 6.12
+# Of the linear congruential generator that opens pcg3d (Numerical Recipes' constants).
+_MULTIPLIER, _INCREMENT = np.uint32(1664525), np.uint32(1013904223)
+
+
+def pcg3d(
+    x: UInt32Array, y: UInt32Array, z: UInt32Array
+) -> tuple[UInt32Array, UInt32Array, UInt32Array]:
+    """Hash three 32-bit words to three uniform words; arrays broadcast, arithmetic is mod 2^32."""
+    x, y, z = (word * _MULTIPLIER + _INCREMENT for word in (x, y, z))
+    # The order of these three lines is part of the hash: each uses the word mixed before.
+    x = x + y * z
+    y = y + z * x
+    z = z + x * y
+    x, y, z = (word ^ (word >> np.uint32(16)) for word in (x, y, z))
+    x = x + y * z
+    y = y + z * x
+    z = z + x * y
+    return x, y, z

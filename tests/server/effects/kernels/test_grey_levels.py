@@ -1,4 +1,4 @@
-"""The hash against the published form in plain integers, variates against their distribution."""
+"""Bounds of changes by search, the hash in plain integers, variates by their distribution."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.omni_camera import direction_from_pixel
-from catoptra_server.effects.kernels.light import (
+from catoptra_server.effects.kernels.grey_levels import (
     MAX_NORMAL_VARIATE,
     camera_noise_key,
     count_valid_pixels,

@@ -1,4 +1,4 @@
-""""""
+"""Losses are judged as an image shows them; lights that nothing shows are culled."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.bounds.light import (
+from catoptra_server.effects.bounds.light_loss import (
     MAX_CULLED_GREY_LEVELS,
     cull_lights,
     grey_level_change,
     max_visible_loss,
 )
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
-from catoptra_server.effects.kernels.light import grey_level
+from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.world import shading
 from catoptra_server.world.camera_state import CameraState

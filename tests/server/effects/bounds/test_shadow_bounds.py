@@ -1,4 +1,4 @@
-"""Hidden triangles by planes, against shadow rays from many of their points."""
+"""Shadows are found by planes where rays find any, and lose as much light as any point loses."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.effects.bounds.light import grey_level_change
-from catoptra_server.effects.bounds.shadows import (
-    AxisAlignedBox,
+from catoptra_server.effects.bounds import shadow_bounds
+from catoptra_server.effects.bounds.light_loss import grey_level_change
+from catoptra_server.effects.bounds.shadow_bounds import (
     LightShafts,
     ShadowBounds,
-    make_bound,
     shadow_candidates,
 )
 from catoptra_server.effects.effect import NO_SHADOW_LOSS, ShadowLoss
@@ -134,17 +133,6 @@ def test_bound_of_random_worlds_is_never_below_the_largest_change(first: int) ->
         assert bound == 0.0 or change > 0.0, seed
 
 
-def test_convex_room_around_its_lamp_and_a_box_alone_lose_nothing() -> None:
-    lamp = PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
-    worlds = [
-        make_inward_facing_room(lamp),
-        make_world(box_item(0.0, 0.0, -0.2, (0.3, 0.3, 0.3)), lights=(lamp,)),
-    ]
-    for world in worlds:
-        loss = ShadowBounds(build_scene(world), world).darkest_shadow(())
-        assert grey_level_change(loss) == 0.0
-
-
 def test_room_of_walls_with_backs_around_its_lamp_loses_nothing() -> None:
     # Slabs that touch along edges: planes of their other sides lie between lamp and walls.
     lamp = PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
@@ -198,27 +186,36 @@ def test_floor_under_a_box_is_a_candidate(light: DirectionalLight | PointLight) 
     assert "floor" in names(make_world(floor_item(), box_item(0, 0, -0.1, (0.2, 0.2, 0.2))), light)
 
 
-def test_empty_convex_room_has_no_candidates() -> None:
-    assert names(make_inward_facing_room(INSIDE), INSIDE) == set()
+@pytest.mark.parametrize(
+    ("world", "light"),
+    [
+        (make_inward_facing_room(INSIDE), INSIDE),
+        (make_world(box_item(0, 0, -0.1, (0.2, 0.2, 0.2))), DIRECTIONAL_LIGHT),
+        (World("empty", ()), DIRECTIONAL_LIGHT),
+    ],
+    ids=["convex room around its lamp", "single box", "no triangles"],
+)
+def test_convex_scene_has_no_candidates_and_loses_nothing(
+    world: World, light: DirectionalLight | PointLight
+) -> None:
+    assert names(world, light) == set()
+    lit = replace(world, lights=(light,))
+    assert ShadowBounds(build_scene(lit), lit).darkest_shadow(()) == NO_SHADOW_LOSS
 
 
-def test_single_box_has_no_candidates() -> None:
-    assert names(make_world(box_item(0, 0, -0.1, (0.2, 0.2, 0.2))), DIRECTIONAL_LIGHT) == set()
-
-
-def test_scene_without_triangles_has_no_candidates() -> None:
-    assert names(World("empty", ()), DIRECTIONAL_LIGHT) == set()
-
-
-def test_bound_of_many_corners_is_their_box() -> None:
-    rng = np.random.default_rng(3)
-    corners = rng.normal(size=(400, 3, 3))
-    normals = rng.normal(size=(50, 3))
-    exact = make_bound(corners, num_planes=50).support(normals)
-    boxed = make_bound(corners, num_planes=10**6)
-    np.testing.assert_allclose(exact, (corners.reshape(-1, 3) @ normals.T).max(axis=0))
-    assert isinstance(boxed, AxisAlignedBox)
-    assert (boxed.support(normals) >= exact).all()
+def test_box_in_place_of_many_corners_only_adds_candidates(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    num_added = 0
+    for seed in range(20):
+        scene = build_scene(make_random_world(seed))
+        exact = shadow_candidates(scene, POINT_LIGHT)
+        with monkeypatch.context() as patch:
+            patch.setattr(shadow_bounds, "_MAX_PRODUCTS", 0)
+            boxed = shadow_candidates(scene, POINT_LIGHT)
+        assert not (exact & ~boxed).any()
+        num_added += int((boxed & ~exact).sum())
+    assert num_added > 0
 
 
 SKY = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))

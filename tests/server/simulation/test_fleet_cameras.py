@@ -20,14 +20,14 @@ from catoptra_server.frames.frame import (
 )
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, ReferenceKind
-from catoptra_server.simulation.cameras import (
+from catoptra_server.simulation.collision_index import CollisionIndex
+from catoptra_server.simulation.events import AccuracyTargetChanged
+from catoptra_server.simulation.fleet_cameras import (
     CameraQueries,
     FleetCameras,
     FleetEnvironment,
     set_accuracy_target,
 )
-from catoptra_server.simulation.collision_index import CollisionIndex
-from catoptra_server.simulation.events import AccuracyTargetChanged
 from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import (
     Mount,

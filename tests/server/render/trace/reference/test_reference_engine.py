@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
-from catoptra_server.render.trace.reference import engine as ray_batches
-from catoptra_server.render.trace.reference.engine import (
+from catoptra_server.render.trace.reference import reference_engine as ray_batches
+from catoptra_server.render.trace.reference.reference_engine import (
     RayBatch,
     ReferenceEngine,
     mean_pixels,
