@@ -86,7 +86,7 @@ def create_ray_caster(startup: StartupConfig) -> RayCaster:
     """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle.
 
     Raises:
-        EmbreexMissingError: a robot has such a sensor, and rays cannot be cast here.
+        RendererUnavailableError: a robot has such a sensor, and rays cannot be cast here.
     """
     caster = _LazyRayCaster(startup.scene)
     # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if
@@ -145,32 +145,10 @@ def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
     # Imported here: a server without Embree runs, with the whole sky everywhere.
     from catoptra_server.render.trace.occlusion import occlusion_cache
 
-<<<<<<< HEAD
-
-def create_ray_caster(startup: StartupConfig) -> RayCaster:
-    """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle.
-
-    Raises:
-        RendererUnavailableError: a robot has such a sensor, and rays cannot be cast here.
-    """
-    caster = _LazyRayCaster(startup.scene)
-    # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if
-    # ever: a server with cameras alone saves the time and memory.
-    for robot in startup.robots:
-        sensors = [sensor.name for sensor in robot.sensors if casts_rays(sensor)]
-        if sensors:
-            require_embreex(
-                f"{robot.class_name}, whose sensors cast rays ({', '.join(sensors)}),",
-                alternative="serve a robot without such sensors, such as --robot p2at_omni",
-            )
-            return caster.build()
-    return caster
-=======
     if not occlusion_cache.wants_occlusion(scene, world):
         return scene
     folder = default_cache_folder().parent / "occlusion"
     return replace(scene, occlusion=occlusion_cache.find_occlusion(scene, folder))
->>>>>>> room-d
 
 
 class _LazyRayCaster:
