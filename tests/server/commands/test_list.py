@@ -1,6 +1,4 @@
-"""The list of names: every bundled file is described, every class can be spawned from its file.
-
-The line of --version names the kernel's instruction set, or why there is no kernel."""
+"""The list of names, each described and usable; the line of --version."""
 
 from __future__ import annotations
 
@@ -21,7 +19,7 @@ from catoptra_server.commands.list import (
 )
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.render.trace.kernel.library import INSTRUCTION_SETS
+from catoptra_server.render.renderer_kind import INSTRUCTION_SETS
 from helpers.trace_kernels import open_kernel
 from helpers.worlds import make_test_world
 

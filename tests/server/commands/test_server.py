@@ -1,8 +1,4 @@
-"""The two threads without any port: which is started, what is prepared, and their end.
-
-The server in this process: start, end, and the failure of a thread.
-
-Modules that are loaded once the ports listen: none before the first frame, all afterwards."""
+"""The server in this process: threads, start, end, and what is loaded when."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ from catoptra_server.config.server_file import (
     ServerOptions,
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SETS, RENDERER_NAMES
+from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SET_NAMES, RENDERER_NAMES
 from catoptra_server.runtime.faults import Termination
 from catoptra_server.runtime.logs import LogWriter, write_log
 from catoptra_server.runtime.memory import (
@@ -141,7 +141,7 @@ def _build_parser() -> argparse.ArgumentParser:
         default=0,
         help="threads of the trace renderer; 0 = one per processor",
     )
-    add("--instruction-set", choices=INSTRUCTION_SETS, default=AUTO,
+    add("--instruction-set", choices=INSTRUCTION_SET_NAMES, default=AUTO,
         help="instructions of the trace renderer's kernel; the same ones give the same bytes on "
         "every processor that has them (default: auto, the best of this processor)")  # fmt: skip
     add("--max-error-px", type=parse_non_negative, metavar="PX",
@@ -226,8 +226,8 @@ def _parse_image_type(text: str) -> ImageType:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-EXIT_FAULT = 1
-EXIT_CANNOT_START = 2
+_EXIT_FAULT = 1
+_EXIT_CANNOT_START = 2
 # With the grace of `termination`, less than the promised second.
 _FLUSH_TIMEOUT_S = 0.1
 # A thread that needs the interpreter waits this long for one that computes. Under all attacks of
@@ -258,16 +258,16 @@ def main(arguments: Sequence[str], termination: Termination) -> int:
             asyncio.run(_serve_until_signal(options, termination, writer))
         except ThreadFailedError as error:
             # The log has the traceback.
-            return _report(writer, error, EXIT_FAULT)
+            return _report(writer, error, _EXIT_FAULT)
         except CatoptraError as error:
-            return _report(writer, error, EXIT_CANNOT_START)
+            return _report(writer, error, _EXIT_CANNOT_START)
         # UnicodeError: a host name that cannot be one, such as a..b.
         except (OSError, UnicodeError) as error:
-            return _report(writer, _describe_listen_error(error), EXIT_CANNOT_START)
+            return _report(writer, _describe_listen_error(error), _EXIT_CANNOT_START)
         except Exception:
             # Not left to the interpreter, whose print waits for standard error.
             log.critical("the server ends: a bug", exc_info=True)
-            return EXIT_FAULT
+            return _EXIT_FAULT
         return 0
 
 

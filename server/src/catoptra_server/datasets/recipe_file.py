@@ -34,10 +34,9 @@ from catoptra_server.datasets.recipe import (
     read_range_struct,
     read_words,
 )
-from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.kernel.library import INSTRUCTION_SETS
+from catoptra_server.render.renderer_kind import INSTRUCTION_SETS, RendererKind
 
-FORMATS = ("coco", "tum", "parquet")
+_FORMATS = ("coco", "tum", "parquet")
 """Files that a recipe may have beside its shards."""
 
 _SECTION = "Catoptra.Dataset"
@@ -83,7 +82,7 @@ def read_recipe(path: Path) -> Recipe:
         brightness=_read_brightness(file.get_section(_LIGHTS)),
         effects=read_effects(file.get_section(EFFECTS)),
         channels=_read_channels(section, poses),
-        formats=read_words(section, "Formats", FORMATS, ()),
+        formats=read_words(section, "Formats", _FORMATS, ()),
         renderer=section.get_choice("Renderer", _RENDERERS, _DEFAULT_RENDERER),
         instruction_set=section.get_choice("InstructionSet", INSTRUCTION_SETS, "avx2"),
     )

@@ -187,7 +187,7 @@ class Frame:
     _running: dict[_Encoding, asyncio.Task[Payload]] = field(default_factory=dict)
 
     async def encode(self, encoding: _Encoding) -> Payload:
-        """Image as `encode_without_blocking` has it, encoded once for all; on the event loop."""
+        """Image as by `encode_without_blocking`, once for all clients; on the event loop."""
         # The stream's JPEG has the quality of type GOOD: both transports share one payload.
         if encoding is ImageEncoding.JPEG:
             return payload_of_reply(await self.encode(ImageType.GOOD))

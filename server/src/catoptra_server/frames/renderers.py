@@ -33,8 +33,8 @@ from catoptra_server.render.image_changer import ImageChanger, NumpyImageChanger
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.renderer_kind import (
     AUTO,
-    PACKAGE,
-    REMEDY,
+    EMBREEX_PACKAGE,
+    EMBREEX_REMEDY,
     RENDERER_NAMES,
     RendererKind,
     has_embreex,
@@ -295,13 +295,13 @@ def _make_choice(
 
 def _choose_without_trace(inputs: _Scene) -> RendererChoice:
     """Raster, where the package of trace is missing."""
-    reason = f"the package {PACKAGE}, which trace needs, is not installed"
+    reason = f"the package {EMBREEX_PACKAGE}, which trace needs, is not installed"
     factories = {RendererKind.RASTER: partial(_create_raster, inputs)}
     try:
         return _make_choice(RendererKind.RASTER, reason, factories, inputs)
     except RendererUnavailableError as error:
         raise RendererUnavailableError(
-            f"no renderer can run. Raster: {error}. Trace: {reason}: {REMEDY}"
+            f"no renderer can run. Raster: {error}. Trace: {reason}: {EMBREEX_REMEDY}"
         ) from error
 
 

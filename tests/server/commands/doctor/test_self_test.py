@@ -1,6 +1,4 @@
-"""The self-test: within its bound on this machine, and sensitive to a displaced image.
-
-The doctor's check of configuration files: valid, broken, misspelt."""
+"""The self-test is within its bound and notices a displaced image; configurations are read."""
 
 from __future__ import annotations
 

@@ -44,9 +44,9 @@ from catoptra_server.frames.labels.labels import (
     label_exposure,
     mask_of_rays,
 )
+from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelMeshCaster
-from catoptra_server.render.trace.kernel.library import AUTO
 from catoptra_server.render.trace.ray_table import BLOCK_RAYS, RayTable
 from catoptra_server.render.trace.reference.meshes import EmbreeMesh
 from catoptra_server.render.trace.trace_engine import (
