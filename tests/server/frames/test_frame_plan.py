@@ -217,7 +217,7 @@ def test_text_and_bounds_follow_the_choice() -> None:
     assert planned.view_key == (SMALL, replace(second.plan, reason=""))
     assert planned.plan_text == str(second.plan)
     assert second.bound is not None
-    assert planned.bounds == second.bound.as_dict()
+    assert planned.bounds == second.bound.numbers_by_name()
 
 
 def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
@@ -231,7 +231,7 @@ def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
         scene_px = planned.bounds["scene_px"]
         assert scene_px == pytest.approx(angle_rad * compute_image_scale(SMALL).max_px_per_rad)
         for name in ("max_px", "outline_px", "marker_px"):
-            plan_px = choice.bound.as_dict()[name]
+            plan_px = choice.bound.numbers_by_name()[name]
             assert planned.bounds[name] == pytest.approx(plan_px + scene_px)
         assert planned.bounds["max_deg"] >= math.degrees(angle_rad)
 

@@ -410,7 +410,7 @@ def test_bound_of_a_prepared_view_is_published() -> None:
     rendered = fakes.render(MIRROR)
     bound = published.get(MIRROR)
     assert bound is not None
-    assert rendered.frame_plan.bounds == bound.as_dict()
+    assert rendered.frame_plan.bounds == bound.numbers_by_name()
 
 
 def test_hundred_tolerances_need_a_view_for_each_of_a_few_plans() -> None:

@@ -219,7 +219,7 @@ def test_configuration_when_of_the_robot_names_the_model() -> None:
 
 @pytest.mark.parametrize("type_", ["Odometry", "odometry"])
 def test_part_when_of_a_sensor_is_found_in_any_case(type_: str) -> None:
-    (part,) = spawn().find_parts(type_)
+    (part,) = spawn().find_parts_of_type(type_)
     assert (part.type, part.name) == ("Odometry", "Odometry")
 
 
@@ -254,7 +254,7 @@ def test_flippers_when_driven_are_reported_by_status_and_encoders() -> None:
 
 
 def test_flippers_are_no_mission_package() -> None:
-    assert spawn(make_p2at(chassis_joints=FLIPPERS)).find_parts("MisPkg") == []
+    assert spawn(make_p2at(chassis_joints=FLIPPERS)).find_parts_of_type("MisPkg") == []
 
 
 @pytest.mark.parametrize(("name", "is_named_alike"), [("Slip", True), ("slip", False)])

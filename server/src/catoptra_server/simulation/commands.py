@@ -98,7 +98,7 @@ def execute_get_conf(
     if _is_robot(command.type):
         return [_vehicle_configuration(robot.description)]
     # An empty reply rather than none: clients wait for a line of the requested type.
-    parts = _find_parts(robot, command.type, command.name)
+    parts = _find_named_parts(robot, command.type, command.name)
     empty = Configuration(command.type, (("Name", command.name),) if command.name else ())
     return [_configuration(part, error_bound_of) for part in parts] or [empty]
 
@@ -107,7 +107,7 @@ def execute_get_geo(robot: Robot, command: GetGeo) -> list[Report]:
     """Geometry of the robot, or of its parts of a type: one GEO for all, or one a package."""
     if _is_robot(command.type):
         return [_vehicle_geometry(robot.description)]
-    found = [part.geometry() for part in _find_parts(robot, command.type, command.name)]
+    found = [part.geometry() for part in _find_named_parts(robot, command.type, command.name)]
     packages = [one for one in found if isinstance(one, MissionPackageGeometry)]
     items = tuple(one for one in found if isinstance(one, GeometryItem))
     # A package's GEO lists links, which the common form of the other parts cannot hold.
@@ -339,5 +339,7 @@ def _is_robot(type_: str) -> bool:
     return type_.lower() == "robot"
 
 
-def _find_parts(robot: Robot, type_: str, name: str | None) -> list[Part]:
-    return [p for p in robot.find_parts(type_) if name is None or p.name.lower() == name.lower()]
+def _find_named_parts(robot: Robot, type_: str, name: str | None) -> list[Part]:
+    return [
+        p for p in robot.find_parts_of_type(type_) if name is None or p.name.lower() == name.lower()
+    ]

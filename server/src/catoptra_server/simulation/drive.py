@@ -38,7 +38,7 @@ class WheelSpin:
     left_rad_s: float = 0.0
     right_rad_s: float = 0.0
 
-    def clamp(self, max_rad_s: float) -> WheelSpin:
+    def limit_to(self, max_rad_s: float) -> WheelSpin:
         """Spin with each side limited to the motors' speed."""
         return WheelSpin(
             min(max(self.left_rad_s, -max_rad_s), max_rad_s),

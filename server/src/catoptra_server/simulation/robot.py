@@ -217,7 +217,9 @@ class Robot:
         spin = self._body.spin
         left = spin.left_rad_s if drive.left is None else unit * drive.left
         right = spin.right_rad_s if drive.right is None else unit * drive.right
-        self._body = dataclasses.replace(self._body, spin=WheelSpin(left, right).clamp(max_rad_s))
+        self._body = dataclasses.replace(
+            self._body, spin=WheelSpin(left, right).limit_to(max_rad_s)
+        )
         self._light = self._light if drive.light is None else drive.light
 
     def drive_joint(self, name: str, value: float | None, order: int) -> None:
@@ -307,7 +309,7 @@ class Robot:
         )
         return VehicleStatus(time_s, left_s, light=self._light, view=self.tile_index, joints=joints)
 
-    def find_parts(self, type_: str) -> list[Part]:
+    def find_parts_of_type(self, type_: str) -> list[Part]:
         """Parts of a type in any case, in the order of their reports."""
         reporting = (part for sensor in self.sensors for part in sensor.parts)
         parts: list[Part] = [*reporting, *self.all_cameras, *self.mission_packages]

@@ -206,7 +206,7 @@ def test_frames_without_corrections_take_the_time_of_the_model() -> None:
 def test_effects_are_added_and_load_multiplies() -> None:
     corrections = CostCorrections()
     corrections.update(SPEC, TRACE, 10.0, median_ms=35.0, added_ms=20.0)
-    assert corrections.factor(TRACE) == 1.5
+    assert corrections.load_factor(TRACE) == 1.5
     # Not 3.5 times as long, as one factor for all would make of it.
     assert corrections.correct(SPEC, TRACE, 40.0) == 80.0
 
@@ -235,7 +235,7 @@ def test_added_times_belong_to_a_camera_with_its_effects_whatever_the_target() -
 def test_incredible_times_are_limited(median_ms: float, factor: float) -> None:
     corrections = CostCorrections()
     corrections.update(SPEC, TRACE, 10.0, median_ms=median_ms, added_ms=0.0)
-    assert corrections.factor(TRACE) == factor
+    assert corrections.load_factor(TRACE) == factor
 
 
 def test_stages_of_the_model_and_time_samples_are_not_added() -> None:

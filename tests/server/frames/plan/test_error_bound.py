@@ -89,7 +89,7 @@ def test_repeated_bound_is_cached() -> None:
 
 
 def test_bound_as_a_dict_has_a_number_for_each_name() -> None:
-    numbers = make_bound(RASTER, PerPixel()).as_dict()
+    numbers = make_bound(RASTER, PerPixel()).numbers_by_name()
     assert set(numbers) == {
         *("max_px", "rms_px", "max_deg", "rms_deg"),
         *("edge_px", "outline_px", "marker_px"),
@@ -97,7 +97,7 @@ def test_bound_as_a_dict_has_a_number_for_each_name() -> None:
         *("faces_px", "rounding_px"),
     }
     assert all(isinstance(value, float) for value in numbers.values())
-    assert "texels_per_px_min" not in make_bound(TRACE, PerPixel()).as_dict()
+    assert "texels_per_px_min" not in make_bound(TRACE, PerPixel()).numbers_by_name()
 
 
 def test_marker_error_is_the_sum_of_both() -> None:

@@ -41,8 +41,8 @@ from catoptra_server.frames.labels.labels import (
     RaySource,
     SceneLabels,
     build_label_rays,
+    find_valid_pixels,
     label_exposure,
-    mask_of_rays,
 )
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace import TraceRenderer
@@ -255,7 +255,7 @@ class _PreparedRays:
     @cached_property
     def mask(self) -> npt.NDArray[np.uint8]:
         """(h, w) 1 where a pixel's centre has a ray, else 0."""
-        return mask_of_rays(self.table).astype(np.uint8)
+        return find_valid_pixels(self.table).astype(np.uint8)
 
     @cached_property
     def grid(self) -> _PixelRayGrid:
@@ -275,7 +275,7 @@ class _PixelRayGrid:
         """(h, w, 3) metres."""
         if table.origins is not None:
             self.origins = assemble_grid(table, np.moveaxis(table.origins, 2, -1), fill=fill)
-        self.valid = mask_of_rays(table)
+        self.valid = find_valid_pixels(table)
         """(h, w) mask."""
         self.max_miss_m = float(np.linalg.norm(self.origins, axis=-1).max(initial=0.0))
         """Largest distance of an origin from the viewpoint."""

@@ -105,7 +105,7 @@ def label_exposure(camera_state: CameraState) -> TracedExposure:
     return MovingExposure(trajectory(plain))
 
 
-def mask_of_rays(table: RayTable) -> Bools:
+def find_valid_pixels(table: RayTable) -> Bools:
     """(h, w) whether a pixel's centre has a ray, of a table of one sample a pixel."""
     bits = np.unpackbits(table.valid[..., None].view(np.uint8), axis=-1, bitorder="little")
     grid = assemble_grid(table, bits[..., None].astype(np.float32), fill=np.float32(0.0))

@@ -292,13 +292,13 @@ class CostCorrections:
         self._factors: dict[RendererKind, float] = {}
         self._added_ms: dict[_EffectsKey, dict[RendererKind, float]] = {}
 
-    def factor(self, kind: RendererKind) -> float:
+    def load_factor(self, kind: RendererKind) -> float:
         """Factor by which a renderer's frames take longer than calibrated ones."""
         return self._factors.get(kind, 1.0)
 
     def correct(self, camera: OmniCameraSpec, kind: RendererKind, ms: float) -> float:
         """Milliseconds of a drawn frame, from those of the cost model."""
-        return self.factor(kind) * ms + self._find_added_ms(camera, kind)
+        return self.load_factor(kind) * ms + self._find_added_ms(camera, kind)
 
     def update(
         self,

@@ -118,7 +118,7 @@ class ErrorBound:
         """Largest error of the measured centre of a marker of at least one pixel."""
         return self.geometric.max_px + self.sampling.centroid_error_px
 
-    def as_dict(self) -> dict[str, float]:
+    def numbers_by_name(self) -> dict[str, float]:
         """All numbers by their names in a frame header; a component is `<name>_px`."""
         geometric, sampling = self.geometric, self.sampling
         numbers = {

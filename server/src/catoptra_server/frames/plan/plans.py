@@ -343,7 +343,7 @@ def _unusable_faces_px(camera: OmniCameraSpec, bound: ErrorBound | None) -> floa
     """
     if bound is None or camera.render_settings.face_size_px:
         return 0.0
-    faces_px = bound.as_dict().get("faces_px", 0.0)
+    faces_px = bound.numbers_by_name().get("faces_px", 0.0)
     allowed_px = max(_FINE_FACES_PX, _MAX_FACES_FRACTION * bound.rim_radius_px)
     return faces_px if faces_px > allowed_px else 0.0
 
