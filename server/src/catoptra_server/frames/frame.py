@@ -57,7 +57,7 @@ class CameraChannel:
     camera: str
     """Name of the camera in any case; empty for the robot's first camera."""
     variant: CameraVariant | None = None
-    """Other settings, of an omnidirectional camera; None for those of the camera."""
+    """Other settings, of an omnidirectional camera; None for the camera's own."""
 
 
 # Compared by value: channels are keys of mailboxes and of the scheduler.
@@ -144,7 +144,7 @@ class FrameRendered:
     channel: Channel
 
 
-# The events of `Mailboxes`, a part of those of the simulation.
+# The events of `Mailboxes`, a part of the simulation's.
 FrameEvent = FrameRequested | FrameRendered
 _Encoding = ImageType | ImageEncoding
 
@@ -220,7 +220,7 @@ class FrameLabels:
     has_row_times: bool = False
     """Whether each row of pixels has a time of its own."""
     is_displaced: bool = False
-    """Whether the labels are of a displaced capture camera."""
+    """Whether the capture camera is displaced."""
     flow_to_time_s: float | None = None
     """Time of the frame that the flow leads to."""
     # A frozen record with a cache: payloads follow from the channels alone.

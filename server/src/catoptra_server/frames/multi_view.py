@@ -173,7 +173,7 @@ def compose_tiles(layout: TileLayout, images: Sequence[Image | None]) -> Image:
                 f"an image of {columns} x {rows} px exceeds its tile of {tile.width_px} x "
                 f"{tile.height_px} px: render it at the tile's size"
             )
-        # Top left, not centred: pixel (0, 0) of the camera is that of the tile.
+        # Top left, not centred: camera and tile have one pixel (0, 0).
         composed[tile.y_px : tile.y_px + rows, tile.x_px : tile.x_px + columns] = image
     # Read-only: several connections may encode the image at once.
     composed.setflags(write=False)

@@ -1,12 +1,12 @@
 """The render thread: frame requests become frames, one after the other.
 
-It owns the views, because an OpenGL context belongs to the thread that made it; the simulation goes
-on meanwhile. Channels share the time of the thread: one whose frames take long waits behind the
+The thread owns the views, because an OpenGL context belongs to one thread; the simulation goes on
+meanwhile. Channels share the time of the thread: one whose frames take long waits behind the
 others, and all variants pay from one account. A channel whose frame fails is rejected with the
 reason, and the others go on.
 
 * A failing channel rests for a second, then twice as long each time, up to a minute: a failed frame
-  costs more than others, since renderers are made anew for it. Under lockstep each is tried.
+  costs more than others, since renderers are made anew. Under lockstep each is tried.
 * At most one query of a plan is answered a frame, so that neither kind of work starves the other.
 """
 
@@ -106,7 +106,7 @@ class RenderThread:
         self._put(request, None)
 
     def submit_and_wait(self, request: FrameRequest) -> None:
-        """Queue a request and wait until it is answered: the form that lockstep needs.
+        """Queue a request and wait for the answer: the form that lockstep needs.
 
         Raises:
             CancelledError: The thread has ended.
@@ -187,7 +187,7 @@ class RenderThread:
     def _answer_frame(
         self, request: FrameRequest, future: Future[None] | None, views: _ViewProvider | None
     ) -> None:
-        """Put the frame of a request, or reject its channel."""
+        """Put the frame of a request, or reject the channel."""
         begin_s = self._monotonic()
         reason = self._render_or_fail(request, views)
         if reason:
@@ -200,7 +200,7 @@ class RenderThread:
             self._frames.charge(_account_of(request), duration_s, weight=weight)
 
     def _render_or_fail(self, request: FrameRequest, views: _ViewProvider | None) -> str:
-        """Render a frame and put it; the reason of a failure, empty after success."""
+        """Render and put a frame; the reason of a failure, empty after success."""
         channel, backoff = request.channel, self._backoff
         reason = backoff.find_reason(channel) if backoff else ""
         if reason:
@@ -315,7 +315,7 @@ class _PlanQuery:
 
 
 def _account_of(request: FrameRequest) -> Channel:
-    """Account that pays for a frame: that of its camera, whatever names the channel has."""
+    """Account that pays for a frame: the camera's, whatever names the channel has."""
     channel, metadata = request.channel, request.composition.metadata
     # One for all variants, of which a client may request another one for each frame.
     if is_variant(channel):

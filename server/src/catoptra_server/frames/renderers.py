@@ -9,7 +9,7 @@ elsewhere. Belongs to the thread that made the first renderer: OpenGL contexts a
   with 4 x 4 samples under two lamps (`tests/measurements/renderer_comparison.py`). A rule with
   fitted rates, and trials of both at run time, bought no more than these two cases.
 * Under lockstep, in data sets and in studies `auto` is trace: bytes do not depend on the machine.
-* Raster has its image effects from the kernel, too, by reading its linear image back: less than a
+* Raster has image effects from the kernel, too, by reading the linear image back: less than a
   millisecond on llvmpipe, where the same formulas as shaders took several times as long. Raster has
   never run on a real GPU.
 
@@ -120,7 +120,7 @@ def choose_renderer(
 def create_renderer(
     kind: RendererKind, scene: SceneMesh, world: World, *, threads: int = 0
 ) -> Renderer:
-    """Create a renderer of one kind, with the lights that the server would give it."""
+    """Create a renderer of one kind, with the lights that a server gives."""
     return RENDERER_FACTORIES[kind](_Scene(scene, world, cull_lights(scene, world.lights), threads))
 
 
@@ -196,7 +196,7 @@ class RendererPool:
         return cast("TraceRenderer", self._tracer)
 
     def describe(self, kind: RendererKind) -> str:
-        """Description of a renderer, with engine and device; creates it."""
+        """Description of a renderer, which is created, with engine and device."""
         return self.get(kind).describe()
 
     def create_all(self) -> list[RendererKind]:
@@ -359,5 +359,5 @@ def _close(renderer: Renderer) -> None:
     try:
         renderer.close()
     except Exception:
-        # A lost device cannot always be closed; the server needs nothing of it any more.
+        # A lost device cannot always be closed; the server needs nothing more from there.
         log_fault(log, "a renderer could not be closed")

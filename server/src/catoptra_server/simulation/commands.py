@@ -1,8 +1,8 @@
 """Commands to one robot: wheels, joints, packages, SET, GETCONF, GETGEO; and who may drive whom.
 
-Each command returns its reports. A part that the robot does not have gets an empty reply to GETCONF
-and GETGEO, and a RES of Failed to SET. A robot whose owner shares its control may be driven by
-other clients. It halts once its driver disconnects or may not drive it any more.
+Each command returns reports. A part that the robot does not have gets an empty reply to GETCONF and
+GETGEO, and a RES of Failed to SET. A robot whose owner shares control may be driven by other
+clients. The robot halts once that driver disconnects or may not drive any more.
 
 To add an opcode of SET: a handler below, and its line in `_HANDLERS`.
 """
@@ -60,7 +60,7 @@ _ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | SetCommand | SetVi
 def execute_control(
     robot: Robot, command: _ControlCommand, time_s: float, sense: EnvironmentProvider
 ) -> list[Report]:
-    """Execute a command of a robot that has power; its reports, mostly none.
+    """Execute a command of a robot that has power; the reports, mostly none.
 
     Args:
         sense: Environment of the robot, computed only for commands that read sensors.
@@ -90,7 +90,7 @@ def execute_control(
 def execute_get_conf(
     robot: Robot, command: GetConf, error_bound_of: ErrorBoundLookup = lambda camera: None
 ) -> list[Report]:
-    """Configuration of the robot, or of its parts of a type, one CONF a part as in UT2004.
+    """Configuration of the robot, or of the parts of a type, one CONF a part as in UT2004.
 
     Args:
         error_bound_of: Error bound of a camera; None before the first frame.
@@ -104,7 +104,7 @@ def execute_get_conf(
 
 
 def execute_get_geo(robot: Robot, command: GetGeo) -> list[Report]:
-    """Geometry of the robot, or of its parts of a type: one GEO for all, or one a package."""
+    """Geometry of the robot, or of the parts of a type: one GEO for all, or one a package."""
     if _is_robot(command.type):
         return [_vehicle_geometry(robot.description)]
     found = [part.geometry() for part in _find_named_parts(robot, command.type, command.name)]
@@ -182,7 +182,7 @@ def _execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> l
     Returns:
         The readings that the command requests, such as the scan of SCAN, then the RES.
     """
-    # SET Camera FOV carries its value in place of an opcode, and has a RES of its own form.
+    # SET Camera FOV carries a value in place of an opcode, and has a RES of its own form.
     if command.type.lower() == "camera" and command.parse_fov_rad() is not None:
         return [_zoom(robot, command, context.time_s)]
     handler = _HANDLERS.get((command.type.lower(), (command.opcode or "").lower()))
@@ -193,7 +193,7 @@ def _execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> l
 
 
 def _zoom(robot: Robot, command: SetCommand, time_s: float) -> Report:
-    """Zoom the perspective camera of a name, or all of them."""
+    """Zoom the perspective camera of a name, or all."""
     requested = command.parse_fov_rad() or 0.0
     cameras = [
         CameraFov(c.name, c.zoom(requested))

@@ -2,12 +2,12 @@
 
 Both wheels of a side spin alike. Yaw grows clockwise (SAE), hence with the travel of the left side:
 turn = (left - right) / track, as USARSim's odometry integrates wheel rotations. Slip is random, by
-tick; the base stops at the first contact while its wheels roll on.
+tick; the base stops at the first contact while the wheels roll on.
 
 Bases of USARSim's robots are here, too: robot files leave them to the source of the class. UT2004
-_P2AT and UDK _P3AT are from replies of real servers. No reply of the P2DX's class is public: its
-wheels and body are from the manufacturer's data sheet of the Pioneer 2-DX, and the wheel speed
-gives the driving speed of the _P2AT. Ride heights are our choice: half the body's height.
+P2AT and UDK P3AT are from replies of real servers. No reply of the P2DX's class is public: wheels
+and body are from the manufacturer's data sheet of the Pioneer 2-DX, and the wheel speed gives the
+driving speed of the _P2AT. Ride heights are our choice: half the body's height.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def apply_slip(base: DriveBase, travel: WheelTravel, generator: np.random.Genera
     """Travel over the floor: a fraction of the turn is lost, and each side slips at random."""
     left_noise, right_noise = generator.standard_normal(2)
     lost_m = 0.5 * base.turn_slip * (travel.left_m - travel.right_m)
-    # A variance proportional to the travel does not depend on the number of ticks it is cut into.
+    # A variance proportional to the travel does not depend on the number of ticks in between.
     left_m, right_m = travel.left_m, travel.right_m
     return WheelTravel(
         left_m - lost_m + base.slip_noise * math.sqrt(abs(left_m)) * float(left_noise),
@@ -121,7 +121,7 @@ def apply_slip(base: DriveBase, travel: WheelTravel, generator: np.random.Genera
 
 
 def integrate_arc(pose: PlanarPose, distance_m: float, turn_rad: float) -> PlanarPose:
-    """Pose at the end of an arc of constant curvature, exact, with a straight line as its limit.
+    """Pose at the end of an arc of constant curvature, exact, with a straight line as the limit.
 
     The chord of the arc points along the mean heading; its length is distance * sin(a) / a with
     a = turn / 2.

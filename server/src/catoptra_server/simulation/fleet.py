@@ -1,7 +1,7 @@
 """The robots of all clients: spawning, commands, motion, readings and frames.
 
-The one face of robots, cameras and obstacles to the simulation loop; a command finds its robot here
-and is executed in `commands.py`. Knows no clock and no queue.
+The one face of robots, cameras and obstacles to the simulation loop; the robot of a command is
+found here, and the command executed in `commands.py`. Knows no clock and no queue.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ from catoptra_server.world.world_description import World
 
 log = logging.getLogger(__name__)
 
-# More than any program has spawned; each costs its share of every tick.
+# More than any program has spawned; each costs a share of every tick.
 _MAX_ROBOTS = 64
 
 
@@ -118,7 +118,7 @@ class Fleet:
         return self._robots.get(client)
 
     def remove(self, client: Client) -> str | None:
-        """Remove the robot of a client, and return its name, which is free again."""
+        """Remove the robot of a client, and return the name, which is free again."""
         robot = self._robots.pop(client, None)
         if robot is None:
             return None

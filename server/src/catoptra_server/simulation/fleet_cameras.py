@@ -1,4 +1,4 @@
-"""The cameras of all robots, and what they and the sensors of a robot may see.
+"""The cameras of all robots, and what cameras and sensors of a robot may see.
 
 `FleetCameras` finds robot and camera of a channel, composes frames and answers queries about what a
 camera sees; `FleetEnvironment` is the world with the other robots as boxes, for one robot.
@@ -167,7 +167,7 @@ class FleetCameras:
     def look_through_pixel(
         self, channel: CameraChannel, point_px: tuple[float, float]
     ) -> PixelView | None:
-        """What a camera sees at a point of its image; None without such a robot or camera."""
+        """What a camera sees at a point of the image; None without such a robot or camera."""
         found = self.find(channel)
         if found is None:
             return None

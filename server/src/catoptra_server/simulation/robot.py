@@ -1,13 +1,13 @@
 """A spawned robot: body, sensors, cameras, mission packages, battery, reports and notes.
 
-It moves by one tick at a time and reads its sensors when their reports are due. Who commands it is
-not known here. Viewers get the robots as a frozen `FleetState`: poses, commanded speeds, newest
+A robot moves by one tick at a time and reads sensors when reports are due. Who gives the commands
+is not known here. Viewers get the robots as a frozen `FleetState`: poses, commanded speeds, newest
 readings, published notes.
 
-* All periods start together: the first reports are due at once. A period of 0.05 s keeps its mean
+* All periods start together: the first reports are due at once. A period of 0.05 s keeps the mean
   in ticks of 0.02 s.
 * Random numbers are keyed by the server's seed and the robot's name, never by the order of
-  connections: a drive is reproducible whichever clients are connected, too.
+  connections: a drive is reproducible whichever clients are connected.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Robot:
     """A robot of one client.
 
     All random numbers follow from the server's seed and the robot's name, so that a drive is
-    reproducible whichever clients are connected beside it.
+    reproducible whichever clients are connected.
     """
 
     def __init__(
@@ -168,7 +168,7 @@ class Robot:
         return tuple(self._notes.values())
 
     def publish(self, note: Note, time_s: float) -> None:
-        """Store a note in place of the one of its name.
+        """Store a note in place of the older one of that name.
 
         Raises:
             LocalProtocolError: The robot has notes of as many other names as it may.
@@ -223,7 +223,7 @@ class Robot:
         self._light = self._light if drive.light is None else drive.light
 
     def drive_joint(self, name: str, value: float | None, order: int) -> None:
-        """Command a joint by the name of its link; an unknown name has no effect."""
+        """Command a joint by the name of the link; an unknown name has no effect."""
         for chain in (*self._chassis_joints, *self.mission_packages):
             number = chain.find_link_number(name)
             if number is not None and value is not None:

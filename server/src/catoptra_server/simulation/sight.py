@@ -59,7 +59,7 @@ def compute_landmark_visibility(
 
 @dataclass(frozen=True, slots=True)
 class PixelView:
-    """The ray through a point of an image, and the first thing that it meets."""
+    """The ray through a point of an image, and the first thing on the way."""
 
     theta_rad: float | None = None
     """Angle to the optical axis; None outside the camera model's domain, as all below."""
@@ -67,7 +67,7 @@ class PixelView:
     """Azimuth in the camera frame, x towards y."""
     range_m: float | None = None
     """Distance along the ray, from the viewpoint, or from the mirror's point of a mirror without
-    one; None if it meets nothing."""
+    one; None if there is nothing."""
     object_name: str = ""
     """Name of the world's item or of the robot; empty for none."""
     bound_px: float | None = None
@@ -88,7 +88,7 @@ class NamedScene:
     """Bounding boxes, in the order of the names."""
 
     def find_first(self, origin: Floats, direction: Floats) -> tuple[float, str]:
-        """Distance along a unit ray, inf if it meets nothing, and the name of the thing."""
+        """Distance along a unit ray, inf if there is nothing, and the name of the thing."""
         origins, directions = origin[None], direction[None]
         distances, triangles = self.ray_caster.closest_triangles(origins, directions)
         nearest_m, name = float(distances[0]), ""
@@ -124,7 +124,7 @@ def look_through_pixel(
         origin, direction, is_valid = ray_from_pixel(camera.camera, pixel)
         along, right, down = direction[2], direction[0], direction[1]
     else:
-        # x along the axis of a pinhole camera; its azimuth turns from right to down.
+        # x along the axis of a pinhole camera, whose azimuth turns from right to down.
         origin = np.zeros(3)
         direction, is_valid = camera.camera.direction_from_pixel(pixel)
         along, right, down = direction[0], direction[1], direction[2]
@@ -183,7 +183,7 @@ def _has_line_of_sight(
 
 
 def _self_occlusion_margin_m(landmarks: Sequence[Landmark], directions: Floats) -> Floats:
-    """Lengths (n,) of the part of each unit ray inside a beacon, from its surface to its centre."""
+    """Lengths (n,) of the part of each unit ray inside a beacon, from surface to centre."""
     sizes = [(m.width_m, m.band_top_m - m.band_bottom_m) for m in landmarks]
     # 0 for goals: the centre of a goal's mouth lies in the open.
     half_sizes = 0.5 * np.array(sizes) * [[mark.kind == "beacon"] for mark in landmarks]
@@ -201,7 +201,7 @@ def _is_in_image(camera: CameraSpec, point_px: tuple[float, float]) -> bool:
 
 
 def _radius_fraction(camera: CameraSpec, pixel: Floats) -> float:
-    """Distance of a pixel from the image centre over that of the rim."""
+    """Distance of a pixel from the image centre over the rim's."""
     if not isinstance(camera, OmniCameraSpec):
         return 0.0
     radius_px = float(np.hypot(*(pixel - camera.camera.centre_px)))

@@ -2,14 +2,14 @@
 
 Belongs to the thread of the renderers. The rays of a camera are kept as long as there is room.
 
-* Labels are found along the rays of the picture where its rays and times are theirs: proofs and
-  hits serve both, and the picture keeps its bytes. Else they are traced by themselves.
+* Labels are found along the rays of the picture where rays and times are the same: proofs and hits
+  serve both, and the bytes of the picture do not change. Else labels are traced alone.
 * Occluded fraction: of the pixels that an object would have alone in the world, the part that
-  others hide. Rays in a cone around the object's box are cast at its own triangles; at most 4096 of
-  them, evenly spread over the image, leave a standard error below 0.01.
-* _Flow: the point that a pixel shows moves with its object; its pixel in the other exposure is that
-  of the exact camera model. It is unknown where the point is outside that image, or where that
-  pixel's ray meets something else first.
+  others hide. Rays in a cone around the object's box are cast at the object's own triangles; at
+  most 4096, evenly spread over the image, leave a standard error below 0.01.
+* Flow: the point that a pixel shows moves with the object; the exact camera model has the point's
+  pixel in the other exposure. The flow is unknown where the point is outside that image, or where
+  that pixel's ray meets something else first.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 
-# Rays of labels beside those of pictures: 13 bytes a sample, so that two cameras of 2048 px stay.
+# Rays of labels take 13 bytes a sample besides the pictures': two cameras of 2048 px stay.
 _MAX_RAY_BYTES = 256 * 2**20
 
 
@@ -75,7 +75,7 @@ class LabelRenderer:
         """Number the scene's objects.
 
         Args:
-            renderer: Traces the rays; closed by its owner.
+            renderer: Traces the rays; closed by the owner.
             scene: The same scene.
             instruction_set: Of the rays that measure occlusion; "auto" for the processor's best.
 
@@ -98,12 +98,12 @@ class LabelRenderer:
         """Ground truth of an exposure.
 
         Args:
-            image: The image that they are of.
+            image: The image to label.
             channels: Names of the channels that are wanted.
             other: State of the frame that `flow` leads to, with the objects of that frame; None:
                 there is no such frame, and the flow is unknown.
-            found_beside: Labels of `request` for the same exposure and channels, found while its
-                picture was drawn; None: they are traced now.
+            found_beside: Labels of `request` for the same exposure and channels, found with the
+                picture; None: labels are traced now.
 
         Raises:
             DomainError: There is no channel of a name.
@@ -127,7 +127,7 @@ class LabelRenderer:
             channels: Names of the channels that are wanted.
 
         Returns:
-            The request; None where labels are of other rays or times than the picture.
+            The request; None where the picture has other rays or times.
 
         Raises:
             DomainError: There is no channel of a name.
@@ -147,7 +147,7 @@ class LabelRenderer:
     def _trace(self, image: LabelledImage, wanted: set[str]) -> PixelLabels:
         """Labels without a picture."""
         request = self._make_request(image, wanted)
-        # Only agreement takes more rays than those of the pixels' centres.
+        # Only agreement takes more rays than one for each pixel's centre.
         samples = image.samples if "agreement" in wanted else 1
         rays = self._prepare(image.ray_source, samples).rays
         return rays.label_pixels(label_exposure(image.camera_state), request)
@@ -317,7 +317,7 @@ class _OcclusionMeter:
             objects: All objects of the exposure.
             ids: (h, w) numbers that the pixels' centres meet.
             rays: Rays of the pixels.
-            camera_state: The exposure; its middle counts.
+            camera_state: The exposure, whose middle counts.
         """
         placed = {self._labels.number_of(one): one for one in camera_state.objects}
         in_view = np.bincount(ids.reshape(-1), minlength=2**16) > 0
@@ -380,7 +380,7 @@ def _hidden_fraction(
     object_from_mirror: Pose,
     is_visible: Bools,
 ) -> float:
-    """Fraction of the pixels whose rays meet a mesh that do not show it."""
+    """Fraction of the pixels whose rays meet a mesh that is not shown there."""
     starts, ways = (
         grid.reshape(-1, 3)[pixels].astype(np.float64) for grid in (rays.origins, rays.directions)
     )
@@ -420,11 +420,11 @@ def _find_flow(
         renderer: Traces the rays that tell whether a point is visible.
         rays: Rays of the pixels' centres.
         source: Camera of both images.
-        other: State of the other exposure; its middle counts.
+        other: State of the other exposure, whose middle counts.
         points: (h, w, 3) points that the pixels show, world frame; nan where they show none.
         ids: (h, w) numbers of the objects that these belong to.
         motions: Motion of each moving object by number, world there from world here.
-        gone: Numbers of objects that the other exposure lacks.
+        gone: Numbers of objects that are missing in the other exposure.
     """
     camera = source.camera
     is_radial = isinstance(camera, OmniCamera) and camera.plane.is_radial

@@ -1,4 +1,4 @@
-"""What labels are of: the image, the rays of its pixels, and the objects of its world.
+"""Subjects of labels: an image, the rays of the pixels, and the objects of the world.
 
 The image decides the objects in view, the rows of a rolling shutter and a displaced capture camera.
 Of a displaced one each pixel has the ray of the point that its light came from (`Misalignment`);
@@ -63,7 +63,7 @@ class RaySource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledImage:
-    """The image that labels are of: everything about it that they depend on."""
+    """An image to label: everything that labels depend on."""
 
     camera: LabelCamera
     """Exact model of the camera."""
@@ -116,7 +116,7 @@ _Numbers = npt.NDArray[np.uint16]
 # Values of 16 bits, some of them for robots.
 _MAX_OBJECTS = 65000
 _MAX_NUMBER = 65535
-# Headings that a box may have: those of the largest walls of its object.
+# Headings that a box may have: of the object's largest walls.
 _MAX_HEADINGS = 16
 
 
@@ -163,7 +163,7 @@ class SceneLabels:
         return first + max(placed.number - 1, 0) % (_MAX_NUMBER + 1 - first)
 
     def describe(self, objects: tuple[DynamicObject, ...]) -> tuple[LabelledObject, ...]:
-        """All objects of the world and those of an exposure, by ascending number."""
+        """All objects of the world and of an exposure, by ascending number."""
         static = [
             self._label(number, one.name, one.class_name, extent)
             for number, (one, extent) in enumerate(
@@ -215,7 +215,7 @@ def _build_table(source: RaySource, samples: int) -> RayTable:
 def _misaligned_rays(
     camera: OmniCamera, misalignment: Misalignment, u: Floats, v: Floats
 ) -> tuple[Floats | None, Floats, Bools]:
-    """Rays of a grid of a displaced camera: those of the points that its pixels look up."""
+    """Rays of a grid of a displaced camera: of the points that the pixels look up."""
     lookup = lookup_offset_map(misalignment, camera)
     # Offsets vary by hundredths of a pixel from one pixel to the next: samples have their pixel's.
     # Tiles of the last row and column may reach beyond the image.

@@ -2,8 +2,8 @@
 
 Candidates vary every number of a plan in useful steps: some 130 for a camera with both renderers.
 Mesh and exact mirror are never exchanged for each other: a mesh costs more and shows less, but a
-robot's file that has one describes its mirror. Seven plans of this scene and camera are rendered
-for a few frames each, 1 to 3 s in all, most of it preparation; rates fitted to their medians
+robot's file that has one describes the mirror. Seven plans of this scene and camera are rendered
+for a few frames each, 1 to 3 s in all, most for preparation; rates fitted to their medians
 (`costs.py`) predict the others. Constants of another machine are never used.
 """
 
@@ -82,7 +82,7 @@ class RendererCalibration:
     def make_table(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
     ) -> CandidateTable:
-        """Measure all renderers for a camera, and bound all its candidates."""
+        """Measure all renderers for a camera, and bound all candidates."""
         model, kinds = self._measure_renderers(camera, camera_states)
         plans = generate_candidate_plans(camera.render_settings.surface, camera.camera, kinds)
         options = (
@@ -146,7 +146,7 @@ SAMPLE_COUNTS = tuple(range(1, 9))
 TEXELS_PER_PX = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0)
 FACE_SAMPLE_COUNTS = (1, 4)
 # (samples, texels a pixel, samples a texel): each rate of the raster stages in `cost_model` has a
-# plan that differs from the first in its quantity.
+# plan that differs from the first in that quantity.
 _RASTER_CALIBRATION = ((1, 0.5, 1), (4, 1.0, 1), (1, 1.5, 1), (1, 1.0, 4))
 # Samples along a pixel's side: the plans used most, and one with many samples for the third rate.
 _TRACE_CALIBRATION = (1, 2, 5)

@@ -1,11 +1,11 @@
-"""Error bound of a plan: the largest distance by which its frames displace any outline.
+"""Error bound of a plan: the largest displacement of any outline in a frame.
 
 Each sample of a frame shows the scene in some direction. `geometric` bounds the distance between
 that sample and the pixel to which the camera model projects that direction, over the visible image,
 in pixels and as an angle at the effective viewpoint. Camera and plan alone determine the bound of a
-plan, before anything is rendered; each frame adds what its scene contributes. A bound, not an
-estimate: tests compare it with every ray of trace and with silhouettes of raster. It is never
-exceeded, and never twice the largest error seen. 3 to 27 ms at 640 px, 2 microseconds when cached.
+plan, before anything is rendered; each frame adds the share of the scene. A bound, not an estimate:
+tests compare it with every ray of trace and with silhouettes of raster. None is ever exceeded, or
+twice the largest error seen. 3 to 27 ms at 640 px, 2 microseconds when cached.
 
 | component | cause                                 | computed in                                  |
 |-----------|---------------------------------------|----------------------------------------------|
@@ -22,15 +22,15 @@ samples, which is `sampling` and adds to any measurement in a frame (`marker_err
 the centroid of a disc); objects smaller than four of a face's texels; the tessellation of the scene
 itself; grey levels.
 
-Faces. A texel holds the mean of its samples, and the image a bilinear mix of four texels; a
+Faces. A texel holds the mean of some samples, and the image a bilinear mix of four texels; a
 straight edge appears where that mix passes one half. With one sample a texel the edge is displaced
 by at most half a texel. For let L be the signed distance from the edge at the texel centres, and w
 the bilinear weights at a point with L(point) = sum w L and half of the weight on centres with L >
 0: the largest such L(point) within a square of centres is 1/2, for an edge along the texels. Texels
-need not be square for that. With more samples a texel holds steps of its coverage, and the
-displacement depends on the sample pattern. An object smaller than a texel may be missed, and
-corners are rounded off (the tip of a right angle by 0.7 texels); that displaces nothing of the
-remainder. The bound is for edges with a radius of curvature of at least two texels.
+need not be square for that. With more samples a texel holds steps of coverage, and the displacement
+depends on the sample pattern. An object smaller than a texel may be missed, and corners are rounded
+off (the tip of a right angle by 0.7 texels); that displaces nothing of the remainder. The bound is
+for edges with a radius of curvature of at least two texels.
 
 Rounding. Trace and the shader of mirror meshes hold directions as float32, each component rounded
 to a part in 2^24 =: 1 / u. A direction that is off by an angle is displaced by that angle times at
@@ -92,7 +92,7 @@ class ErrorBound:
     def outline_error_px(self) -> float:
         """Largest displacement of an outline: geometric error and sampling.
 
-        An accuracy target limits this number, and every frame carries it.
+        An accuracy target limits this number, which every frame carries.
         """
         return self.geometric.max_px + self.sampling.edge_error_px
 
@@ -100,7 +100,7 @@ class ErrorBound:
         """Largest displacement of an outline at a place in the image.
 
         Args:
-            radius: Distance from the image centre over that of the rim, 0 to 1.
+            radius: Distance from the image centre, over the rim's, 0 to 1.
         """
         rings = self.polygons_by_radius_px
         if not rings:
@@ -225,7 +225,7 @@ def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
 
 
 def add_scene(bound: ErrorBound, camera: OmniCamera, angle_rad: float) -> ErrorBound:
-    """Bound of a frame, from that of its plan.
+    """Bound of a frame, from the plan's.
 
     Args:
         camera: The plan's camera.
@@ -271,7 +271,7 @@ def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Compone
         components.append(_facet_component(camera, plan.surface))
     if has_faces:
         components.append(_face_component(camera, plan))
-    # Trace intersects no rasterized corner: its mesh is evaluated in float64 at each sample.
+    # Trace intersects no rasterized corner: the mesh is evaluated in float64 at each sample.
     if has_faces and has_mesh:
         corners = _corner_error(camera, plan.samples)
         components.append(("corners", corners, "snapped to 256ths of the rendered pixels"))
@@ -313,7 +313,7 @@ def _face_lookup_error(
 ) -> GeometricError:
     """Displacement by the texels of face regions.
 
-    The rms is that of edges uniformly distributed between two texels: 1 / sqrt 3 of the maximum.
+    The rms is of edges uniformly distributed between two texels: 1 / sqrt 3 of the maximum.
     """
     footprint = texel_footprint(camera, regions)
     displacement = _max_edge_displacement_texels(face_samples)
@@ -329,12 +329,12 @@ def _face_lookup_error(
 # Rounding errors of a handful of operations rarely all have one sign. Measured in rays: an rms of
 # 0.51 u where the largest was 2.44 u.
 _RMS_FRACTION_OF_MAX = 0.2
-# Trace computes in float64 and rounds twice: a unit vector (at most 1 u), and its rotation into the
+# Trace computes in float64 and rounds twice: a unit vector (at most 1 u), and the rotation into the
 # world, three products and two sums of rounded factors, each at most 1 u of a component. All at
 # their worst and in one direction would be 8.7 u; the largest of 40 million rays in 200 rotations
 # was 2.4 u.
 _TRACE_ULPS = 3.0
-# The shader of a mesh interpolates the direction between corners: about ten operations, all of them
+# The shader of a mesh interpolates the direction between corners: about ten operations, all
 # well conditioned, each at most 1 u.
 _SHADER_ULPS = 8.0
 # An atlas coordinate is divided by the width, rounded, and multiplied again by the sampler: each at

@@ -3,7 +3,7 @@
 The image determines the density: where the mirror images one radian on R pixels radially and T
 pixels tangentially, a step on a face covers a number of pixels, and a texel must not be longer than
 one of them, or a fraction of one. Each face gets the window that the mirror sees, with as many
-columns and rows as its densest pixel needs: 36 % fewer texels than faces of one size
+columns and rows as the densest pixel needs: 36 % fewer texels than faces of one size
 (`tests/measurements/face_parts.py`). The bottom face, which the mirror shows smallest, needs a
 third of the side of the side faces at the rim. Cutting the side faces at the horizon would save
 another third; but triangles across the cut would be rendered twice, which costs a large scene more.
@@ -11,7 +11,7 @@ another third; but triangles across the cut would be rendered twice, which costs
 A face is flat, the mirror is not, and regions have densities of their own, so the size of a texel
 varies over the image. Two derivatives give that footprint: of the image position by the direction
 (the camera model), and of the position on a face's plane by the direction. In texels and pixels
-they form a 2 x 2 matrix at each pixel; the inverses of its singular values are the longest and the
+they form a 2 x 2 matrix at each pixel; the inverses of the singular values are the longest and the
 shortest extent of a texel in pixels.
 """
 
@@ -118,7 +118,7 @@ def texel_footprint(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> Texe
     )
 
 
-# A start needs those of each camera three times: for limits of memory, and for its plan.
+# A start needs the regions of each camera three times: for limits of memory, and for the plan.
 @lru_cache(maxsize=64)
 def _regions_by_density(
     camera: OmniCamera, max_incidence_rad: float, *, texels_per_px: float
@@ -142,7 +142,7 @@ def _visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:
     if face is Face.U:
         return FaceWindow()
     if face is Face.C:
-        # The whole bottom face from 45 degrees on: its corners reach 54.7.
+        # The whole bottom face from 45 degrees on: the corners reach 54.7.
         half = math.tan(max_incidence_rad) if max_incidence_rad < 0.25 * math.pi else 1.0
         return FaceWindow(-half, -half, half, half)
     # On a side face t = cot(theta) / cos(azimuth from the centre): smallest in the centre below the
@@ -155,7 +155,7 @@ def _visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:
 def _fit_texel_density(
     camera: OmniCamera, max_incidence_rad: float, region: FaceRegion, texels_per_px: float
 ) -> FaceRegion:
-    """Region with the texels of its densest point, rounded up to whole texels a face."""
+    """Region with the texels of the densest point, rounded up to whole texels a face."""
     columns, rows = (
         0.5 * math.ceil(2.0 * texels_per_px * longest)
         for longest in _max_density(camera, max_incidence_rad, region)
@@ -231,13 +231,13 @@ def _pixels_per_unit(camera: OmniCamera, face: Face, points: Floats) -> Floats:
 def _pixels_per_radian(camera: OmniCamera, incidence_rad: Floats) -> tuple[Floats, Floats]:
     """(n,) pixels a radian, radially and tangentially."""
     # On the axis both are equal; a millionth of a radian beside, their formulas have values.
-    # A cone does not show its axis.
+    # A cone does not show the axis.
     lowest = max(1e-6, 2.0 * math.atan(camera.projection.t_min))
     theta = np.clip(incidence_rad, lowest, camera.rim_rad)
     t = np.tan(0.5 * theta)
     radial = camera.max_stretch * camera.radius_slope_px(t)
     tangential = camera.max_stretch * camera.radius_px_from_t(t) / np.sin(theta)
-    # A lens that shows nearly everything stretches its antipode to a circle, for which no density
+    # A lens that shows nearly everything stretches the antipode to a circle, for which no density
     # of texels suffices.
     return radial, np.minimum(tangential, _MAX_TANGENTIAL * float(radial.max()))
 

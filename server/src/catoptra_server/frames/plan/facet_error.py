@@ -1,6 +1,6 @@
-"""Displacement by a mirror mesh, evaluated on its facets in float64; and the measure of any error.
+"""Displacement by a mirror mesh, evaluated on the facets in float64; and the measure of any error.
 
-On a facet all is known in closed form: a point, its pixel in the capture camera, the direction
+On a facet all is known in closed form: a point, the pixel in the capture camera, the direction
 interpolated there, and the pixel to which the camera model projects that direction. The distance of
 the two pixels is the error. A grid of each triangle is evaluated, borders included, and only in
 sectors that neither mesh nor cube repeat.
@@ -102,7 +102,7 @@ def facet_error_by_radius(camera: OmniCamera, tessellation: Tessellation) -> tup
 
 
 def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
-    """Distance by which the mesh ends within the rim, largest at the centres of its outer edges."""
+    """Distance by which the mesh ends within the rim, largest at the centres of the outer edges."""
     radius_px = camera.rim_radius_px
     chord_px = radius_px * math.cos(math.pi / tessellation.sectors)
     # 1 - cos as 2 sin^2 of the half: no cancellation for many sectors.
@@ -145,7 +145,7 @@ def _max_by_radius(
     camera: OmniCamera, projected: _ProjectedPoints, error_px: Floats
 ) -> tuple[float, ...]:
     """Largest of (n, q) errors in each ring that a triangle reaches into."""
-    # By whole triangles: between the points of its grid an error belongs to all of a triangle.
+    # By whole triangles: between grid points an error belongs to all of a triangle.
     radius = np.linalg.norm(projected.point_px, axis=-1) / camera.rim_radius_px * _NUM_RADII
     largest = np.where(projected.is_near_image, error_px, 0.0).max(axis=1)
     # Corners on the border of two rings belong to both.
@@ -193,7 +193,7 @@ def _grid_steps(num_triangles: int) -> int:
 
 @lru_cache(maxsize=len(_STEP_COUNTS))
 def _triangle_grid(steps: int) -> tuple[Floats, Floats]:
-    """(q, 3) barycentric weights of a grid with its borders, and the (q,) quadrature.
+    """(q, 3) barycentric weights of a grid with borders, and the (q,) quadrature.
 
     The quadrature is the rule of the three side midpoints, exact for quadratics, on triangles of
     two steps: points with two even indices weigh nothing, those on a border half.
@@ -216,7 +216,7 @@ class _ProjectedPoints:
     is_in_image: Bools
     """(n, q)."""
     is_near_image: Bools
-    """(n, q) in the image, or no farther from it than a grid step."""
+    """(n, q) in the image, or no farther away than a grid step."""
 
 
 def _project_points(camera: OmniCamera, points: Floats, steps: int) -> _ProjectedPoints:
@@ -269,7 +269,7 @@ def _displacement_px(camera: OmniCamera, point_px: Floats, lookup_direction: Flo
 
 
 def _displacement_rad(camera: OmniCamera, point_px: Floats, lookup_direction: Floats) -> Floats:
-    """(n, q) angles between the looked-up directions and those of the camera model."""
+    """(n, q) angles between the looked-up directions and the camera model's."""
     ratio = np.hypot(point_px[..., 0], point_px[..., 1]) / camera.scale_px
     t = camera.projection.t_from_radius_ratio(ratio)
     level = point_px * (2.0 * t / np.where(ratio > 0.0, ratio, 1.0))[..., None]
