@@ -87,7 +87,7 @@ def omni_ray_table(camera: OmniCamera, plan: RenderPlan) -> RayTable:
     """Rays of an omnidirectional camera, by the camera model or by the plan's mirror mesh."""
     if isinstance(plan.surface, PerPixel):
         return build_ray_table(camera, plan.samples, partial(rays_from_pixel_grid, camera))
-    # Loaded with embreex where a plan has a mesh: see deferred_modules.
+    # Loaded with embreex where a plan has a mesh: see commands/server.py.
     from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 
     look_up = partial(mirror_mesh_directions, camera, plan.surface)

@@ -102,7 +102,7 @@ def create_engine(
         except KernelUnavailableError as error:
             # The message names the missing part and the remedy.
             log.warning("%s; tracing with the NumPy reference, many times slower", error)
-    # As above, where the engine is needed: see deferred_modules.
+    # As above, where the engine is needed: see commands/server.py.
     from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
 
     return "reference", ReferenceEngine(scene, world, threads=threads, scene_lights=scene_lights)
