@@ -15,7 +15,7 @@ from catoptra_protocol.stream.replies import FrameHeader, Reply
 from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding, Request
 from catoptra_server.serve.limits import create_listener
 from catoptra_server.serve.tcp_server import ConnectionLimits
-from catoptra_server.serve.web.pages import Document, WebPages, create_document
+from catoptra_server.serve.web.pages import WebPages, WebResource
 from catoptra_server.serve.web.web_access import WebAccess, create_web_access
 from catoptra_server.serve.web.web_server import WebServer
 from catoptra_server.world.scene_mesh import build_scene
@@ -24,9 +24,9 @@ from helpers.loopback import HOST
 from helpers.server_process import RunningServer
 from helpers.worlds import make_test_world
 
-FILES: Mapping[str, Document] = {
-    "/": create_document("text/html; charset=utf-8", b"<!DOCTYPE html>"),
-    "/static/main.js": create_document("text/javascript; charset=utf-8", b"export {};"),
+FILES: Mapping[str, WebResource] = {
+    "/": WebResource.from_body("text/html; charset=utf-8", b"<!DOCTYPE html>"),
+    "/static/main.js": WebResource.from_body("text/javascript; charset=utf-8", b"export {};"),
 }
 
 

@@ -17,7 +17,7 @@ from catoptra_server.frames.frame import Frame, FrameRequested
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.serve.limits import LoopAccount, LoopShare
 from catoptra_server.serve.tcp_image import ImageOptions, serve_images
-from catoptra_server.serve.tcp_server import READ_BYTES, ConnectionLimits, TcpConnection, TcpServer
+from catoptra_server.serve.tcp_server import ConnectionLimits, TcpConnection, TcpServer
 from catoptra_server.simulation import SimulationEvent
 from helpers.loopback import (
     HOST,
@@ -385,7 +385,7 @@ def test_client_that_sends_requests_before_the_replies_is_held_back() -> None:
     async def scenario() -> None:
         async with serve_in_share(share) as (_, client):
             # Twelve reads with a request in each; other bytes are ignored.
-            client.sendall(12 * b"OK".ljust(READ_BYTES, b"-"))
+            client.sendall(12 * b"OK".ljust(4096, b"-"))
             await wait_until(share.has_waiting_account, "pause of a client that floods")
 
     run_scenario(scenario())

@@ -7,16 +7,13 @@ import contextlib
 import logging
 import os
 import socket
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 import pytest
 
 from catoptra_server.serve.tcp_server import (
-    READ_BYTES,
-    ConnectionHandler,
     ConnectionLimits,
-    HttpRequestError,
     TcpConnection,
     TcpServer,
     serve_tcp,
@@ -30,6 +27,8 @@ from helpers.loopback import (
     wait_until,
 )
 
+READ_BYTES = 4096
+
 
 async def echo(connection: TcpConnection) -> None:
     while data := await connection.read():
@@ -39,7 +38,11 @@ async def echo(connection: TcpConnection) -> None:
 
 
 def serve(
-    handler: ConnectionHandler, *, end_grace_s: float = 5.0, port: int = 0, **limits: float
+    handler: Callable[[TcpConnection], Awaitable[None]],
+    *,
+    end_grace_s: float = 5.0,
+    port: int = 0,
+    **limits: float,
 ) -> AbstractAsyncContextManager[TcpServer]:
     return serve_tcp(
         HOST,
@@ -474,7 +477,7 @@ def test_first_line_when_an_http_request_is_an_error_in_any_segmentation(
 
     async def scenario() -> None:
         async with connected([]) as (connection, peer):
-            with pytest.raises(HttpRequestError):
+            with pytest.raises(ConnectionError, match="an HTTP request"):
                 await read_all(connection, peer)
 
     run_scenario(scenario())

@@ -1,23 +1,17 @@
-"""Options of the server, as its command line states them.
+"""The server as a whole: from options to listening sockets, and to an orderly end.
 
-The two threads behind the ports: one owns the clock and the robots, one the renderers.
+Three threads: one owns the simulation's clock and robots, one the renderers; the calling thread's
+asyncio loop owns all sockets. Mailboxes and event queues connect the threads. Rendering has
+niceness 5, so that reports and sockets come first.
 
-Mailboxes and event queues connect both with the asyncio loop, which owns all sockets.
-
-Modules that a server needs only once it serves, loaded right after its ports listen.
-
-Before, each would delay the first frame. Later, a request would load them: a slow one, and one that
-fails where connections have taken all descriptors of open files, since an import opens files. The
-few requests that come earlier wait, in a thread of their own or in the stream's backlog, for the
-module that they need.
-
-The modules that use these import them in a function, with a reference to this one.
-tests/end_to_end/test_loaded_modules.py finds what lacks here.
-
-The server as a whole: from options to listening sockets, and to an orderly end.
-
-Three threads: one owns the simulation's clock and robots, one the renderer; the calling thread's
-asyncio loop owns all sockets. Mailboxes and event queues connect the threads.
+**A start loads what its first frame needs**, since loading is two thirds of it: first frame 0.64 s
+after the start, 1.16 before (`tests/cost/serving.py`). The stream, the live page and the second
+renderer are loaded in a thread once the ports listen, at the first client of the stream or after
+0.25 s; clients wait in the backlog. No request loads anything: it would be a slow one, and would
+fail where connections have taken all descriptors of open files, since an import opens files. The
+modules that use these import them in a function, with a reference to this head;
+`tests/end_to_end/test_loaded_modules.py` finds a missing one. To load OpenCV in a thread beside the
+renderer gained nothing.
 """
 
 from __future__ import annotations
@@ -31,7 +25,7 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontext
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -72,12 +66,54 @@ from catoptra_server.serve.stream.guard import (
 from catoptra_server.serve.tcp_control import serve_control
 from catoptra_server.serve.tcp_image import ImageOptions, serve_images
 from catoptra_server.serve.tcp_server import ConnectionLimits, TcpServer
-from catoptra_server.serve.web.web_access import MAX_VIEW_CONNECTIONS, create_web_access
+from catoptra_server.serve.web.web_access import (
+    MAX_VIEW_CONNECTIONS,
+    WebAccess,
+    create_web_access,
+)
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
 from catoptra_server.simulation.robot_description import PlanarPose
 from catoptra_server.world.camera_state import CameraState
 
+if TYPE_CHECKING:
+    # Loaded late: see the head of this module.
+    from catoptra_server.serve.stream.replies import StreamContext
+    from catoptra_server.serve.web.web_server import WebServer
+
 log = logging.getLogger(__name__)
+_STREAM_PORT = 5005
+VIEW_PORT = 5080
+# A program that waits for the line of the ports has its first frame 0.05 s later, or 0.1 s where
+# modules are loaded meanwhile.
+_FIRST_FRAME_TIME_S = 0.25
+# Start poses at which candidate plans are timed; their frames stand for all frames of the world.
+_MAX_CALIBRATION_STATES = 4
+# Rendering uses all processors at times; the threads of reports and sockets, which mostly wait,
+# come first. Under all attacks of tests/load at once 4 to 12 % of the reports were over 20 % late
+# without.
+_RENDER_NICENESS = 5
+# Parts of the process's descriptors for the connections of control and image port, each, of stream
+# and live page.
+_TCP_DESCRIPTOR_SHARE = 0.2
+_STREAM_DESCRIPTOR_SHARE = 0.5
+_VIEW_DESCRIPTOR_SHARE = 0.1
+# In the order in which clients may need them. NumPy imports some parts at their first use: `ma` in
+# its own `unique`.
+_MODULES = (
+    "catoptra_server.serve.stream.peer",
+    "numpy.ma",
+    "numpy.polynomial",
+    "numpy.random",
+)
+# For the rays of GetLandmarks and of sensors, those of mirror meshes, and those of a kernel that
+# cannot be made anew; a server without them runs without embreex.
+_RAY_MODULES = (
+    "catoptra_server.render.trace.ray_caster",
+    "catoptra_server.render.trace.mirror_mesh_rays",
+    "catoptra_server.render.trace.reference.reference_engine",
+)
+# The raster renderer, and what moderngl imports with its first context.
+_RASTER_MODULES = ("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util")
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,12 +160,70 @@ class Options:
     """Memory that each camera's view may take, and the world's meshes and textures together."""
 
 
-# Start poses at which candidate plans are timed; their frames stand for all frames of the world.
-_MAX_CALIBRATION_STATES = 4
-# Rendering uses all processors at times; the threads of reports and sockets, which mostly wait,
-# come first. Under all attacks of tests/load at once 4 to 12 % of the reports were over 20 % late
-# without.
-_RENDER_NICENESS = 5
+@dataclass(frozen=True, slots=True)
+class ListeningAddress:
+    """Address and actual ports of a server that listens."""
+
+    host: str
+    """Address of all ports."""
+    control_port: int
+    """TCP port of the USARSim protocol."""
+    image_port: int | None
+    """TCP port of the image server; None without one."""
+    stream_port: int
+    """TCP port of the ZeroMQ stream."""
+    view_link: str | None = None
+    """Address of the live page for a browser; None without one."""
+
+
+async def serve(
+    options: Options, announce: Callable[[ListeningAddress], None], stop: asyncio.Event
+) -> None:
+    """Serve until an event is set.
+
+    Args:
+        options: the options of the server.
+        announce: called once with the addresses, when all ports are open.
+        stop: ends the server, also while it starts.
+
+    Raises:
+        CatoptraError: if the configuration is wrong, no renderer can run, or a thread failed.
+        OSError: if a port cannot be opened.
+    """
+    startup = await asyncio.to_thread(_read_startup_config, options)
+    server = ServerThreads(_apply_accuracy_target(startup, options), options, on_failure=stop.set)
+    async with server.run():
+        await _open_ports(server, announce, stop)
+
+
+def _read_startup_config(options: Options) -> StartupConfig:
+    """Content of the configuration files, all of whose cameras fit into memory."""
+    limit_bytes = options.memory_limit_mib * MIB
+    startup = read_startup_config(
+        options.robot_files,
+        options.world_file,
+        options.server_file,
+        limit_bytes=limit_bytes,
+        is_strict=options.is_strict,
+    )
+    settings = resolve_settings(startup.server_options, options.server_options)
+    require_tiles_fit(startup.robots, settings.multi_view, limit_bytes=limit_bytes)
+    return startup
+
+
+def _apply_accuracy_target(startup: StartupConfig, options: Options) -> StartupConfig:
+    """Start-up configuration with the command line's accuracy target for all cameras."""
+    robots = []
+    for robot in startup.robots:
+        omnis = []
+        for omni in robot.omni_cameras:
+            target = omni.render_settings.accuracy_target.with_changes(
+                max_error_px=options.max_error_px, budget_ms=options.budget_ms
+            )
+            settings = replace(omni.render_settings, accuracy_target=target)
+            omnis.append(replace(omni, render_settings=settings))
+        robots.append(replace(robot, omni_cameras=tuple(omnis)))
+    return replace(startup, robots=tuple(robots))
 
 
 class ServerThreads:
@@ -264,102 +358,6 @@ def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
     )
 
 
-# In the order in which clients may need them. NumPy imports some parts at their first use: `ma` in
-# its own `unique`.
-_MODULES = (
-    "catoptra_server.commands.stream_port",
-    "numpy.ma",
-    "numpy.polynomial",
-    "numpy.random",
-)
-# For the rays of GetLandmarks and of sensors, those of mirror meshes, and those of a kernel that
-# cannot be made anew; a server without them runs without embreex.
-_RAY_MODULES = (
-    "catoptra_server.render.trace.ray_caster",
-    "catoptra_server.render.trace.mirror_mesh_rays",
-    "catoptra_server.render.trace.reference.reference_engine",
-)
-# The raster renderer, and what moderngl imports with its first context.
-_RASTER_MODULES = ("catoptra_server.render.raster", "glcontext", "glcontext.egl", "ctypes.util")
-
-
-def load_deferred_modules(renderer: str) -> None:
-    """Load all modules that a request may need.
-
-    Args:
-        renderer: requested renderer; `auto` may change to one that it did not start with.
-    """
-    for name in _MODULES:
-        importlib.import_module(name)
-    for optional in (_RAY_MODULES, _RASTER_MODULES if renderer == AUTO else ()):
-        with suppress(ImportError):
-            for name in optional:
-                importlib.import_module(name)
-
-
-def load_view_modules() -> None:
-    """Load all modules of the live page: 0.2 s and 13 MB, for which no other port waits."""
-    importlib.import_module("catoptra_server.commands.web_port")
-
-
-_STREAM_PORT = 5005
-VIEW_PORT = 5080
-# A program that waits for the line of the ports has its first frame 0.05 s later, or 0.1 s where
-# modules are loaded meanwhile.
-_FIRST_FRAME_TIME_S = 0.25
-
-
-@dataclass(frozen=True, slots=True)
-class ListeningAddress:
-    """Address and actual ports of a server that listens."""
-
-    host: str
-    """Address of all ports."""
-    control_port: int
-    """TCP port of the USARSim protocol."""
-    image_port: int | None
-    """TCP port of the image server; None without one."""
-    stream_port: int
-    """TCP port of the ZeroMQ stream."""
-    view_link: str | None = None
-    """Address of the live page for a browser; None without one."""
-
-
-async def serve(
-    options: Options, announce: Callable[[ListeningAddress], None], stop: asyncio.Event
-) -> None:
-    """Serve until an event is set.
-
-    Args:
-        options: the options of the server.
-        announce: called once with the addresses, when all ports are open.
-        stop: ends the server, also while it starts.
-
-    Raises:
-        CatoptraError: if the configuration is wrong, no renderer can run, or a thread failed.
-        OSError: if a port cannot be opened.
-    """
-    startup = await asyncio.to_thread(_read_startup_config, options)
-    server = ServerThreads(_apply_accuracy_target(startup, options), options, on_failure=stop.set)
-    async with server.run():
-        await _open_ports(server, announce, stop)
-
-
-def _read_startup_config(options: Options) -> StartupConfig:
-    """Content of the configuration files, all of whose cameras fit into memory."""
-    limit_bytes = options.memory_limit_mib * MIB
-    startup = read_startup_config(
-        options.robot_files,
-        options.world_file,
-        options.server_file,
-        limit_bytes=limit_bytes,
-        is_strict=options.is_strict,
-    )
-    settings = resolve_settings(startup.server_options, options.server_options)
-    require_tiles_fit(startup.robots, settings.multi_view, limit_bytes=limit_bytes)
-    return startup
-
-
 async def _open_ports(
     server: ServerThreads, announce: Callable[[ListeningAddress], None], stop: asyncio.Event
 ) -> None:
@@ -390,19 +388,16 @@ async def _open_ports(
         await _wait_for_first_frame([stream, *([view] if view else [])], stop)
         if not stop.is_set():
             await asyncio.to_thread(load_deferred_modules, server.options.renderer)
-            # See deferred_modules.
-            from catoptra_server.commands.stream_port import (
-                create_stream_context,
-                serve_stream_port,
+            # Imported here, as in `_serve_view`: see the head of this module.
+            from catoptra_server.serve.stream.peer import serve_stream
+
+            context = _create_stream_context(server)
+            await open_ports.enter_async_context(
+                serve_stream(stream, context, limits=limits.stream)
             )
-
-            context = create_stream_context(server)
-            await open_ports.enter_async_context(serve_stream_port(context, stream, limits.stream))
             if view is not None and access is not None and await _load_view(view, stop):
-                from catoptra_server.commands.web_port import serve_web_port  # likewise
-
                 await open_ports.enter_async_context(
-                    serve_web_port(context, server.startup.scene, view, access, limits.view)
+                    _serve_view(server, context, view, access, limits.view)
                 )
             # Those modules, too.
             gc.freeze()
@@ -422,6 +417,25 @@ async def _wait_for_first_frame(listeners: Sequence[Listener], stop: asyncio.Eve
     await asyncio.gather(*waits, return_exceptions=True)
 
 
+def load_deferred_modules(renderer: str) -> None:
+    """Load all modules that a request may need.
+
+    Args:
+        renderer: requested renderer; `auto` may change to one that it did not start with.
+    """
+    for name in _MODULES:
+        importlib.import_module(name)
+    for optional in (_RAY_MODULES, _RASTER_MODULES if renderer == AUTO else ()):
+        with suppress(ImportError):
+            for name in optional:
+                importlib.import_module(name)
+
+
+def load_view_modules() -> None:
+    """Load all modules of the live page: 0.2 s and 13 MB, for which no other port waits."""
+    importlib.import_module("catoptra_server.serve.web.web_server")
+
+
 async def _load_view(view: Listener, stop: asyncio.Event) -> bool:
     """Load the modules of the live page; False if the server ends or cannot load them."""
     loading = asyncio.ensure_future(asyncio.to_thread(load_view_modules))
@@ -439,13 +453,6 @@ async def _load_view(view: Listener, stop: asyncio.Event) -> bool:
         view.close()
         return False
     return True
-
-
-# Parts of the process's descriptors for the connections of control and image port, each, of stream
-# and live page.
-_TCP_DESCRIPTOR_SHARE = 0.2
-_STREAM_DESCRIPTOR_SHARE = 0.5
-_VIEW_DESCRIPTOR_SHARE = 0.1
 
 
 def _serve_control_port(
@@ -500,6 +507,35 @@ def _create_view_listener(server: ServerThreads) -> Listener | None:
         return create(0)
 
 
+def _create_stream_context(server: ServerThreads) -> StreamContext:
+    """What the stream's clients share, on ZeroMQ and on WebSockets."""
+    from catoptra_server.serve.stream.replies import StreamContext, build_server_info
+
+    startup = server.startup
+    return StreamContext(
+        mailboxes=server.mailboxes,
+        post=server.simulation.post,
+        server_info=build_server_info(
+            startup.robots, startup.world, clock=server.options.clock.value, plans=server.plans
+        ),
+        query_plan=server.render_thread.query_plan,
+    )
+
+
+def _serve_view(
+    server: ServerThreads,
+    context: StreamContext,
+    listener: Listener,
+    access: WebAccess,
+    limits: ConnectionLimits,
+) -> AbstractAsyncContextManager[WebServer]:
+    from catoptra_server.serve.web.pages import WebPages, read_page_files
+    from catoptra_server.serve.web.web_server import serve_web
+
+    pages = WebPages(read_page_files(), context.server_info, server.startup.scene)
+    return serve_web(listener, context, pages, access=access, limits=limits)
+
+
 class _PortLimits(NamedTuple):
     """Limits of the connections to each port."""
 
@@ -529,18 +565,3 @@ def _make_limits(settings: ServerSettings) -> _PortLimits:
         replace(limits, max_connections=stream),
         replace(limits, max_connections=view),
     )
-
-
-def _apply_accuracy_target(startup: StartupConfig, options: Options) -> StartupConfig:
-    """Start-up configuration with the command line's accuracy target for all cameras."""
-    robots = []
-    for robot in startup.robots:
-        omnis = []
-        for omni in robot.omni_cameras:
-            target = omni.render_settings.accuracy_target.with_changes(
-                max_error_px=options.max_error_px, budget_ms=options.budget_ms
-            )
-            settings = replace(omni.render_settings, accuracy_target=target)
-            omnis.append(replace(omni, render_settings=settings))
-        robots.append(replace(robot, omni_cameras=tuple(omnis)))
-    return replace(startup, robots=tuple(robots))

@@ -1,7 +1,9 @@
 """Images encoded for both image transports; the only module here that imports cv2.
 
 Raw frames up to 4 MiB are encoded on the event loop, in 0.1 ms; other encodings take one worker
-thread for all clients (`frame.py:Frame.encode`).
+thread for all clients (`frame.py:Frame.encode`). The rest of a frame's sending is the system's:
+`sendfile` of a frame in memory took 1.2 times the time of one `send`, with a new file for each
+frame 2.9 times; other socket buffers changed nothing.
 """
 
 from __future__ import annotations

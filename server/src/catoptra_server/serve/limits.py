@@ -1,21 +1,16 @@
-"""Numbers of connections that fit into the process's descriptors of open files.
+"""What clients together may take of the server: connections, their acceptance, time of the loop.
 
-Limit of the event loop's time that clients may use for their input.
-
-A connection that has used its part is not read for a while: TCP holds its sender back, and the loop
-is free for the other connections.
-
-Calls from other threads to the event loop, many at one wake-up.
-
-Each `call_soon_threadsafe` writes to a pipe: some 400 a second were a fifth of the simulation's
-time under load.
-
-Exposure of the ports to other machines: only the live page has authentication.
-
-Listening sockets of the ports, and the loop that accepts their connections.
-
-asyncio's own servers log a traceback for each failed `accept`, without a pause: 27 000 in a minute
-without free descriptors.
+* **A tenth of the event loop for input.** All connections together may use a tenth of the loop's
+  time for what they send, in equal parts for those in use. One that has used its part is not read
+  for a while: TCP holds its sender back. The loop, the simulation and the renderer's threads share
+  one interpreter, and a frame that takes 26 ms alone took 200 ms while floods kept the loop busy. A
+  client that waits for each reply is not limited, nor is a page with its three requests pending.
+* **Calls of other threads come in bundles.** Each `call_soon_threadsafe` writes to a pipe: some 400
+  a second were a fifth of the simulation's time under load.
+* **Sockets are accepted here**, since asyncio's own servers log a traceback for each failed
+  `accept`, without a pause: 27 000 in a minute without free descriptors.
+* **Descriptors of open files are shared out in advance**: connections to one port never take those
+  of another.
 """
 
 from __future__ import annotations
@@ -32,16 +27,49 @@ from contextlib import contextmanager
 from ipaddress import ip_address
 
 log = logging.getLogger(__name__)
-
-
+# Connections that the kernel completes before they are accepted, six seconds at the rate below. One
+# that does not fit is tried again by its peer's kernel after a second.
+BACKLOG = 128
+Listener = socket.socket
+# Receives an accepted socket and the address of the peer. An OSError closes the socket.
+_AcceptCallback = Callable[[socket.socket, str], None]
 # An idle server has 66 descriptors open; the rest is for files and libraries of a late moment.
 _RESERVED_DESCRIPTORS = 100
+# Part of the loop's time for input of all connections together. While the loop runs, the threads
+# that simulate and render wait for the interpreter: with 0.3 for each of three ports a frame took
+# 200 ms instead of 26 under attack.
+_SHARE = 0.1
+# Wait below which a connection is read at once: single commands, 0.1 ms each, never wait.
+_BURST_S = 0.02
+# Time of the loop for one read, beside the work that follows: a flood of single bytes costs this.
+# Measured for 4 KiB that are discarded, as processor time of the loop's thread.
+_READ_S = 0.0003
+# Longest wait after one chunk.
+_MAX_WAIT_S = 1.0
+# Connections accepted in one turn of the loop; the others wait for a later one.
+_MAX_ACCEPTS_PER_TURN = 16
+# Connections accepted at once, and per second: opening and closing one takes 1 ms of the loop, and
+# a flood of 240 a second took half of it. A newcomer waits in the backlog meanwhile.
+_MAX_BURST = 64
+_MAX_ACCEPTS_PER_S = 20.0
+# Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
+# and only burn processor time.
+_ACCEPT_RETRY_S = 1.0
+# A peer whose machine or network is gone is noticed within 30 + 3 * 10 s.
+_KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
+# A host that vanished is disconnected after this time, whether or not bytes are on their way to it;
+# so is a client whose buffers stay full. The kernel of a busy program replies by itself.
+_VANISHED_AFTER_S = 6
+_VANISHED_OPTIONS = {
+    "TCP_KEEPIDLE": _VANISHED_AFTER_S // 3,
+    "TCP_KEEPINTVL": _VANISHED_AFTER_S // 3,
+    "TCP_KEEPCNT": 2,
+    "TCP_USER_TIMEOUT": 1000 * _VANISHED_AFTER_S,
+}
 
 
 def fit_connections(wanted: int, *, share: float, descriptors_each: int = 1, name: str) -> int:
     """Limit of connections to a port: as many as wanted, or as its share of descriptors allows.
-
-    Fixed shares, not one pool: connections to one port never take the descriptors of another.
 
     Args:
         wanted: Configured limit.
@@ -61,19 +89,6 @@ def fit_connections(wanted: int, *, share: float, descriptors_each: int = 1, nam
             *(name, fitting, wanted, soft_limit),
         )
     return min(fitting, wanted)
-
-
-# Part of the loop's time for input of all connections together. While the loop runs, the threads
-# that simulate and render wait for the interpreter: with 0.3 for each of three ports a frame took
-# 200 ms instead of 26 under attack.
-_SHARE = 0.1
-# Wait below which a connection is read at once: single commands, 0.1 ms each, never wait.
-_BURST_S = 0.02
-# Time of the loop for one read, beside the work that follows: a flood of single bytes costs this.
-# Measured for 4 KiB that are discarded, as processor time of the loop's thread.
-_READ_S = 0.0003
-# Longest wait after one chunk.
-_MAX_WAIT_S = 1.0
 
 
 class LoopShare:
@@ -199,46 +214,6 @@ async def warn_of_exposure(host: str) -> None:
             "or serve on 127.0.0.1 and connect through `ssh -L`",
             ", ".join(reachable),
         )
-
-
-async def _resolve(host: str) -> list[str]:
-    """Addresses of a host, without the scope of link-local ones; of "" the wildcard."""
-    found = await asyncio.get_running_loop().getaddrinfo(
-        host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-    )
-    return sorted({str(address[0]).partition("%")[0] for *_, address in found})
-
-
-# Connections that the kernel completes before they are accepted, six seconds at the rate below. One
-# that does not fit is tried again by its peer's kernel after a second.
-BACKLOG = 128
-# Connections accepted in one turn of the loop; the others wait for a later one.
-_MAX_ACCEPTS_PER_TURN = 16
-# Connections accepted at once, and per second: opening and closing one takes 1 ms of the loop, and
-# a flood of 240 a second took half of it. A newcomer waits in the backlog meanwhile.
-_MAX_BURST = 64
-_MAX_ACCEPTS_PER_S = 20.0
-# Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
-# and only burn processor time.
-_ACCEPT_RETRY_S = 1.0
-
-# A peer whose machine or network is gone is noticed within 30 + 3 * 10 s.
-_KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
-
-# A host that vanished is disconnected after this time, whether or not bytes are on their way to it;
-# so is a client whose buffers stay full. The kernel of a busy program replies by itself.
-_VANISHED_AFTER_S = 6
-_VANISHED_OPTIONS = {
-    "TCP_KEEPIDLE": _VANISHED_AFTER_S // 3,
-    "TCP_KEEPINTVL": _VANISHED_AFTER_S // 3,
-    "TCP_KEEPCNT": 2,
-    "TCP_USER_TIMEOUT": 1000 * _VANISHED_AFTER_S,
-}
-
-# Receives an accepted socket and the address of the peer. An OSError closes the socket.
-_AcceptCallback = Callable[[socket.socket, str], None]
-
-Listener = socket.socket
 
 
 def create_listener(host: str, port: int, *, name: str) -> Listener:
@@ -372,6 +347,14 @@ class AcceptLoop:
     def _pause(self, duration_s: float) -> None:
         self._loop.remove_reader(self._listener)
         self._loop.call_later(duration_s, self._listen)
+
+
+async def _resolve(host: str) -> list[str]:
+    """Addresses of a host, without the scope of link-local ones; of "" the wildcard."""
+    found = await asyncio.get_running_loop().getaddrinfo(
+        host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+    )
+    return sorted({str(address[0]).partition("%")[0] for *_, address in found})
 
 
 def _set_options(end: socket.socket) -> None:

@@ -1,4 +1,8 @@
-"""Server of the control port (TCP 3000): one connection is one robot."""
+"""Server of the control port (TCP 3000): one connection is one robot.
+
+A connection is a client of the simulation: its commands are posted in order, and while the client's
+queue is full the connection is not read. Reports come from the simulation's thread.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +31,7 @@ from catoptra_server.simulation import (
 )
 
 log = logging.getLogger(__name__)
-
-
+_PostEvent = Callable[[SimulationEvent], bool]
 # Bounds on the unsent bytes of a client that does not read: above the first its periodic reports
 # are dropped, above the second (it sends queries without reading the replies) it is disconnected,
 # so that memory stays bounded.
@@ -41,7 +44,60 @@ _PERIODIC_WORDS = ("SEN", "STA", "MISSTA")
 # Time for the work of a client that has closed its sending side: replies to its last commands.
 _END_GRACE_S = 5.0
 
-_PostEvent = Callable[[SimulationEvent], bool]
+
+def serve_control(
+    host: str,
+    port: int,
+    *,
+    greeting: Greeting,
+    post: _PostEvent,
+    dialect: Dialect = Dialect.UT2004,
+    limits: ConnectionLimits | None = None,
+) -> AbstractAsyncContextManager[TcpServer]:
+    """Serve controllers of robots until the block ends.
+
+    Args:
+        host: Host name or address of the interface.
+        port: TCP port; 0 = a free one.
+        greeting: First line on each connection.
+        post: Hands an event to the simulation; thread-safe. False if the queue of the event's
+            client is full.
+        dialect: Dialect of the reports.
+        limits: Number of connections and time-outs; None for the defaults.
+
+    Raises:
+        OSError: The port is not available.
+    """
+    limits = limits or ConnectionLimits()
+    loop_calls = LoopCalls()
+
+    async def handle_connection(connection: TcpConnection) -> None:
+        protocol = ControlServer(dialect)
+        client = _ControlPeer(
+            connection,
+            protocol,
+            post=post,
+            account=limits.loop_share.open_account(),
+            loop_calls=loop_calls,
+        )
+        log.info("controller %s connected", connection.address)
+        try:
+            connection.write(protocol.send(greeting))
+            await client.serve()
+        finally:
+            # Whatever ended the connection, also an exception: the robot must not stay in the
+            # world.
+            post(ClientDisconnected(client))
+            log.info("controller %s disconnected", connection.address)
+
+    return serve_tcp(
+        host,
+        port,
+        handle_connection,
+        name="control",
+        limits=limits,
+        end_grace_s=_END_GRACE_S,
+    )
 
 
 class _ControlPeer:
@@ -160,58 +216,3 @@ class _ControlPeer:
         except LocalProtocolError as error:
             log.error("not sent to %s: %s", self._connection.address, error)
             return b""
-
-
-def serve_control(
-    host: str,
-    port: int,
-    *,
-    greeting: Greeting,
-    post: _PostEvent,
-    dialect: Dialect = Dialect.UT2004,
-    limits: ConnectionLimits | None = None,
-) -> AbstractAsyncContextManager[TcpServer]:
-    """Serve controllers of robots until the block ends.
-
-    Args:
-        host: Host name or address of the interface.
-        port: TCP port; 0 = a free one.
-        greeting: First line on each connection.
-        post: Hands an event to the simulation; thread-safe. False if the queue of the event's
-            client is full.
-        dialect: Dialect of the reports.
-        limits: Number of connections and time-outs; None for the defaults.
-
-    Raises:
-        OSError: The port is not available.
-    """
-    limits = limits or ConnectionLimits()
-    loop_calls = LoopCalls()
-
-    async def handle_connection(connection: TcpConnection) -> None:
-        protocol = ControlServer(dialect)
-        client = _ControlPeer(
-            connection,
-            protocol,
-            post=post,
-            account=limits.loop_share.open_account(),
-            loop_calls=loop_calls,
-        )
-        log.info("controller %s connected", connection.address)
-        try:
-            connection.write(protocol.send(greeting))
-            await client.serve()
-        finally:
-            # Whatever ended the connection, also an exception: the robot must not stay in the
-            # world.
-            post(ClientDisconnected(client))
-            log.info("controller %s disconnected", connection.address)
-
-    return serve_tcp(
-        host,
-        port,
-        handle_connection,
-        name="control",
-        limits=limits,
-        end_grace_s=_END_GRACE_S,
-    )

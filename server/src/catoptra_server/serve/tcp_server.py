@@ -1,9 +1,11 @@
 """A TCP server with limits that ends with certainty, whatever its peers do.
 
-Connections are limited in number; a peer that is silent for too long is disconnected; a peer that
-has left is noticed while its input is still being handled.
+Connections are limited in number and read in chunks of bounded size. A peer that is silent for too
+long is disconnected; a peer that has left is noticed while its input is still being handled. The
+protocol of a port is its handler, `tcp_control` or `tcp_image`.
 
-One accepted TCP connection: reads of bounded size, and notice of a peer that has left.
+A first line that is an HTTP request ends the connection: a web page makes a browser send one to any
+port of its user, and lines of the body would be commands. Redis closes such connections likewise.
 """
 
 from __future__ import annotations
@@ -28,10 +30,8 @@ from catoptra_server.runtime.faults import log_fault
 from catoptra_server.serve.limits import AcceptLoop, LoopShare, create_listener
 
 log = logging.getLogger(__name__)
-
-
 # A chunk of input: a turn of the loop handles at most some 100 commands.
-READ_BYTES = 4 * 1024
+_READ_BYTES = 4 * 1024
 _MAX_CHUNKS_AHEAD = 2
 # States in the first byte of Linux's TCP_INFO: open, and after the peer's FIN.
 _ESTABLISHED = 1
@@ -39,14 +39,24 @@ _CLOSE_WAIT = 8
 _HTTP_REQUEST = re.compile(rb"[A-Za-z-]+ .*HTTP/[0-9.]+ *", re.DOTALL)
 # Bytes kept of either end of a first line: a method, a version.
 _LINE_END_BYTES = 32
+# Time for the last bytes to a peer that reads slowly, or not at all.
+_LINGER_S = 10.0
+_CHECK_INTERVAL_S = 0.25
 
 
-class HttpRequestError(ConnectionError):
-    """The first line of a connection is an HTTP request.
+@dataclass(frozen=True, slots=True)
+class ConnectionLimits:
+    """Limits of the connections to one port."""
 
-    A web page makes a browser send one to any port of its user, and lines of the body would be
-    commands. Redis closes such connections likewise.
-    """
+    max_connections: int = 64
+    """Concurrent connections, as in UDK. At the limit the oldest one without a handshake, or else
+    whose peer has left, is closed for a newcomer; without such a one the newcomer is rejected."""
+    handshake_timeout_s: float = 300.0
+    """Time for the first valid input; 0 = no limit."""
+    idle_timeout_s: float = 600.0
+    """Silence of a peer, unless its handler allows more; 0 = no limit."""
+    loop_share: LoopShare = field(default_factory=LoopShare)
+    """Time of the event loop for the peers' input; one for all ports of a server."""
 
 
 class TcpConnection(asyncio.BufferedProtocol):
@@ -76,7 +86,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._on_lost = on_lost
         # None until asyncio has connected the socket, a turn of the loop after it was accepted.
         self._transport: asyncio.Transport | None = None
-        self._buffer = bytearray(READ_BYTES)
+        self._buffer = bytearray(_READ_BYTES)
         self._ahead: deque[bytes] = deque()
         # Both ends of the first line so far; None behind it.
         self._first_line: bytes | None = b""
@@ -92,10 +102,10 @@ class TcpConnection(asyncio.BufferedProtocol):
         return self._transport is not None
 
     async def read(self) -> bytes:
-        """Next input, at most READ_BYTES; empty once the peer sends nothing more.
+        """Next input, at most _READ_BYTES; empty once the peer sends nothing more.
 
         Raises:
-            HttpRequestError: The first line is complete with this input, and an HTTP request.
+            _HttpRequestError: The first line is complete with this input, and an HTTP request.
         """
         # Not by `peer_ended_at_s`, which may be known while input still waits in the kernel.
         while not self._ahead and not self._has_read_all:
@@ -111,14 +121,14 @@ class TcpConnection(asyncio.BufferedProtocol):
         return data
 
     def _check_first_line(self, data: bytes) -> None:
-        """Raise HttpRequestError where these bytes end a first line that is an HTTP request."""
+        """Raise _HttpRequestError where these bytes end a first line that is an HTTP request."""
         line, end, _ = data.replace(b"\r", b"\n").partition(b"\n")
         # The peer chooses the length of a path: without the middle any line is short.
         self._first_line = (
             None if end else line[:_LINE_END_BYTES] + line[_LINE_END_BYTES:][-_LINE_END_BYTES:]
         )
         if end and _HTTP_REQUEST.fullmatch(line):
-            raise HttpRequestError("an HTTP request instead of the protocol of this port")
+            raise _HttpRequestError("an HTTP request instead of the protocol of this port")
 
     def _end_wait(self) -> None:
         """Resume a coroutine that waits for input."""
@@ -229,27 +239,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._can_write.set()
 
 
-ConnectionHandler = Callable[[TcpConnection], Awaitable[None]]
-
-
-# Time for the last bytes to a peer that reads slowly, or not at all.
-_LINGER_S = 10.0
-_CHECK_INTERVAL_S = 0.25
-
-
-@dataclass(frozen=True, slots=True)
-class ConnectionLimits:
-    """Limits of the connections to one port."""
-
-    max_connections: int = 64
-    """Concurrent connections, as in UDK. At the limit the oldest one without a handshake, or else
-    whose peer has left, is closed for a newcomer; without such a one the newcomer is rejected."""
-    handshake_timeout_s: float = 300.0
-    """Time for the first valid input; 0 = no limit."""
-    idle_timeout_s: float = 600.0
-    """Silence of a peer, unless its handler allows more; 0 = no limit."""
-    loop_share: LoopShare = field(default_factory=LoopShare)
-    """Time of the event loop for the peers' input; one for all ports of a server."""
+_ConnectionHandler = Callable[[TcpConnection], Awaitable[None]]
 
 
 class TcpServer:
@@ -258,7 +248,7 @@ class TcpServer:
     def __init__(
         self,
         listener: socket.socket,
-        handler: ConnectionHandler,
+        handler: _ConnectionHandler,
         *,
         name: str,
         limits: ConnectionLimits,
@@ -324,7 +314,7 @@ class TcpServer:
         try:
             await self._loop.connect_accepted_socket(lambda: connection, accepted)
             await self._handler(connection)
-        except HttpRequestError as error:
+        except _HttpRequestError as error:
             log.warning("%s disconnected: %s", connection.address, error)
         except OSError as error:
             log.info("%s disconnected: %s", connection.address, error)
@@ -382,7 +372,7 @@ class TcpServer:
 async def serve_tcp(
     host: str,
     port: int,
-    handler: ConnectionHandler,
+    handler: _ConnectionHandler,
     *,
     name: str,
     limits: ConnectionLimits,
@@ -410,3 +400,7 @@ async def serve_tcp(
         yield server
     finally:
         await server.close()
+
+
+class _HttpRequestError(ConnectionError):
+    """The first line of a connection is an HTTP request."""

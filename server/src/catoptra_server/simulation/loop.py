@@ -12,7 +12,8 @@ where equal seeds and commands give equal bytes.
   of all for sixteen. Under lockstep the order of arrival alone decides.
 * A fault in the work of a client ends that work, a fault in a robot removes the robot; the others
   go on. Each is logged once, with its traceback, and reported to the client.
-* Under lockstep the simulation waits for each image, and each step ends with a whole sensor cycle.
+* STEP is an extension of the control protocol that old servers ignore. Under lockstep the
+  simulation waits for each image, and each step ends with a whole sensor cycle and its `RES`.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import select
 import socket
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +16,8 @@ from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_server.serve.limits import create_listener
 from catoptra_server.serve.stream import guard as connection_guard
 from catoptra_server.serve.stream.guard import (
-    MAX_PARTS,
     ConnectionGuard,
     IdentityFilter,
-    InspectBytes,
     Relay,
     ZmtpPartCounter,
 )
@@ -27,6 +25,7 @@ from catoptra_server.serve.tcp_server import ConnectionLimits
 from helpers.loopback import HOST, SMALL_BUFFER_BYTES, Streams, run_scenario, wait_until
 from helpers.zmtp import COMMAND, GREETING, LONG, MORE, READY, zmtp_frame
 
+MAX_PARTS = 8
 MESSAGES = zmtp_frame(b"one") + zmtp_frame(b"\x08Identity")
 TYPE = b"\x0bSocket-Type\0\0\0\x06DEALER"
 
@@ -165,7 +164,7 @@ def test_messages_are_counted_when_they_are_complete(
 class RelayFixture:
     """A relay between two pairs of sockets; the test holds `near` and `far`."""
 
-    def __init__(self, inspect: InspectBytes) -> None:
+    def __init__(self, inspect: Callable[[bytes], tuple[bytes, float]]) -> None:
         self.near, source = socket.socketpair()
         sink, self.far = socket.socketpair()
         self.sockets = (self.near, source, sink, self.far)
@@ -176,7 +175,9 @@ class RelayFixture:
 
 
 @contextmanager
-def open_relay(inspect: InspectBytes = lambda data: (data, 0.0)) -> Iterator[RelayFixture]:
+def open_relay(
+    inspect: Callable[[bytes], tuple[bytes, float]] = lambda data: (data, 0.0),
+) -> Iterator[RelayFixture]:
     fixture = RelayFixture(inspect)
     try:
         yield fixture

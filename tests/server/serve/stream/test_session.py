@@ -13,14 +13,18 @@ from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.stream.replies import Error, Ok, Reply, SensorReports
 from catoptra_protocol.stream.requests import DriveRequest, PublishRequest, SpawnRequest
 from catoptra_protocol.usarsim.commands import Drive, Init, Note, ShareControl
-from catoptra_protocol.usarsim.reports import OdometryReading, Report, VehicleStatus
+from catoptra_protocol.usarsim.reports import (
+    OdometryReading,
+    Report,
+    VehicleStatus,
+    line_from_report,
+)
 from catoptra_server.serve.stream import session as report_lines
 from catoptra_server.serve.stream.session import (
     INTERNAL_FAULT,
     PendingRequests,
     ReportLines,
     RobotSession,
-    lines_from_reports,
 )
 from catoptra_server.simulation import (
     ClientDisconnected,
@@ -133,9 +137,10 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[Report]:
 
 def test_lines_are_those_of_the_control_port_without_ends() -> None:
     lines = ReportLines().get([ODOMETRY, STATUS])
-    assert lines == lines_from_reports([ODOMETRY, STATUS])
+    assert "".join(f"{line}\r\n" for line in lines).encode() == b"".join(
+        map(line_from_report, [ODOMETRY, STATUS])
+    )
     assert [line.split()[0] for line in lines] == ["SEN", "STA"]
-    assert not any(line.endswith(("\r", "\n")) for line in lines)
 
 
 def test_line_of_the_same_report_is_made_once(made: list[Report]) -> None:
@@ -245,7 +250,6 @@ def test_spawn_when_rejected_has_the_reason_and_may_be_repeated() -> None:
         recorder.session.reject_init("there is no class 'X'")
         await settle()
         assert recorder.sent == [Error(1, "there is no class 'X'")]
-        assert recorder.session.find_spawn_error(SPAWN) == ""
         await recorder.spawn(2)
         assert words(recorder.sent[1]) == ["SEN", "STA"]
 
@@ -277,7 +281,12 @@ def test_spawn_when_its_first_reading_fails_is_rejected_after_the_confirmation()
 )
 def test_spawn_when_a_name_is_impossible_has_the_reason(spawn: SpawnRequest, reason: str) -> None:
     async def scenario() -> None:
-        assert reason in Recorder().session.find_spawn_error(spawn)
+        recorder = Recorder()
+        recorder.session.spawn(spawn, recorder.pending.add(1))
+        (reply,) = recorder.sent
+        assert isinstance(reply, Error)
+        assert reason in reply.reason
+        assert not recorder.posted
 
     run_scenario(scenario())
 
@@ -286,9 +295,13 @@ def test_spawn_when_there_is_or_will_be_a_robot_is_an_error() -> None:
     async def scenario() -> None:
         recorder = Recorder()
         recorder.session.spawn(SPAWN, recorder.pending.add(1))
-        assert "reset first" in recorder.session.find_spawn_error(SPAWN)
-        recorder.session.reset(recorder.pending.add(2))
-        assert recorder.session.find_spawn_error(SPAWN) == ""
+        recorder.session.spawn(SPAWN, recorder.pending.add(2))
+        (reply,) = recorder.sent
+        assert isinstance(reply, Error)
+        assert (reply.id, "reset first" in reply.reason) == (2, True)
+        recorder.session.reset(recorder.pending.add(3))
+        recorder.session.spawn(SPAWN, recorder.pending.add(4))
+        assert len(recorder.sent) == 1
 
     run_scenario(scenario())
 

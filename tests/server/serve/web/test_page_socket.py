@@ -36,16 +36,14 @@ from catoptra_server.serve.limits import LoopShare
 from catoptra_server.serve.stream import peer as stream_peer
 from catoptra_server.serve.stream import router as outbox
 from catoptra_server.serve.web import page_socket, web_server
-from catoptra_server.serve.web import page_socket as dead_man_switch
 from catoptra_server.serve.web.page_socket import (
-    DRIVE_TIMEOUT_S,
     DeadManSwitch,
     PageSocket,
     WebConnection,
-    document_response,
+    resource_response,
     text_response,
 )
-from catoptra_server.serve.web.pages import create_document
+from catoptra_server.serve.web.pages import WebResource
 from catoptra_server.simulation import ClientDisconnected, CommandReceived, SharedRobotDriven
 from helpers.fake_simulation import FakeSimulation
 from helpers.live_page import PageClient, PageSession, serve_fake_page
@@ -55,6 +53,8 @@ SPAWN = SpawnRequest(900, "USARBot.OmniP2AT", "Mine", None, "Centre")
 ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
 
 Play = Callable[[PageSession, PageClient], Awaitable[None]]
+
+DRIVE_TIMEOUT_S = 0.25
 
 
 def run_page(play: Play, simulation: FakeSimulation | None = None) -> None:
@@ -288,7 +288,7 @@ def test_robot_stops_when_its_page_sends_no_more_drives(monkeypatch: pytest.Monk
         await wait_until(lambda: len(speeds(session)) == 2, "stop")
         assert speeds(session) == [(2.0, 1.0), (0.0, 0.0)]
         waited_s = asyncio.get_running_loop().time() - begin_s
-        assert waited_s > 0.9 * dead_man_switch.DRIVE_TIMEOUT_S
+        assert waited_s > 0.9 * DRIVE_TIMEOUT_S
         # The page may drive again.
         assert await page.request(DriveRequest(2, 1.0, 1.0, False)) == Ok(2)
         assert await page.request(DriveRequest(3, 0.0, 0.0, False)) == Ok(3)
@@ -368,20 +368,20 @@ def test_page_whose_replies_exceed_the_outbox_is_closed(monkeypatch: pytest.Monk
     run_scenario(scenario())
 
 
-DOCUMENT = create_document("text/css; charset=utf-8", b"body {}")
+STYLES = WebResource.from_body("text/css; charset=utf-8", b"body {}")
 
 
 def test_document_has_its_type_its_tag_and_is_asked_for_again() -> None:
-    response = document_response(DOCUMENT, known_tags="")
+    response = resource_response(STYLES, known_tags="")
     assert (response.status, response.body) == (200, b"body {}")
     assert response.headers["Content-Type"] == "text/css; charset=utf-8"
     assert response.headers["Cache-Control"] == "no-cache"
-    assert response.headers["ETag"] == DOCUMENT.etag
+    assert response.headers["ETag"] == STYLES.etag
 
 
 @pytest.mark.parametrize("known", ["{}", "W/{}", '"other", {}', "*"])
 def test_document_when_it_is_known_has_no_body(known: str) -> None:
-    response = document_response(DOCUMENT, known_tags=known.format(DOCUMENT.etag))
+    response = resource_response(STYLES, known_tags=known.format(STYLES.etag))
     assert response.status == 304
     assert not response.body
     assert "Content-Security-Policy" in response.headers
@@ -389,7 +389,7 @@ def test_document_when_it_is_known_has_no_body(known: str) -> None:
 
 @pytest.mark.parametrize("known", ['"other"', "{}x", "x{}"])
 def test_document_when_another_is_known_has_its_body(known: str) -> None:
-    response = document_response(DOCUMENT, known_tags=known.format(DOCUMENT.etag))
+    response = resource_response(STYLES, known_tags=known.format(STYLES.etag))
     assert response.status == 200
 
 

@@ -31,10 +31,9 @@ from catoptra_server.config.robot_file import read_robots
 from catoptra_server.serve.stream.replies import build_server_info
 from catoptra_server.serve.web import pages as web_pages
 from catoptra_server.serve.web.pages import (
-    STATIC_FOLDER,
     WebPages,
+    WebResource,
     camera_table,
-    create_document,
     describe_server,
     floor_plan,
     read_page_files,
@@ -77,14 +76,16 @@ def test_folder_without_a_page_has_no_index(tmp_path: Path) -> None:
 
 
 def test_tag_changes_with_the_body_alone() -> None:
-    first, same, other = (create_document("text/plain", body) for body in (b"a", b"a", b"b"))
+    first, same, other = (WebResource.from_body("text/plain", body) for body in (b"a", b"a", b"b"))
     assert first.etag == same.etag != other.etag
     assert first.etag.startswith('"')
     assert first.etag.endswith('"')
 
 
 def test_every_file_of_the_page_but_licences_is_served() -> None:
-    files = [file for file in STATIC_FOLDER.rglob("*") if file.is_file()]
+    files = [
+        file for file in Path(web_pages.__file__).with_name("static").rglob("*") if file.is_file()
+    ]
     served = read_page_files()
     assert "/" in served
     assert len(served) == len([file for file in files if "LICENSE" not in file.name])

@@ -8,7 +8,7 @@ import socket
 import pytest
 
 from catoptra_server.serve.limits import create_listener
-from catoptra_server.serve.web.web_access import WebAccess, create_web_access
+from catoptra_server.serve.web.web_access import AccessDeniedError, WebAccess, create_web_access
 
 LOOPBACK = WebAccess(frozenset({"127.0.0.1", "localhost", "[::1]"}), "127.0.0.1", 5080)
 OPEN = WebAccess(frozenset(), "robots.lan", 5080, "secret")
@@ -26,7 +26,7 @@ def access_of(host: str) -> WebAccess:
     "host", ["127.0.0.1:5080", "127.0.0.1", "localhost:1234", "LocalHost:80", "[::1]:5080"]
 )
 def test_host_of_the_loopback_is_accepted_with_any_port(host: str) -> None:
-    assert not LOOPBACK.find_refusal(host, None, needs_origin=False)
+    LOOPBACK.check_headers(host, None, needs_origin=False)
 
 
 @pytest.mark.parametrize(
@@ -38,12 +38,13 @@ def test_host_of_the_loopback_is_accepted_with_any_port(host: str) -> None:
     ],
 )
 def test_host_when_it_is_another_is_refused(host: str) -> None:
-    assert "Host header" in LOOPBACK.find_refusal(host, None, needs_origin=False)
+    with pytest.raises(AccessDeniedError, match="Host header"):
+        LOOPBACK.check_headers(host, None, needs_origin=False)
 
 
 @pytest.mark.parametrize("origin", ["http://127.0.0.1:5080", "https://127.0.0.1:5080"])
 def test_origin_of_the_page_is_accepted(origin: str) -> None:
-    assert not LOOPBACK.find_refusal(HERE, origin, needs_origin=True)
+    LOOPBACK.check_headers(HERE, origin, needs_origin=True)
 
 
 @pytest.mark.parametrize(
@@ -54,25 +55,28 @@ def test_origin_of_the_page_is_accepted(origin: str) -> None:
     ],
 )
 def test_origin_when_it_is_another_is_refused(origin: str) -> None:
-    refusal = LOOPBACK.find_refusal(HERE, origin, needs_origin=False)
-    assert refusal == "the request comes from a page of another site"
+    with pytest.raises(AccessDeniedError, match="the request comes from a page of another site"):
+        LOOPBACK.check_headers(HERE, origin, needs_origin=False)
 
 
 def test_origin_when_it_is_needed_must_be_there() -> None:
-    assert not LOOPBACK.find_refusal(HERE, None, needs_origin=False)
-    assert LOOPBACK.find_refusal(HERE, None, needs_origin=True)
+    LOOPBACK.check_headers(HERE, None, needs_origin=False)
+    with pytest.raises(AccessDeniedError, match="needs an Origin"):
+        LOOPBACK.check_headers(HERE, None, needs_origin=True)
 
 
 def test_host_when_the_token_protects_may_be_any_but_not_another_than_the_origin() -> None:
-    assert not OPEN.find_refusal("10.0.0.7:5080", "http://10.0.0.7:5080", needs_origin=True)
-    assert OPEN.find_refusal("10.0.0.7:5080", "http://evil.example", needs_origin=True)
+    OPEN.check_headers("10.0.0.7:5080", "http://10.0.0.7:5080", needs_origin=True)
+    with pytest.raises(AccessDeniedError, match="another site"):
+        OPEN.check_headers("10.0.0.7:5080", "http://evil.example", needs_origin=True)
 
 
 @pytest.mark.parametrize("token", [None, "", "secre", "secret ", "SECRET", "s\u00e9cret"])
 def test_token_when_wrong_or_missing_is_not_authorized(token: str | None) -> None:
-    assert not OPEN.accepts_token(token)
-    assert OPEN.accepts_token("secret")
-    assert LOOPBACK.accepts_token(token)
+    with pytest.raises(AccessDeniedError, match="missing or wrong"):
+        OPEN.check_token(token)
+    OPEN.check_token("secret")
+    LOOPBACK.check_token(token)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST"])
@@ -80,7 +84,7 @@ def test_address_of_the_loopback_needs_no_token(host: str) -> None:
     access = access_of(host)
     assert access.token is None
     assert access.link == f"http://{host.lower()}:{access.port}/"
-    assert not access.find_refusal(f"{host}:1", None, needs_origin=False)
+    access.check_headers(f"{host}:1", None, needs_origin=False)
 
 
 def test_address_of_ipv6_is_in_brackets() -> None:
@@ -91,7 +95,7 @@ def test_address_of_ipv6_is_in_brackets() -> None:
     except OSError as error:
         pytest.skip(f"this machine has no ::1: {error}")
     assert access.link == f"http://[::1]:{access.port}/"
-    assert not access.find_refusal("[::1]:99", None, needs_origin=False)
+    access.check_headers("[::1]:99", None, needs_origin=False)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", ""])

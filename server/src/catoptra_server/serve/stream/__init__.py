@@ -1,13 +1,9 @@
 """Server side of the ZeroMQ stream.
 
-`connection_guard` owns the public port and limits what a connection can use: it counts messages by
-`zmtp_part_limit`, removes identities by `zmtp_identity`, and passes bytes by `relay`.
-`router_socket` is the ROUTER behind the guard, in a `private_folder`, and `stream_server` has its
-clients. A `stream_peer`, on ZeroMQ or a WebSocket, replies to the requests of one client: about its
-robot by `robot_session`, frames by `frame_sender`, the server by `server_replies` (`server_info`),
-others by `landmark_replies` and `plan_replies`. All share the `stream_context`.
-`pending_requests` gives each request one reply, `outbox` holds replies that the client has no room
-for.
+`guard` owns the public port and limits what a connection can use. `router` has the ROUTER socket
+behind it, and the queue of messages to each client. `peer` has the clients, on ZeroMQ or a
+WebSocket: the robot of a client is a `session`, pictures come from `frames`, all else from
+`replies`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""The channel that a frame request selects: the image port, a camera, or a variant of one.
+"""Frames of one client of the stream: each request gets the newest one, once.
 
-Labels of a frame as parts of a message, and their record in the header.
-
-Frames of one client: each request gets the newest frame that the client has not received.
-
-There is no queue. Without a request nothing is rendered, encoded or stored.
+There is no queue: without a request nothing is rendered, encoded or stored. A request selects a
+channel: the image port's picture, a camera, or a variant of one, whose settings the client states.
+Labels are further parts of the frame's message, with a record in its header.
 """
 
 from __future__ import annotations
@@ -57,91 +55,10 @@ from catoptra_server.serve.stream.router import Outbox
 from catoptra_server.serve.stream.session import INTERNAL_FAULT, SendReply
 
 log = logging.getLogger(__name__)
-
-
-def select_channel(request: GetFrameRequest) -> Channel:
-    """Channel of a request.
-
-    Raises:
-        DomainError: The request asks for a variant that cannot be.
-    """
-    variant = None if request.variant is None else _make_variant(request.variant)
-    if request.channels:
-        names = tuple(channel.name for channel in parse_channels(request.channels))
-        variant = replace(variant or CameraVariant(), channels=names)
-    if not (request.robot or request.camera or variant):
-        return IMAGE_PORT
-    # Robots compare the names of cameras in any case. Otherwise each spelling would be a channel of
-    # its own, with a frame and a share of the time: a client that changed the spelling with every
-    # request left the others 0.7 of 78 frames per second.
-    return CameraChannel(request.robot, request.camera.lower(), variant)
-
-
-def _make_variant(variant: FrameVariant) -> CameraVariant:
-    return CameraVariant(
-        max_error_px=variant.max_error_px,
-        budget_ms=variant.budget_ms,
-        polygons=variant.polygons,
-        samples=variant.samples,
-        renderer=None if variant.renderer is None else parse_renderer(variant.renderer),
-        effects=parse_effect_modes(variant.effects or {}),
-        reference=None if variant.reference is None else parse_reference(variant.reference),
-        picture=None if variant.picture is None else parse_picture(variant.picture),
-    )
-
-
 # A record has 300 bytes and more; a header, with all else, at most MAX_REPLY_BYTES.
-MAX_OBJECT_RECORDS = 1000
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _EncodedLabels:
-    """Labels, ready to be sent."""
-
-    record: LabelsRecord | None = None
-    """None for a frame without labels."""
-    parts: tuple[Payload, ...] = ()
-    """Channels in the order of the record."""
-
-
-async def encode_labels(labels: FrameLabels | None, encoding: ChannelEncoding) -> _EncodedLabels:
-    """Encode the labels of a frame, once for all clients."""
-    if labels is None:
-        return _EncodedLabels()
-    parts = await labels.encode(encoding)
-    channels = tuple(
-        ChannelRecord(
-            name, LABEL_CHANNELS[name].dtype, LABEL_CHANNELS[name].depth, encoding, len(part)
-        )
-        for name, part in parts.items()
-    )
-    objects = labels.objects_in_view()[:MAX_OBJECT_RECORDS]
-    record = LabelsRecord(
-        channels,
-        tuple(_record_from_object(one) for one in objects),
-        "rows" if labels.has_row_times else "middle",
-        labels.is_displaced,
-        labels.flow_to_time_s,
-    )
-    return _EncodedLabels(record, tuple(parts.values()))
-
-
-def _record_from_object(labelled: LabelledObject) -> ObjectRecord:
-    x, y, z = labelled.half_size_m.tolist()
-    return ObjectRecord(
-        labelled.number,
-        labelled.name[:_MAX_NAME_CHARS],
-        labelled.class_name[:_MAX_NAME_CHARS],
-        labelled.class_number,
-        transform_from_pose(labelled.world_from_box),
-        (x, y, z),
-    )
-
-
+_MAX_OBJECT_RECORDS = 1000
 # Names come from world files and, with their nodes, from mesh files.
 _MAX_NAME_CHARS = 120
-
-
 # Channels with a recorded last frame per client, so that one that alternates between cameras gets
 # no frame twice; a forgotten channel starts from any frame.
 _MAX_CHANNELS = 8
@@ -322,6 +239,81 @@ class FrameSender:
             difference=_record_from_difference(frame.difference),
             labels=labels,
         )
+
+
+def select_channel(request: GetFrameRequest) -> Channel:
+    """Channel of a request.
+
+    Raises:
+        DomainError: The request asks for a variant that cannot be.
+    """
+    variant = None if request.variant is None else _make_variant(request.variant)
+    if request.channels:
+        names = tuple(channel.name for channel in parse_channels(request.channels))
+        variant = replace(variant or CameraVariant(), channels=names)
+    if not (request.robot or request.camera or variant):
+        return IMAGE_PORT
+    # Robots compare the names of cameras in any case. Otherwise each spelling would be a channel of
+    # its own, with a frame and a share of the time: a client that changed the spelling with every
+    # request left the others 0.7 of 78 frames per second.
+    return CameraChannel(request.robot, request.camera.lower(), variant)
+
+
+def _make_variant(variant: FrameVariant) -> CameraVariant:
+    return CameraVariant(
+        max_error_px=variant.max_error_px,
+        budget_ms=variant.budget_ms,
+        polygons=variant.polygons,
+        samples=variant.samples,
+        renderer=None if variant.renderer is None else parse_renderer(variant.renderer),
+        effects=parse_effect_modes(variant.effects or {}),
+        reference=None if variant.reference is None else parse_reference(variant.reference),
+        picture=None if variant.picture is None else parse_picture(variant.picture),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _EncodedLabels:
+    """Labels, ready to be sent."""
+
+    record: LabelsRecord | None = None
+    """None for a frame without labels."""
+    parts: tuple[Payload, ...] = ()
+    """Channels in the order of the record."""
+
+
+async def encode_labels(labels: FrameLabels | None, encoding: ChannelEncoding) -> _EncodedLabels:
+    """Encode the labels of a frame, once for all clients."""
+    if labels is None:
+        return _EncodedLabels()
+    parts = await labels.encode(encoding)
+    channels = tuple(
+        ChannelRecord(
+            name, LABEL_CHANNELS[name].dtype, LABEL_CHANNELS[name].depth, encoding, len(part)
+        )
+        for name, part in parts.items()
+    )
+    objects = labels.objects_in_view()[:_MAX_OBJECT_RECORDS]
+    record = LabelsRecord(
+        channels,
+        tuple(_record_from_object(one) for one in objects),
+        "rows" if labels.has_row_times else "middle",
+        labels.is_displaced,
+        labels.flow_to_time_s,
+    )
+    return _EncodedLabels(record, tuple(parts.values()))
+
+
+def _record_from_object(labelled: LabelledObject) -> ObjectRecord:
+    x, y, z = labelled.half_size_m.tolist()
+    return ObjectRecord(
+        labelled.number,
+        labelled.name[:_MAX_NAME_CHARS],
+        labelled.class_name[:_MAX_NAME_CHARS],
+        labelled.class_number,
+        transform_from_pose(labelled.world_from_box),
+        (x, y, z),
+    )
 
 
 def _record_from_difference(difference: ImageDifference | None) -> DifferenceRecord | None:

@@ -1,25 +1,21 @@
-"""Removal of the identity that a ZMTP peer chooses for itself, without sockets.
+"""The public port of the stream: a relay to the private ROUTER that limits what clients can use.
 
-A ROUTER gives a peer without one a unique identity. Chosen ones would let a peer pass for another;
-of two peers with the same one libzmq 4.3.5 never reads the second, and keeps its connection for
-ever. Source: ZMTP 3.1 (rfc.zeromq.org/spec/37): a greeting of 64 bytes, then the command READY with
-properties: a byte of length and the name, four bytes of length and the value.
+Bytes pass both ways over a local socket that only this user can open, unchanged but for the
+identity of a client. What ZeroMQ does not limit ends or waits here:
 
-Limit on the parts of a ZMTP message, without sockets.
+* **A message without an end.** libzmq buffers all parts of a message before the application gets
+  the first, and limits only the single part. `ZmtpPartCounter` counts them: 2 MB under four
+  attackers, against 100 MB where byte counters are watched. The guard delays a raw frame by 0.2 ms
+  and takes 0.3 ms of processor time (`tests/measurements/unterminated_messages.py`).
+* **A chosen identity** would let a peer pass for another; of two peers with the same one libzmq
+  4.3.5 never reads the second, and keeps its connection for ever. `IdentityFilter` renames the
+  property, and the ROUTER gives the peer a unique identity.
+* **A flood, or a connection without a request.** At most one read per direction is buffered: bytes
+  that the ROUTER does not accept stay in the client's TCP connection, and vice versa.
 
-libzmq buffers all parts of a message before the application gets the first one, and limits only the
-single part. Source: ZMTP 3.1 (rfc.zeromq.org/spec/37): a greeting of 64 bytes, then frames of a
-byte of flags, a length of 1 or 8 bytes and a body.
-
-One direction of a relayed connection: bytes of one socket to another, without a queue.
-
-The public port of the stream: a relay to the private ROUTER that limits what clients can use.
-
-Bytes pass both ways, unchanged but for the identity of a client, over a local socket that only this
-user can open. A message without an end, a flood of requests, a connection without a request: each
-is held back or ended here, where ZeroMQ has no limit. At most one read per direction is buffered:
-bytes that the ROUTER does not accept stay in the client's TCP connection, and vice versa. Measured
-in tests/measurements/unterminated_messages.py.
+Source: ZMTP 3.1 (rfc.zeromq.org/spec/37): a greeting of 64 bytes, then frames of a byte of flags, a
+length of 1 or 8 bytes and a body; the first is the command READY with properties, each a byte of
+length and the name, four bytes of length and the value.
 """
 
 from __future__ import annotations
@@ -36,263 +32,24 @@ from catoptra_server.serve.limits import AcceptLoop, LoopAccount, set_vanished_t
 from catoptra_server.serve.tcp_server import ConnectionLimits
 
 log = logging.getLogger(__name__)
-
-
+# All clients and some more, which get an error in reply.
+MAX_CONNECTIONS = 288
+# The client's socket, and two ends of the local one.
+DESCRIPTORS_PER_CONNECTION = 3
 _GREETING_BYTES = 64
 _LONG, _COMMAND = 2, 4
+_MORE = 1
+_SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 2, 9
+# Frames of older versions have another form.
+_MIN_VERSION = 3
 _READY = b"\x05READY"
 _IDENTITY = b"identity"
 # As long as the name it replaces; names with X- are for applications, and libzmq ignores them.
 _REPLACEMENT = b"X-Unused"
 # Socket type and identity are at most 300 bytes.
 _MAX_READY_BYTES = 1024
-
-
-class IdentityFilter:
-    """The bytes of one connection with the identity made a property that nothing reads."""
-
-    def __init__(self) -> None:
-        self._greeting_bytes_left = _GREETING_BYTES
-        self._ready = bytearray()
-        self._is_done = False
-
-    def feed(self, data: bytes) -> bytes:
-        """Bytes to pass on; those of an incomplete READY are held back.
-
-        Raises:
-            RemoteProtocolError: READY is longer than any of a DEALER.
-        """
-        if self._is_done:
-            return data
-        # Passed at once: ZeroMQ waits for a part of its peer's greeting in the middle of its own.
-        greeting = data[: self._greeting_bytes_left]
-        self._greeting_bytes_left -= len(greeting)
-        self._ready += data[len(greeting) :]
-        end = _frame_end(self._ready)
-        if end > _MAX_READY_BYTES:
-            raise RemoteProtocolError(f"a first command of {end} bytes")
-        if not end or len(self._ready) < end:
-            return greeting
-        self._is_done = True
-        return greeting + _replace_identity(bytes(self._ready[:end])) + bytes(self._ready[end:])
-
-
-def _frame_end(data: bytes | bytearray) -> int:
-    """Length of the frame that the bytes begin with, head included; 0 if its head is incomplete."""
-    head_bytes = 9 if data and data[0] & _LONG else 2
-    if len(data) < head_bytes:
-        return 0
-    return head_bytes + int.from_bytes(data[1:head_bytes], "big")
-
-
-def _replace_identity(frame: bytes) -> bytes:
-    """The first frame with another name of its identity, if it is READY with one."""
-    position = (9 if frame[0] & _LONG else 2) + len(_READY)
-    if not frame[0] & _COMMAND or frame[position - len(_READY) : position] != _READY:
-        return frame  # libzmq ends this connection
-    while position < len(frame):
-        name_begin, name_end = position + 1, position + 1 + frame[position]
-        # Names are compared without case.
-        if frame[name_begin:name_end].lower() == _IDENTITY:
-            frame = frame[:name_begin] + _REPLACEMENT + frame[name_end:]
-        value_bytes = int.from_bytes(frame[name_end : name_end + 4], "big")
-        position = name_end + 4 + value_bytes
-    return frame
-
-
 # A request is one part; with a few more the client gets an error in words, which helps its author.
-MAX_PARTS = 8
-_SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 2, 9
-# Frames of older versions have another form.
-_MIN_VERSION = 3
-_MORE = 1
-
-
-class ZmtpPartCounter:
-    """Counter of the parts in one connection's messages, fed with its bytes."""
-
-    def __init__(self) -> None:
-        # Of the greeting or of a frame, as far as received.
-        self._head = bytearray()
-        self._head_bytes = _GREETING_BYTES
-        self._parse_head = self._read_greeting
-        self._remaining_body_bytes = 0
-        self._num_parts_of_message = 0  # of the one that has not ended
-        self._is_last_part = False  # the frame whose body has not ended
-        self.num_messages = 0
-        """Complete messages so far."""
-        self.num_parts = 0
-        """Parts and commands so far."""
-
-    def feed(self, data: bytes) -> None:
-        """Parse the next bytes.
-
-        Raises:
-            RemoteProtocolError: The bytes must not reach libzmq.
-        """
-        position = 0
-        while position < len(data):
-            if self._remaining_body_bytes:
-                consumed = min(self._remaining_body_bytes, len(data) - position)
-                self._remaining_body_bytes -= consumed
-                if not self._remaining_body_bytes:
-                    self._end_frame()
-            else:
-                consumed = self._head_bytes - len(self._head)
-                self._head += data[position : position + consumed]
-                if len(self._head) == self._head_bytes:
-                    self._parse_head()
-            position += consumed
-
-    def _read_greeting(self) -> None:
-        head = self._head
-        # The same test as in libzmq, which must not parse an accepted greeting as an older version.
-        if head[0] != 0xFF or not head[9] & 1 or head[10] < _MIN_VERSION:
-            raise RemoteProtocolError(f"no greeting of ZMTP 3: it begins {head[:11].hex(' ')}")
-        self._parse_head = self._read_frame
-        self._expect_frame_head()
-
-    def _expect_frame_head(self) -> None:
-        self._head.clear()
-        self._head_bytes = _SHORT_HEAD_BYTES
-
-    def _read_frame(self) -> None:
-        flags = self._head[0]
-        if flags & _LONG and self._head_bytes == _SHORT_HEAD_BYTES:
-            # The other seven bytes of the length are still to come.
-            self._head_bytes = _LONG_HEAD_BYTES
-            return
-        self._count_part(flags)
-        self._remaining_body_bytes = int.from_bytes(self._head[1:], "big")
-        self._expect_frame_head()
-        if not self._remaining_body_bytes:
-            self._end_frame()
-
-    def _end_frame(self) -> None:
-        if self._is_last_part:
-            self._is_last_part = False
-            self.num_messages += 1
-
-    def _count_part(self, flags: int) -> None:
-        """Count a part. A command may stand between two parts; it ends no message."""
-        self.num_parts += 1
-        if flags & _COMMAND:
-            if flags & _MORE:
-                raise RemoteProtocolError("a ZMTP command with more parts to follow")
-            return
-        if not flags & _MORE:
-            self._num_parts_of_message = 0
-            self._is_last_part = True
-            return
-        self._num_parts_of_message += 1
-        if self._num_parts_of_message == MAX_PARTS:
-            raise RemoteProtocolError(f"a message of more than {MAX_PARTS} parts")
-
-
-# Receives the bytes of a read; returns those to relay, and the time in seconds until the next read.
-# A RemoteProtocolError ends the connection.
-InspectBytes = Callable[[bytes], tuple[bytes, float]]
-_EndCallback = Callable[[Exception | None], None]
-
-
-class Relay:
-    """Bytes from a source to a sink; reads nothing more until the sink has accepted all."""
-
-    def __init__(
-        self,
-        source: socket.socket,
-        sink: socket.socket,
-        *,
-        read_bytes: int,
-        inspect: InspectBytes,
-        on_end: _EndCallback,
-    ) -> None:
-        """Begin to relay.
-
-        Args:
-            source: Non-blocking socket to read.
-            sink: Non-blocking socket to write.
-            read_bytes: Largest read.
-            inspect: Inspects, and may change, the bytes of each read.
-            on_end: Called with the reason when the source or the sink has ended.
-        """
-        self._loop = asyncio.get_running_loop()
-        self._source = source
-        self._sink = sink
-        self._read_bytes = read_bytes
-        self._inspect = inspect
-        self._on_end = on_end
-        self._pending = memoryview(b"")
-        self._pause: asyncio.TimerHandle | None = None
-        self._is_reading = self._is_writing = False
-        self._update_callbacks()
-
-    @property
-    def is_blocked(self) -> bool:
-        """Whether bytes wait for the sink; the end of the source is not noticed meanwhile."""
-        return bool(self._pending)
-
-    def close(self) -> None:
-        """End all callbacks; to be called before the sockets are closed."""
-        if self._pause is not None:
-            self._pause.cancel()
-        self._loop.remove_reader(self._source)
-        self._loop.remove_writer(self._sink)
-
-    def _receive(self) -> None:
-        try:
-            received = self._source.recv(self._read_bytes)
-            data, wait_s = self._inspect(received)
-        except BlockingIOError:
-            return
-        except (OSError, RemoteProtocolError) as error:
-            self._on_end(error)
-            return
-        if not received:
-            self._on_end(None)
-            return
-        self._pending = memoryview(data)
-        if wait_s > 0.0:
-            self._pause = self._loop.call_later(wait_s, self._end_pause)
-        self._send_pending()
-
-    def _send_pending(self) -> None:
-        try:
-            self._pending = self._pending[self._sink.send(self._pending) :]
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            self._on_end(error)
-            return
-        self._update_callbacks()
-
-    def _end_pause(self) -> None:
-        self._pause = None
-        self._update_callbacks()
-
-    def _update_callbacks(self) -> None:
-        """Wait for the sink while bytes are pending, else for the source unless it is paused."""
-        # Backpressure: while the source is not read, TCP stops its sender.
-        writes = bool(self._pending)
-        reads = not writes and self._pause is None
-        if reads != self._is_reading:
-            self._is_reading = reads
-            if reads:
-                self._loop.add_reader(self._source, self._receive)
-            else:
-                self._loop.remove_reader(self._source)
-        if writes != self._is_writing:
-            self._is_writing = writes
-            if writes:
-                self._loop.add_writer(self._sink, self._send_pending)
-            else:
-                self._loop.remove_writer(self._sink)
-
-
-# All clients and some more, which get an error in reply.
-MAX_CONNECTIONS = 288
-# The client's socket, and two ends of the local one.
-DESCRIPTORS_PER_CONNECTION = 3
+_MAX_PARTS = 8
 # Requests are small: one read is a few of them, so that a flood is held back before it has cost
 # much.
 _UPSTREAM_READ_BYTES = 1024
@@ -306,6 +63,10 @@ _READ_COST_S = 50e-6
 # A read of the smallest messages costs 0.1 s, and ten thousand seconds of a flood of many clients.
 _MAX_WAIT_S = 60.0
 _CHECK_INTERVAL_S = 0.25
+# Receives the bytes of a read; returns those to relay, and the time in seconds until the next read.
+# A RemoteProtocolError ends the connection.
+_InspectBytes = Callable[[bytes], tuple[bytes, float]]
+_EndCallback = Callable[[Exception | None], None]
 
 
 class ConnectionGuard:
@@ -479,3 +240,230 @@ class _GuardedConnection:
         if isinstance(reason, RemoteProtocolError):
             log.info("stream connection of %s ended: %s", self.address, reason)
         self.close()
+
+
+class Relay:
+    """Bytes from a source to a sink; reads nothing more until the sink has accepted all."""
+
+    def __init__(
+        self,
+        source: socket.socket,
+        sink: socket.socket,
+        *,
+        read_bytes: int,
+        inspect: _InspectBytes,
+        on_end: _EndCallback,
+    ) -> None:
+        """Begin to relay.
+
+        Args:
+            source: Non-blocking socket to read.
+            sink: Non-blocking socket to write.
+            read_bytes: Largest read.
+            inspect: Inspects, and may change, the bytes of each read.
+            on_end: Called with the reason when the source or the sink has ended.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._source = source
+        self._sink = sink
+        self._read_bytes = read_bytes
+        self._inspect = inspect
+        self._on_end = on_end
+        self._pending = memoryview(b"")
+        self._pause: asyncio.TimerHandle | None = None
+        self._is_reading = self._is_writing = False
+        self._update_callbacks()
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether bytes wait for the sink; the end of the source is not noticed meanwhile."""
+        return bool(self._pending)
+
+    def close(self) -> None:
+        """End all callbacks; to be called before the sockets are closed."""
+        if self._pause is not None:
+            self._pause.cancel()
+        self._loop.remove_reader(self._source)
+        self._loop.remove_writer(self._sink)
+
+    def _receive(self) -> None:
+        try:
+            received = self._source.recv(self._read_bytes)
+            data, wait_s = self._inspect(received)
+        except BlockingIOError:
+            return
+        except (OSError, RemoteProtocolError) as error:
+            self._on_end(error)
+            return
+        if not received:
+            self._on_end(None)
+            return
+        self._pending = memoryview(data)
+        if wait_s > 0.0:
+            self._pause = self._loop.call_later(wait_s, self._end_pause)
+        self._send_pending()
+
+    def _send_pending(self) -> None:
+        try:
+            self._pending = self._pending[self._sink.send(self._pending) :]
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self._on_end(error)
+            return
+        self._update_callbacks()
+
+    def _end_pause(self) -> None:
+        self._pause = None
+        self._update_callbacks()
+
+    def _update_callbacks(self) -> None:
+        """Wait for the sink while bytes are pending, else for the source unless it is paused."""
+        # Backpressure: while the source is not read, TCP stops its sender.
+        writes = bool(self._pending)
+        reads = not writes and self._pause is None
+        if reads != self._is_reading:
+            self._is_reading = reads
+            if reads:
+                self._loop.add_reader(self._source, self._receive)
+            else:
+                self._loop.remove_reader(self._source)
+        if writes != self._is_writing:
+            self._is_writing = writes
+            if writes:
+                self._loop.add_writer(self._sink, self._send_pending)
+            else:
+                self._loop.remove_writer(self._sink)
+
+
+class ZmtpPartCounter:
+    """Counter of the parts in one connection's messages, fed with its bytes."""
+
+    def __init__(self) -> None:
+        # Of the greeting or of a frame, as far as received.
+        self._head = bytearray()
+        self._head_bytes = _GREETING_BYTES
+        self._parse_head = self._read_greeting
+        self._remaining_body_bytes = 0
+        self._num_parts_of_message = 0  # of the one that has not ended
+        self._is_last_part = False  # the frame whose body has not ended
+        self.num_messages = 0
+        """Complete messages so far."""
+        self.num_parts = 0
+        """Parts and commands so far."""
+
+    def feed(self, data: bytes) -> None:
+        """Parse the next bytes.
+
+        Raises:
+            RemoteProtocolError: The bytes must not reach libzmq.
+        """
+        position = 0
+        while position < len(data):
+            if self._remaining_body_bytes:
+                consumed = min(self._remaining_body_bytes, len(data) - position)
+                self._remaining_body_bytes -= consumed
+                if not self._remaining_body_bytes:
+                    self._end_frame()
+            else:
+                consumed = self._head_bytes - len(self._head)
+                self._head += data[position : position + consumed]
+                if len(self._head) == self._head_bytes:
+                    self._parse_head()
+            position += consumed
+
+    def _read_greeting(self) -> None:
+        head = self._head
+        # The same test as in libzmq, which must not parse an accepted greeting as an older version.
+        if head[0] != 0xFF or not head[9] & 1 or head[10] < _MIN_VERSION:
+            raise RemoteProtocolError(f"no greeting of ZMTP 3: it begins {head[:11].hex(' ')}")
+        self._parse_head = self._read_frame
+        self._expect_frame_head()
+
+    def _expect_frame_head(self) -> None:
+        self._head.clear()
+        self._head_bytes = _SHORT_HEAD_BYTES
+
+    def _read_frame(self) -> None:
+        flags = self._head[0]
+        if flags & _LONG and self._head_bytes == _SHORT_HEAD_BYTES:
+            # The other seven bytes of the length are still to come.
+            self._head_bytes = _LONG_HEAD_BYTES
+            return
+        self._count_part(flags)
+        self._remaining_body_bytes = int.from_bytes(self._head[1:], "big")
+        self._expect_frame_head()
+        if not self._remaining_body_bytes:
+            self._end_frame()
+
+    def _end_frame(self) -> None:
+        if self._is_last_part:
+            self._is_last_part = False
+            self.num_messages += 1
+
+    def _count_part(self, flags: int) -> None:
+        """Count a part. A command may stand between two parts; it ends no message."""
+        self.num_parts += 1
+        if flags & _COMMAND:
+            if flags & _MORE:
+                raise RemoteProtocolError("a ZMTP command with more parts to follow")
+            return
+        if not flags & _MORE:
+            self._num_parts_of_message = 0
+            self._is_last_part = True
+            return
+        self._num_parts_of_message += 1
+        if self._num_parts_of_message == _MAX_PARTS:
+            raise RemoteProtocolError(f"a message of more than {_MAX_PARTS} parts")
+
+
+class IdentityFilter:
+    """The bytes of one connection with the identity made a property that nothing reads."""
+
+    def __init__(self) -> None:
+        self._greeting_bytes_left = _GREETING_BYTES
+        self._ready = bytearray()
+        self._is_done = False
+
+    def feed(self, data: bytes) -> bytes:
+        """Bytes to pass on; those of an incomplete READY are held back.
+
+        Raises:
+            RemoteProtocolError: READY is longer than any of a DEALER.
+        """
+        if self._is_done:
+            return data
+        # Passed at once: ZeroMQ waits for a part of its peer's greeting in the middle of its own.
+        greeting = data[: self._greeting_bytes_left]
+        self._greeting_bytes_left -= len(greeting)
+        self._ready += data[len(greeting) :]
+        end = _frame_end(self._ready)
+        if end > _MAX_READY_BYTES:
+            raise RemoteProtocolError(f"a first command of {end} bytes")
+        if not end or len(self._ready) < end:
+            return greeting
+        self._is_done = True
+        return greeting + _replace_identity(bytes(self._ready[:end])) + bytes(self._ready[end:])
+
+
+def _frame_end(data: bytes | bytearray) -> int:
+    """Length of the frame that the bytes begin with, head included; 0 if its head is incomplete."""
+    head_bytes = _LONG_HEAD_BYTES if data and data[0] & _LONG else _SHORT_HEAD_BYTES
+    if len(data) < head_bytes:
+        return 0
+    return head_bytes + int.from_bytes(data[1:head_bytes], "big")
+
+
+def _replace_identity(frame: bytes) -> bytes:
+    """The first frame with another name of its identity, if it is READY with one."""
+    position = (_LONG_HEAD_BYTES if frame[0] & _LONG else _SHORT_HEAD_BYTES) + len(_READY)
+    if not frame[0] & _COMMAND or frame[position - len(_READY) : position] != _READY:
+        return frame  # libzmq ends this connection
+    while position < len(frame):
+        name_begin, name_end = position + 1, position + 1 + frame[position]
+        # Names are compared without case.
+        if frame[name_begin:name_end].lower() == _IDENTITY:
+            frame = frame[:name_begin] + _REPLACEMENT + frame[name_end:]
+        value_bytes = int.from_bytes(frame[name_end : name_end + 4], "big")
+        position = name_end + 4 + value_bytes
+    return frame

@@ -1,11 +1,14 @@
-"""One client of the stream: its requests, its robot, its frames.
-
-Each request has exactly one reply with its id, unless the client disconnects before.
-
-Server of the ZeroMQ stream (TCP 5005): requests, replies and frames on one ROUTER socket.
+"""Clients of the stream: the requests of one, and the server of all on the ZeroMQ port (TCP 5005).
 
 Clients pull: the reply to a frame request is the newest frame. So every client has its own pace,
-nothing queues, and a client that stalls has no cost for any other.
+nothing queues, and a client that stalls has no cost for any other. Each request has exactly one
+reply with its id, unless the client disconnects before. A `StreamPeer` knows no socket: a page of
+the web port is one, too.
+
+**Heartbeats only for waiting clients.** A busy client that does not read must not find its
+connection full of heartbeats: its ZeroMQ would stop reading and answer no PING, which keeps its
+robot in the world. A client that waits for nothing gets sixteen; its disconnection is known from
+ZeroMQ's monitor.
 """
 
 from __future__ import annotations
@@ -19,7 +22,12 @@ from contextlib import asynccontextmanager
 from functools import partial
 from typing import assert_never
 
-from catoptra_protocol.errors import InvalidRequestError, LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.errors import (
+    CatoptraError,
+    InvalidRequestError,
+    LocalProtocolError,
+    RemoteProtocolError,
+)
 from catoptra_protocol.notes import check_note
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
@@ -68,13 +76,23 @@ from catoptra_server.serve.stream.session import (
 from catoptra_server.serve.tcp_server import ConnectionLimits
 
 log = logging.getLogger(__name__)
-
-
+# Each client may have a robot.
+MAX_PEERS = 256
+# A client treats three missed heartbeats as a lost server.
+HEARTBEAT_INTERVAL_S = 0.5
+# In a row, to a client without a pending request: a quarter of the queue of its ZeroMQ, which has
+# 64 messages in our client.
+_MAX_IDLE_HEARTBEATS = 16
+# Encoded once: all clients get the same bytes.
+_HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
 _NO_ROBOT = "this client has no robot: spawn one first (a lost connection removes its robot)"
 # A client that reads nothing for so long is not a busy program: ZeroMQ reads for that one, until
 # its queue is full. Linux ends the connection itself then (TCP_USER_TIMEOUT of the guard).
 _MAX_BLOCKED_S = 6.0
-
+# Messages that ZeroMQ had no room for are tried again: 400 of them a second cost the loop less than
+# a hundredth of its time.
+_FLUSH_INTERVAL_S = 0.02
+_FLUSHED_PEERS = 8
 _EncodeReply = Callable[[Reply], bytes]
 
 
@@ -140,9 +158,10 @@ class StreamPeer:
 
     def serve(self, request: Request) -> None:
         """Reply to a request; a fault in its handling ends this request only."""
-        refusal = self._find_refusal(request)
-        if refusal:
-            self.send_reply(Error(request.id, refusal))
+        try:
+            self._require_room(request)
+        except _RequestRefusedError as error:
+            self.send_reply(Error(request.id, str(error)))
             return
         try:
             self._handle_request(request)
@@ -150,16 +169,19 @@ class StreamPeer:
             log_fault(log, "a stream request %s failed", request.KIND)
             self._pending.reject(request.id, INTERNAL_FAULT)
 
-    def _find_refusal(self, request: Request) -> str:
-        """Reason against any further request now; empty if there is none."""
+    def _require_room(self, request: Request) -> None:
+        """Raise _RequestRefusedError where the client has sent too many requests for now."""
         # A request for a frame replaces the pending one.
         if isinstance(request, GetFrameRequest):
-            return ""
+            return
         if len(self._pending) >= MAX_PENDING:
-            return f"{MAX_PENDING} requests are pending: wait for their replies"
+            raise _RequestRefusedError(
+                f"{MAX_PENDING} requests are pending: wait for their replies"
+            )
         if not self.robot.has_room:
-            return "the simulation has not executed the commands before: wait, and send it again"
-        return ""
+            raise _RequestRefusedError(
+                "the simulation has not executed the commands before: wait, and send it again"
+            )
 
     def _handle_request(self, request: Request) -> None:
         """Serve a request; one without a case here fails the type check."""
@@ -167,7 +189,7 @@ class StreamPeer:
             case GetFrameRequest():
                 self.frame_sender.submit(request)
             case SpawnRequest():
-                self._spawn(request)
+                self.robot.spawn(request, self._pending.add(request.id))
             case StepRequest(id_, time_s):
                 self.robot.step(time_s, self._pending.add(id_))
             case ResetRequest(id_):
@@ -212,14 +234,6 @@ class StreamPeer:
             case _:
                 assert_never(request)
 
-    def _spawn(self, request: SpawnRequest) -> None:
-        # Reasons known here go to the client at once.
-        reason = self.robot.find_spawn_error(request)
-        if reason:
-            self.send_reply(Error(request.id, reason))
-        else:
-            self.robot.spawn(request, self._pending.add(request.id))
-
     def _publish(self, request: PublishRequest) -> None:
         # Checked here, where the JSON of one client delays no robot.
         try:
@@ -244,20 +258,8 @@ class StreamPeer:
             return self._encode(Error(getattr(reply, "id", 0), INTERNAL_FAULT))
 
 
-# A client treats three missed heartbeats as a lost server.
-HEARTBEAT_INTERVAL_S = 0.5
-# Encoded once: all clients get the same bytes.
-_HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
-# Heartbeats in a row to a client without a pending request. A busy program may not read: its unread
-# heartbeats must not fill the queue of its ZeroMQ (64 messages in our client), or its connection
-# stalls, and with it the answers to PING that keep its robot in the world.
-MAX_IDLE_HEARTBEATS = 16
-# Each client may have a robot.
-MAX_PEERS = 256
-# Messages that ZeroMQ had no room for are tried again: 400 of them a second cost the loop less than
-# a hundredth of its time.
-_FLUSH_INTERVAL_S = 0.02
-_FLUSHED_PEERS = 8
+class _RequestRefusedError(CatoptraError):
+    """A client has to wait before it sends another request."""
 
 
 class StreamServer:
@@ -313,7 +315,7 @@ class StreamServer:
         for identity, peer in list(self._peers.items()):
             if peer.has_stalled_outbox():
                 self._end_connection(identity, peer)
-            elif peer.wants_heartbeat(MAX_IDLE_HEARTBEATS):
+            elif peer.wants_heartbeat(_MAX_IDLE_HEARTBEATS):
                 self._send(identity, [_HEARTBEAT])
 
     def _send(self, identity: bytes, parts: Sequence[Payload]) -> SendResult:

@@ -1,19 +1,10 @@
-"""Constant information about the server for replies of the stream, and conversions to records.
+"""Replies of the stream other than frames: about the server, cameras, landmarks and robots.
 
-Replies to landmark requests: true positions, and projections into a camera.
-
-Replies to requests about a point of a camera's image.
-
-Replies to accuracy requests: the rendering plan of a camera, under a new target if given.
-
-The simulation holds the camera, the render thread its plan: a request passes through both. A newer
-request of the client supersedes one that waits in either.
-
-Replies to state requests: all robots, and the newest readings and notes of one.
-
-What the stream's clients of all transports share: frames, the simulation, the server itself.
-
-Replies to requests about the server itself, which need neither simulation nor rendering.
+What is constant is answered at once. A `request_...` function posts its question to the simulation
+and answers the pending request when the result is there: projections of landmarks, a point of an
+image, the plan of a camera, the state of all robots. A plan needs two threads: the simulation holds
+the camera, the render thread its plan. A newer request of the client supersedes one that waits in
+either.
 """
 
 from __future__ import annotations
@@ -78,18 +69,26 @@ from catoptra_server.world.world_description import World
 
 # Class of the robot, name of the camera.
 _CameraKey = tuple[str, str]
+# Client, camera, and the callback with the camera's plan, called by any thread.
+_QueryPlan = Callable[[Hashable, OmniCameraSpec, PlanCallback], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CameraInfo:
-    """A camera of a robot class, of either kind."""
+class StreamContext:
+    """One for all clients of a server, on ZeroMQ and on WebSockets."""
 
-    camera_model: Pairs
-    """Pairs of CONF."""
-    robot_from_mirror: Pose
-    """Pose of the effective viewpoint, or of the pinhole with all joints at 0."""
-    plan: str | None = None
-    """Description of the rendering plan, if known at the start; None for a perspective camera."""
+    mailboxes: Mailboxes
+    """Newest frame of each channel."""
+    post: Post
+    """Hands an event to the simulation; thread-safe."""
+    server_info: ServerInfo
+    """Constant part of the replies."""
+    query_plan: _QueryPlan
+    """Hands a camera to the render thread, for its plan."""
+    report_lines: ReportLines = field(default_factory=ReportLines)
+    """Lines of the reports that several clients read."""
+    clients: set[object] = field(default_factory=set)
+    """Connected clients; each adds and removes itself."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,6 +130,18 @@ class ServerInfo:
         ]
         # False sorts before True, and the order of the classes is kept.
         return min(found, key=lambda entry: entry[0][0] != own, default=None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraInfo:
+    """A camera of a robot class, of either kind."""
+
+    camera_model: Pairs
+    """Pairs of CONF."""
+    robot_from_mirror: Pose
+    """Pose of the effective viewpoint, or of the pinhole with all joints at 0."""
+    plan: str | None = None
+    """Description of the rendering plan, if known at the start; None for a perspective camera."""
 
 
 def build_server_info(
@@ -179,41 +190,46 @@ def _cameras_of_class(
     return cameras
 
 
-def transform_from_pose(pose: Pose) -> Transform:
-    """Transform of a pose, for a message."""
-    # msgpack encodes Python's floats, not those of NumPy.
-    x, y, z = map(float, pose.translation)
-    a, b, c, d, e, f, g, h, i = map(float, pose.rotation.ravel())
-    return Transform((x, y, z), (a, b, c, d, e, f, g, h, i))
-
-
-def records_from_decisions(
-    decisions: Sequence[EffectDecision], stage_ms: Mapping[str, float]
-) -> tuple[EffectRecord, ...]:
-    """Records of effect decisions, with the durations of a frame by stage."""
-    # A disabled effect has no stage, and one that changes the scene has none of its own.
-    return tuple(
-        _record_from_decision(decision, stage_ms.get(decision.effect)) for decision in decisions
+def status_reply(
+    id_: int, context: StreamContext, robot: RobotSession, *, num_sent: int
+) -> StatusReply:
+    """Reply with the identity of the server, and its state for one client."""
+    info = context.server_info
+    return StatusReply(
+        version=SCHEMA_VERSION,
+        id=id_,
+        server=info.server,
+        world=info.world,
+        class_names=info.class_names,
+        clock=info.clock,
+        num_clients=len(context.clients),
+        has_robot=robot.has_robot,
+        sent_frames=num_sent,
     )
 
 
-def _record_from_decision(decision: EffectDecision, ms: float | None) -> EffectRecord:
-    return EffectRecord(
-        name=decision.effect,
-        enabled=decision.enabled,
-        bound=decision.bound,
-        threshold=decision.threshold,
-        displacement_px=decision.displacement_px,
-        reason=decision.reason,
-        duration_ms=None if ms is None else float(ms),
-        basis=decision.basis.value,
-        change=decision.change,
-    )
+def camera_reply(
+    id_: int, camera: str, info: ServerInfo, robot: RobotSession
+) -> CameraReply | Error:
+    """Reply with the camera of a name, that of the client's robot first."""
+    found = info.find_camera(camera, spawned_as=robot.class_name if robot.has_robot else "")
+    if found is None:
+        known = ", ".join(name for _, name in info.cameras) or "none"
+        return Error(id_, f"no camera {camera[:80]!r}: this server's robots have {known}")
+    (class_name, name), camera_info = found
+    mount = transform_from_pose(camera_info.robot_from_mirror)
+    model = dict(camera_info.camera_model)
+    return CameraReply(id_, class_name, name, model, mount, camera_info.plan)
 
 
 def landmarks_reply(id_: int, landmarks: Sequence[Landmark]) -> LandmarksReply:
     """Reply with the true positions, without a camera's view."""
     return LandmarksReply(id_, tuple(map(_record_from_landmark, landmarks)))
+
+
+def _record_from_landmark(landmark: Landmark) -> LandmarkRecord:
+    fields = dataclasses.fields(Landmark)
+    return LandmarkRecord(**{field.name: getattr(landmark, field.name) for field in fields})
 
 
 def request_projections(
@@ -234,13 +250,6 @@ def request_projections(
     session.post(LandmarksRequested(session, channel, reply))
 
 
-def camera_not_found(id_: int, robot: str, camera: str) -> Error:
-    """Error for a camera that does not exist, with its name."""
-    owner = f"robot {robot!r}" if robot else "the robot on the image port"
-    name = f"camera {camera!r}" if camera else "camera"
-    return Error(id_, f"there is no {name} of {owner}")
-
-
 def _projections_reply(
     request: GetLandmarksRequest,
     time_s: float,
@@ -257,11 +266,6 @@ def _projections_reply(
         for one in result
     )
     return LandmarksReply(request.id, tuple(records), time_s)
-
-
-def _record_from_landmark(landmark: Landmark) -> LandmarkRecord:
-    fields = dataclasses.fields(Landmark)
-    return LandmarkRecord(**{field.name: getattr(landmark, field.name) for field in fields})
 
 
 def request_pixel(request: GetPixelRequest, pending: PendingRequest, session: RobotSession) -> None:
@@ -294,10 +298,6 @@ def _pixel_reply(request: GetPixelRequest, time_s: float, view: PixelView | Faul
         object=view.object_name,
         bound_px=view.bound_px,
     )
-
-
-# Client, camera, and the callback with the camera's plan, called by any thread.
-_QueryPlan = Callable[[Hashable, OmniCameraSpec, PlanCallback], None]
 
 
 def request_plan(
@@ -340,12 +340,6 @@ def request_plan(
     )
 
 
-def _camera_error(id_: int, name: str, fault: Fault | None) -> Error:
-    if fault is not None:
-        return Error(id_, fault.reason)
-    return Error(id_, f"this client has no robot with an omnidirectional camera {name[:80]!r}")
-
-
 def _plan_reply(
     id_: int, name: str, camera: OmniCameraSpec, state: ViewState | PlanFailure
 ) -> Reply:
@@ -370,13 +364,10 @@ def _plan_reply(
     )
 
 
-def plan_alternative(option: PlanOption | None) -> PlanAlternative | None:
-    """Record of a neighbour of a plan; None for none."""
-    return (
-        PlanAlternative(option.plan.description, option.error_bound_px, option.predicted_ms)
-        if option
-        else None
-    )
+def _camera_error(id_: int, name: str, fault: Fault | None) -> Error:
+    if fault is not None:
+        return Error(id_, fault.reason)
+    return Error(id_, f"this client has no robot with an omnidirectional camera {name[:80]!r}")
 
 
 def request_state(
@@ -429,51 +420,49 @@ def _robot_state(snapshot: RobotSnapshot) -> RobotState:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StreamContext:
-    """One for all clients of a server, on ZeroMQ and on WebSockets."""
-
-    mailboxes: Mailboxes
-    """Newest frame of each channel."""
-    post: Post
-    """Hands an event to the simulation; thread-safe."""
-    server_info: ServerInfo
-    """Constant part of the replies."""
-    query_plan: _QueryPlan
-    """Hands a camera to the render thread, for its plan."""
-    report_lines: ReportLines = field(default_factory=ReportLines)
-    """Lines of the reports that several clients read."""
-    clients: set[object] = field(default_factory=set)
-    """Connected clients; each adds and removes itself."""
+def camera_not_found(id_: int, robot: str, camera: str) -> Error:
+    """Error for a camera that does not exist, with its name."""
+    owner = f"robot {robot!r}" if robot else "the robot on the image port"
+    name = f"camera {camera!r}" if camera else "camera"
+    return Error(id_, f"there is no {name} of {owner}")
 
 
-def camera_reply(
-    id_: int, camera: str, info: ServerInfo, robot: RobotSession
-) -> CameraReply | Error:
-    """Reply with the camera of a name, that of the client's robot first."""
-    found = info.find_camera(camera, spawned_as=robot.class_name if robot.has_robot else "")
-    if found is None:
-        known = ", ".join(name for _, name in info.cameras) or "none"
-        return Error(id_, f"no camera {camera[:80]!r}: this server's robots have {known}")
-    (class_name, name), camera_info = found
-    mount = transform_from_pose(camera_info.robot_from_mirror)
-    model = dict(camera_info.camera_model)
-    return CameraReply(id_, class_name, name, model, mount, camera_info.plan)
+def plan_alternative(option: PlanOption | None) -> PlanAlternative | None:
+    """Record of a neighbour of a plan; None for none."""
+    return (
+        PlanAlternative(option.plan.description, option.error_bound_px, option.predicted_ms)
+        if option
+        else None
+    )
 
 
-def status_reply(
-    id_: int, context: StreamContext, robot: RobotSession, *, num_sent: int
-) -> StatusReply:
-    """Reply with the identity of the server, and its state for one client."""
-    info = context.server_info
-    return StatusReply(
-        version=SCHEMA_VERSION,
-        id=id_,
-        server=info.server,
-        world=info.world,
-        class_names=info.class_names,
-        clock=info.clock,
-        num_clients=len(context.clients),
-        has_robot=robot.has_robot,
-        sent_frames=num_sent,
+def transform_from_pose(pose: Pose) -> Transform:
+    """Transform of a pose, for a message."""
+    # msgpack encodes Python's floats, not those of NumPy.
+    x, y, z = map(float, pose.translation)
+    a, b, c, d, e, f, g, h, i = map(float, pose.rotation.ravel())
+    return Transform((x, y, z), (a, b, c, d, e, f, g, h, i))
+
+
+def records_from_decisions(
+    decisions: Sequence[EffectDecision], stage_ms: Mapping[str, float]
+) -> tuple[EffectRecord, ...]:
+    """Records of effect decisions, with the durations of a frame by stage."""
+    # A disabled effect has no stage, and one that changes the scene has none of its own.
+    return tuple(
+        _record_from_decision(decision, stage_ms.get(decision.effect)) for decision in decisions
+    )
+
+
+def _record_from_decision(decision: EffectDecision, ms: float | None) -> EffectRecord:
+    return EffectRecord(
+        name=decision.effect,
+        enabled=decision.enabled,
+        bound=decision.bound,
+        threshold=decision.threshold,
+        displacement_px=decision.displacement_px,
+        reason=decision.reason,
+        duration_ms=None if ms is None else float(ms),
+        basis=decision.basis.value,
+        change=decision.change,
     )

@@ -1,16 +1,10 @@
-"""Messages to one client that wait for room in the queue of its socket, in order.
+"""The ROUTER socket of the stream on the asyncio loop, and the queue of messages to one client.
 
-A folder for the private socket of a server, and removal of those that killed servers left.
-
-A lock file inside is locked while its server lives: the system releases the lock with the process,
-however it ends.
-
-The ROUTER socket of the stream on the asyncio loop: the only module of the server with zmq.
-
-The socket never blocks and never queues without limit: a message for a full peer is not sent, and
-messages from a fast peer wait in the TCP connection of that peer. ZeroMQ alone does not give the
-second guarantee for a message that never ends, so a connection guard owns the public port, with the
-ROUTER behind the guard.
+The only module of the server with zmq. The socket never blocks and never queues without limit: a
+message for a full peer is not sent and waits in the peer's `Outbox`, and messages from a fast peer
+wait in the TCP connection of that peer. The guard owns the public port, with the ROUTER behind it
+on a socket in a private folder. A lock file inside is locked while its server lives: the system
+releases the lock with the process, however it ends, so that folders of killed servers are found.
 """
 
 from __future__ import annotations
@@ -40,6 +34,24 @@ from catoptra_server.serve.stream.guard import ConnectionGuard
 from catoptra_server.serve.tcp_server import ConnectionLimits
 
 log = logging.getLogger(__name__)
+_MessageHandler = Callable[[bytes, list[bytes]], None]
+# Twice the pending requests of a client: a program that reads at all stays far below.
+_MAX_MESSAGES = 128
+# Of all waiting messages but the frame: eight of the largest replies.
+_MAX_BYTES = 4 * 1024 * 1024
+# Messages of one peer in the queue of ZeroMQ, besides its TCP connection; replies that find no room
+# wait in the peer's outbox. No more than keeps the connection busy: each may be a frame of 50 MB.
+_SEND_HIGH_WATER_MARK = 2
+# Messages of one peer that wait for the server; the rest stays in TCP, which blocks the peer.
+_RECEIVE_HIGH_WATER_MARK = 16
+# Messages per turn of the loop, so that a busy peer does not starve the others.
+_MAX_MESSAGES_PER_READ = 32
+_MONITOR_ENDPOINT = "inproc://monitor"
+_PREFIX = "catoptra-"
+_LOCK_NAME = "lock"
+_SOCKET_NAME = "stream"
+# All that a server puts there; a folder with other contents is not ours.
+_CONTENTS = {_LOCK_NAME, _SOCKET_NAME}
 
 
 class SendResult(Enum):
@@ -50,20 +62,12 @@ class SendResult(Enum):
     DISCONNECTED = auto()
 
 
-_SendMessage = Callable[[list[Payload]], SendResult]
-
-# Twice the pending requests of a client: a program that reads at all stays far below.
-_MAX_MESSAGES = 128
-# Of all waiting messages but the frame: eight of the largest replies.
-_MAX_BYTES = 4 * 1024 * 1024
-
-
 class Outbox:
     """Bounded queue in front of `send`; at most one frame of it waits."""
 
     def __init__(
         self,
-        send: _SendMessage,
+        send: Callable[[list[Payload]], SendResult],
         *,
         on_blocked: Callable[[], object],
         on_overflow: Callable[[], object],
@@ -147,92 +151,6 @@ class Outbox:
         if len(self._waiting) > _MAX_MESSAGES or self._num_bytes > _MAX_BYTES:
             self._on_overflow()
         return False
-
-
-_PREFIX = "catoptra-"
-_LOCK_NAME = "lock"
-_SOCKET_NAME = "stream"
-# All that a server puts there; a folder with other contents is none of ours.
-_CONTENTS = {_LOCK_NAME, _SOCKET_NAME}
-
-
-@contextmanager
-def create_private_folder() -> Iterator[Path]:
-    """A new folder that only this user can open, until the block ends; sweeps old ones before.
-
-    Raises:
-        OSError: The folder for temporary files is not writable.
-    """
-    _remove_abandoned_folders(Path(tempfile.gettempdir()))
-    # mkdtemp sets mode 0700: no other user can bypass the guard.
-    folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
-    try:
-        with _create_lock(folder):
-            yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
-def _create_lock(folder: Path) -> Iterator[None]:
-    # Locked before it has its name: another server that starts now sees no lock that is free.
-    unnamed = folder / (_LOCK_NAME + ".new")
-    with unnamed.open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        unnamed.rename(folder / _LOCK_NAME)
-        yield
-
-
-def _remove_abandoned_folders(parent: Path) -> None:
-    """Remove the folders of servers that were killed."""
-    try:
-        candidates = list(parent.glob(_PREFIX + "*"))
-    except OSError:
-        return
-    for folder in candidates:
-        # Another server may remove the same folder at the same time.
-        with suppress(OSError):
-            if _is_own_folder(folder) and _has_no_server(folder):
-                shutil.rmtree(folder)
-                log.info("removed %s, which a killed server left", folder)
-
-
-def _is_own_folder(folder: Path) -> bool:
-    """Whether a folder is one that a server of this user made, without following links."""
-    status = folder.lstat()
-    return (
-        stat.S_ISDIR(status.st_mode)
-        and status.st_uid == os.getuid()
-        and stat.S_IMODE(status.st_mode) == 0o700
-        and {entry.name for entry in folder.iterdir()} <= _CONTENTS
-    )
-
-
-def _has_no_server(folder: Path) -> bool:
-    """Whether no living server holds the lock of a folder; False for one without a lock yet."""
-    try:
-        lock = os.open(folder / _LOCK_NAME, os.O_RDONLY | os.O_NOFOLLOW)
-    except FileNotFoundError:
-        return False
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    finally:
-        os.close(lock)
-    return True
-
-
-# Messages of one peer in the queue of ZeroMQ, besides its TCP connection; replies that find no room
-# wait in the peer's outbox. No more than keeps the connection busy: each may be a frame of 50 MB.
-_SEND_HIGH_WATER_MARK = 2
-# Messages of one peer that wait for the server; the rest stays in TCP, which blocks the peer.
-_RECEIVE_HIGH_WATER_MARK = 16
-# Messages per turn of the loop, so that a busy peer does not starve the others.
-_MAX_MESSAGES_PER_READ = 32
-_MONITOR_ENDPOINT = "inproc://monitor"
-
-_MessageHandler = Callable[[bytes, list[bytes]], None]
 
 
 class RouterSocket:
@@ -424,3 +342,70 @@ def _bind_router(
         reason = f"{endpoint}: {error.strerror}: set TMPDIR to a short, writable path"
         raise OSError(error.errno, reason) from error
     return router
+
+
+@contextmanager
+def create_private_folder() -> Iterator[Path]:
+    """A new folder that only this user can open, until the block ends; sweeps old ones before.
+
+    Raises:
+        OSError: The folder for temporary files is not writable.
+    """
+    _remove_abandoned_folders(Path(tempfile.gettempdir()))
+    # mkdtemp sets mode 0700: no other user can bypass the guard.
+    folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
+    try:
+        with _create_lock(folder):
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _create_lock(folder: Path) -> Iterator[None]:
+    # Locked before it has its name: another server that starts now sees no lock that is free.
+    unnamed = folder / (_LOCK_NAME + ".new")
+    with unnamed.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        unnamed.rename(folder / _LOCK_NAME)
+        yield
+
+
+def _remove_abandoned_folders(parent: Path) -> None:
+    """Remove the folders of servers that were killed."""
+    try:
+        candidates = list(parent.glob(_PREFIX + "*"))
+    except OSError:
+        return
+    for folder in candidates:
+        # Another server may remove the same folder at the same time.
+        with suppress(OSError):
+            if _is_own_folder(folder) and _has_no_server(folder):
+                shutil.rmtree(folder)
+                log.info("removed %s, which a killed server left", folder)
+
+
+def _is_own_folder(folder: Path) -> bool:
+    """Whether a folder is one that a server of this user made, without following links."""
+    status = folder.lstat()
+    return (
+        stat.S_ISDIR(status.st_mode)
+        and status.st_uid == os.getuid()
+        and stat.S_IMODE(status.st_mode) == 0o700
+        and {entry.name for entry in folder.iterdir()} <= _CONTENTS
+    )
+
+
+def _has_no_server(folder: Path) -> bool:
+    """Whether no living server holds the lock of a folder; False for one without a lock yet."""
+    try:
+        lock = os.open(folder / _LOCK_NAME, os.O_RDONLY | os.O_NOFOLLOW)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    finally:
+        os.close(lock)
+    return True

@@ -1,11 +1,9 @@
-"""Requests of one client that wait for simulation or rendering: exactly one reply to each.
+"""The robot of one stream client, and the requests that wait for it: exactly one reply to each.
 
-Lines of the control protocol for reports in replies, without line ends.
-
-The robot of one stream client: a client of the simulation, like a TCP connection.
-
-Commands are posted in order, and the simulation executes them in order, so that each confirmation
-belongs to the oldest request of its kind.
+A session is a client of the simulation, like a TCP connection. Commands are posted in order, and
+the simulation executes them in order, so that each confirmation belongs to the oldest request of
+its kind. A fault of the robot closes the session; its client gets another. Reports in replies are
+lines of the control protocol, without line ends.
 """
 
 from __future__ import annotations
@@ -43,126 +41,14 @@ from catoptra_server.simulation import (
 )
 
 log = logging.getLogger(__name__)
-
-
 # More than any program has on its way that waits for its replies (SPEC.md 9.2).
 MAX_PENDING = 64
 # Text for clients; the traceback is in the log.
 INTERNAL_FAULT = "an internal fault ended this request: see the server's log"
-
 SendReply = Callable[[Reply], None]
-
-
-class PendingRequest:
-    """One request; the first reply is sent, later ones are dropped."""
-
-    def __init__(self, id_: int, requests: PendingRequests) -> None:
-        self.id = id_
-        self._requests = requests
-
-    def reply(self, reply: Reply) -> None:
-        """Send a reply; on the loop."""
-        self._requests.finish(self, reply)
-
-    def reject(self, reason: str) -> None:
-        """Send an error; on the loop."""
-        self.reply(Error(self.id, reason))
-
-    def reply_from_thread(self, make_reply: Callable[[], Reply]) -> None:
-        """Send a reply that is made on the loop; from any thread."""
-        self._requests.loop.call_soon_threadsafe(self._make_and_reply, make_reply)
-
-    def _make_and_reply(self, make_reply: Callable[[], Reply]) -> None:
-        try:
-            reply = make_reply()
-        except Exception:
-            log_fault(log, "the reply to a request failed")
-            reply = Error(self.id, INTERNAL_FAULT)
-        self.reply(reply)
-
-
-class PendingRequests:
-    """The pending requests of one client, in the order of arrival."""
-
-    def __init__(self, send_reply: SendReply) -> None:
-        self.loop = asyncio.get_running_loop()
-        self._send_reply = send_reply
-        # A dict for its order; by object, since a client may repeat an id.
-        self._requests: dict[PendingRequest, None] = {}
-
-    def __len__(self) -> int:
-        """Number of requests without a reply."""
-        return len(self._requests)
-
-    def add(self, id_: int) -> PendingRequest:
-        """Add a request that will get its reply later."""
-        request = PendingRequest(id_, self)
-        self._requests[request] = None
-        return request
-
-    def finish(self, request: PendingRequest, reply: Reply) -> None:
-        """Send the reply to a request, unless it had one or was cancelled."""
-        if request in self._requests:
-            del self._requests[request]
-            self._send_reply(reply)
-
-    def reject(self, id_: int, reason: str) -> None:
-        """Send an error to the newest request of an id, pending or not."""
-        for request in reversed(self._requests):
-            if request.id == id_:
-                request.reject(reason)
-                return
-        self._send_reply(Error(id_, reason))
-
-    def reject_all(self, reason: str) -> None:
-        """Send an error to every request."""
-        for request in list(self._requests):
-            request.reject(reason)
-
-    def cancel_all(self) -> None:
-        """Forget every request, without a reply: the client has disconnected."""
-        self._requests.clear()
-
-
+Post = Callable[[SimulationEvent], bool]
 # Reports of 16 robots with 16 sensors each, at most 1 MB of lines.
 _MAX_REPORTS = 256
-
-
-class ReportLines:
-    """Lines of the reports that several clients read, made once; on the loop."""
-
-    def __init__(self) -> None:
-        # By identity, since hashing a scan takes as long as its line. The report is kept beside
-        # its lines, so that no other one gets its identity.
-        self._lines: LruDict[int, tuple[Report, tuple[str, ...]]] = LruDict(_MAX_REPORTS)
-
-    def __len__(self) -> int:
-        """Number of reports whose lines are kept."""
-        return len(self._lines)
-
-    def get(self, reports: Iterable[Report]) -> tuple[str, ...]:
-        """Lines of reports; none for a report without a valid line."""
-        return tuple(line for report in reports for line in self._get_one(report))
-
-    def _get_one(self, report: Report) -> tuple[str, ...]:
-        def make() -> tuple[Report, tuple[str, ...]]:
-            return report, lines_from_reports([report])
-
-        return self._lines.get_or_make(id(report), make)[1]
-
-
-def lines_from_reports(reports: Iterable[Report]) -> tuple[str, ...]:
-    """Lines of the control protocol, without reports that have no valid line."""
-    lines: list[str] = []
-    for report in reports:
-        try:
-            lines += line_from_report(report).decode("latin-1").splitlines()
-        except LocalProtocolError as error:
-            log.error("not sent: %s", error)
-    return tuple(lines)
-
-
-Post = Callable[[SimulationEvent], bool]
 
 
 class RobotSession:
@@ -227,27 +113,20 @@ class RobotSession:
         if not self._post_event(event):
             self.has_room = False
 
-    def find_spawn_error(self, request: SpawnRequest) -> str:
-        """Reason against a spawn before the simulation decides; empty if there is none."""
-        if self.expects_robot:
-            return "this client has its robot: reset first, or connect again for another"
-        names = (request.class_name, request.name or "", request.start or "")
-        if max(map(len, names)) > MAX_NAME_CHARS:
-            return f"a name of more than {MAX_NAME_CHARS} characters"
-        if not all(map(str.isprintable, names)):
-            return "a name with control characters"
-        try:
-            # Names go into lines of the control protocol, where a brace would forge a block.
-            line_from_command(_init_from_request(request))
-        except LocalProtocolError as error:
-            return str(error)
-        return ""
-
     def spawn(self, request: SpawnRequest, pending: PendingRequest) -> None:
-        """Spawn a robot."""
+        """Spawn a robot; what is known to be impossible here is rejected at once."""
+        try:
+            if self.expects_robot:
+                raise LocalProtocolError(
+                    "this client has its robot: reset first, or connect again for another"
+                )
+            init = _init_from_request(request)
+        except LocalProtocolError as error:
+            pending.reject(str(error))
+            return
         self._pending_spawns.append((pending, request.class_name))
         self.expects_robot = True
-        self.post(CommandReceived(self, _init_from_request(request)))
+        self.post(CommandReceived(self, init))
 
     def drive(self, request: DriveRequest) -> None:
         """Set the wheel speeds."""
@@ -297,7 +176,7 @@ class RobotSession:
 
     def readings_reply(self, id_: int) -> Reply:
         """Reply with the newest reading of each sensor."""
-        return SensorReports(id_, lines_from_reports(self._readings.values()))
+        return SensorReports(id_, _lines_from_reports(self._readings.values()))
 
     def _outcome_receiver(self, pending: PendingRequest) -> Callable[[str], None]:
         """Callback that replies with an error for a reason, with Ok for an empty one."""
@@ -331,7 +210,7 @@ class RobotSession:
                 self._readings[type(report), getattr(report, "name", "")] = report
         if confirmed is not None:
             pending, name, moved_to = confirmed
-            pending.reply(SensorReports(pending.id, lines_from_reports(reports), moved_to, name))
+            pending.reply(SensorReports(pending.id, _lines_from_reports(reports), moved_to, name))
 
     def _confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
         pending, self.class_name = self._pending_spawns.popleft()
@@ -352,7 +231,7 @@ class RobotSession:
             return
         self._store_reports(result.readings)
         reports = (*result.readings, CommandResult(result.time_s, "Step", "Clock", STATUS_OK))
-        pending.reply(SensorReports(pending.id, lines_from_reports(reports)))
+        pending.reply(SensorReports(pending.id, _lines_from_reports(reports)))
 
     def _finish_reset(self, pending: PendingRequest) -> None:
         self._num_pending_resets -= 1
@@ -369,9 +248,123 @@ class RobotSession:
         self.has_room = True
 
 
+class PendingRequests:
+    """The pending requests of one client, in the order of arrival."""
+
+    def __init__(self, send_reply: SendReply) -> None:
+        self.loop = asyncio.get_running_loop()
+        self._send_reply = send_reply
+        # A dict for its order; by object, since a client may repeat an id.
+        self._requests: dict[PendingRequest, None] = {}
+
+    def __len__(self) -> int:
+        """Number of requests without a reply."""
+        return len(self._requests)
+
+    def add(self, id_: int) -> PendingRequest:
+        """Add a request that will get its reply later."""
+        request = PendingRequest(id_, self)
+        self._requests[request] = None
+        return request
+
+    def finish(self, request: PendingRequest, reply: Reply) -> None:
+        """Send the reply to a request, unless it had one or was cancelled."""
+        if request in self._requests:
+            del self._requests[request]
+            self._send_reply(reply)
+
+    def reject(self, id_: int, reason: str) -> None:
+        """Send an error to the newest request of an id, pending or not."""
+        for request in reversed(self._requests):
+            if request.id == id_:
+                request.reject(reason)
+                return
+        self._send_reply(Error(id_, reason))
+
+    def reject_all(self, reason: str) -> None:
+        """Send an error to every request."""
+        for request in list(self._requests):
+            request.reject(reason)
+
+    def cancel_all(self) -> None:
+        """Forget every request, without a reply: the client has disconnected."""
+        self._requests.clear()
+
+
+class PendingRequest:
+    """One request; the first reply is sent, later ones are dropped."""
+
+    def __init__(self, id_: int, requests: PendingRequests) -> None:
+        self.id = id_
+        self._requests = requests
+
+    def reply(self, reply: Reply) -> None:
+        """Send a reply; on the loop."""
+        self._requests.finish(self, reply)
+
+    def reject(self, reason: str) -> None:
+        """Send an error; on the loop."""
+        self.reply(Error(self.id, reason))
+
+    def reply_from_thread(self, make_reply: Callable[[], Reply]) -> None:
+        """Send a reply that is made on the loop; from any thread."""
+        self._requests.loop.call_soon_threadsafe(self._make_and_reply, make_reply)
+
+    def _make_and_reply(self, make_reply: Callable[[], Reply]) -> None:
+        try:
+            reply = make_reply()
+        except Exception:
+            log_fault(log, "the reply to a request failed")
+            reply = Error(self.id, INTERNAL_FAULT)
+        self.reply(reply)
+
+
+class ReportLines:
+    """Lines of the reports that several clients read, made once; on the loop."""
+
+    def __init__(self) -> None:
+        # By identity, since hashing a scan takes as long as its line. The report is kept beside
+        # its lines, so that no other one gets its identity.
+        self._lines: LruDict[int, tuple[Report, tuple[str, ...]]] = LruDict(_MAX_REPORTS)
+
+    def __len__(self) -> int:
+        """Number of reports whose lines are kept."""
+        return len(self._lines)
+
+    def get(self, reports: Iterable[Report]) -> tuple[str, ...]:
+        """Lines of reports; none for a report without a valid line."""
+        return tuple(line for report in reports for line in self._get_one(report))
+
+    def _get_one(self, report: Report) -> tuple[str, ...]:
+        def make() -> tuple[Report, tuple[str, ...]]:
+            return report, _lines_from_reports([report])
+
+        return self._lines.get_or_make(id(report), make)[1]
+
+
+def _lines_from_reports(reports: Iterable[Report]) -> tuple[str, ...]:
+    """Lines of the control protocol, without reports that have no valid line."""
+    lines: list[str] = []
+    for report in reports:
+        try:
+            lines += line_from_report(report).decode("latin-1").splitlines()
+        except LocalProtocolError as error:
+            log.error("not sent: %s", error)
+    return tuple(lines)
+
+
 def _init_from_request(request: SpawnRequest) -> Init:
+    """Command of a request. Raises LocalProtocolError for a name that no line can carry."""
+    names = (request.class_name, request.name or "", request.start or "")
+    if max(map(len, names)) > MAX_NAME_CHARS:
+        raise LocalProtocolError(f"a name of more than {MAX_NAME_CHARS} characters")
+    if not all(map(str.isprintable, names)):
+        raise LocalProtocolError("a name with control characters")
     rotation_rad = request.rotation_rad or (0.0, 0.0, 0.0)
-    return Init(request.class_name, request.name, request.location_m, rotation_rad, request.start)
+    init = Init(request.class_name, request.name, request.location_m, rotation_rad, request.start)
+    # Names go into lines of the control protocol, where a brace would forge a block.
+    line_from_command(init)
+    return init
 
 
 def _drive_from_request(request: DriveRequest) -> Drive:

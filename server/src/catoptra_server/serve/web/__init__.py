@@ -1,9 +1,12 @@
 """The live page: its files, its description of the server, and its WebSockets.
 
-`web_server` has the port and its connections (`web_connection`), `web_access` decides who may use
-it, `web_pages` has all that is read by GET: `page_files`, `server_description`, `floor_plan` and
-`camera_table`. A `page_socket` is a client of the stream, like one on ZeroMQ, whose robots stop
-without it by a `dead_man_switch`.
+`web_server` has the port and its connections, `web_access` decides who may use it, `pages` has all
+that is read by GET. A `page_socket` is a client of the stream, like one on ZeroMQ.
+
+No framework, no bundler, no library in the page: ES modules, WebGL2 in a worker (without a graphics
+processor a context takes up to 2 s to make) and a 2D canvas for the rest, 255 kB of readable files
+that any browser of the last years loads as they are. uPlot was in it first: 53 kB for what 5 kB
+draw here.
 """
 
 from __future__ import annotations

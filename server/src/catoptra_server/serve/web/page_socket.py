@@ -1,13 +1,12 @@
-"""One WebSocket of the page: a client of the stream whose messages are JSON (SPEC.md 10).
+"""One connection of the web port, and the WebSocket that it may become: a client of the stream.
 
-Text messages are requests and replies; a frame is one binary message: the length of its header as
-4 bytes, the least significant first, the header, the image.
+The messages of a WebSocket are JSON (SPEC.md 10). Text messages are requests and replies; a frame
+is one binary message: the length of its header as 4 bytes, the least significant first, the header,
+the image. A connection that sends too much is not read for a while.
 
-Responses of the web port: each has the headers that keep the page to itself.
-
-Stop of robots that a page drives: one that is hidden, closed or cut off sends nothing more.
-
-One accepted connection of the web port: aiohttp's protocol, held back when it sends too much.
+**A robot that a page drives needs its hand.** 0.25 s without `drive` halt it, since a page that is
+hidden, frozen or cut off sends nothing. Programs keep USARSim's rule; the simulation halts what a
+lost client drove.
 """
 
 from __future__ import annotations
@@ -31,11 +30,9 @@ from catoptra_server.serve.stream.peer import StreamPeer
 from catoptra_server.serve.stream.replies import StreamContext
 from catoptra_server.serve.stream.router import Outbox, SendResult
 from catoptra_server.serve.stream.session import INTERNAL_FAULT
-from catoptra_server.serve.web.pages import Document
+from catoptra_server.serve.web.pages import WebResource
 
 log = logging.getLogger(__name__)
-
-
 # Scripts, styles and sockets of this address alone, in no frame of another page, sniffed as no
 # other type, readable by no other site. The last one hides the versions that aiohttp names.
 SECURITY_HEADERS = {
@@ -49,42 +46,23 @@ SECURITY_HEADERS = {
 }
 # Kept by browsers, but used only after the server has confirmed that it is the newest.
 _REVALIDATED = {"Cache-Control": "no-cache"}
-
-
-def text_response(
-    status: int, reason: str, *, headers: Mapping[str, str] | None = None
-) -> web.Response:
-    """Response with a reason in plain text."""
-    return web.Response(
-        status=status,
-        body=f"{reason}\n".encode(),
-        headers={
-            **SECURITY_HEADERS,
-            "Content-Type": "text/plain; charset=utf-8",
-            "Cache-Control": "no-store",
-            **(headers or {}),
-        },
-    )
-
-
-def document_response(document: Document, *, known_tags: str) -> web.Response:
-    """Response with a document, or without its body for a client that has it.
-
-    Args:
-        document: The document.
-        known_tags: If-None-Match header of the request; empty if absent.
-    """
-    headers = {**SECURITY_HEADERS, **_REVALIDATED, "ETag": document.etag}
-    # Compared weakly, as RFC 9110 13.1.2 has it.
-    tags = {tag.strip().removeprefix("W/") for tag in known_tags.split(",")}
-    if tags & {document.etag, "*"}:
-        return web.Response(status=304, headers=headers)
-    headers["Content-Type"] = document.content_type
-    return web.Response(body=document.body, headers=headers)
-
-
 # The page sends 20 requests a second while it drives.
-DRIVE_TIMEOUT_S = 0.25
+_DRIVE_TIMEOUT_S = 0.25
+# Time of the loop for a read beside the parser's, and for a request with its reply.
+_READ_COST_S = 50e-6
+_REQUEST_COST_S = 0.4e-3
+# Requests of a page on their way at any time: frame, state and landmarks. Each waits for the reply
+# to the last one of its kind, so together they are no flood.
+_MAX_DIALOGUE = 3
+# All bytes of a request: browsers send some hundred, and the cookies of all ports of the host.
+_MAX_REQUEST_BYTES = 64 * 1024
+_MAX_LINE_BYTES = 4 * 1024
+_MAX_FIELD_BYTES = 8 * 1024
+_MAX_FIELDS = 64
+_LENGTH_BYTES = 4
+# A message that the page has not read after this time ends its WebSocket; TCP ends it at the same
+# time where its host has vanished.
+_MAX_SENDING_S = 6.0
 
 
 class _Timer(Protocol):
@@ -97,56 +75,139 @@ class _Timer(Protocol):
 _CallLater = Callable[[float, Callable[[], None]], _Timer]
 
 
-class DeadManSwitch:
-    """The robots that one page drives at present, by name; its own has the empty name."""
+class PageSocket:
+    """A WebSocket from the handshake to its end."""
 
-    def __init__(self, stop: Callable[[str], None], *, call_later: _CallLater) -> None:
-        """Start without a robot.
+    def __init__(
+        self, websocket: web.WebSocketResponse, connection: WebConnection, context: StreamContext
+    ) -> None:
+        """Begin without a robot.
 
         Args:
-            stop: Sets both wheel speeds of a robot to 0.
-            call_later: Calls a function after some seconds.
+            websocket: The WebSocket, after its handshake, with `autoping` off.
+            connection: Its connection.
+            context: What the clients of the server share.
         """
-        self._stop = stop
-        self._call_later = call_later
-        # Robots that stand are not listed: a page cannot fill the dict with names.
-        self._speeds: dict[str, tuple[float, float]] = {}
-        self._timers: dict[str, _Timer] = {}
+        self._loop = asyncio.get_running_loop()
+        self._websocket = websocket
+        self._connection = connection
+        # One message is being sent; all others wait in the outbox, within its bounds.
+        self._sending: asyncio.Task[None] | None = None
+        self._sending_since_s = 0.0
+        outbox = Outbox(
+            self._send,
+            on_blocked=lambda: None,  # the end of each message sends the next
+            on_overflow=self._disconnect,
+        )
+        self.peer = StreamPeer(outbox, context, encode=_encode_reply)
+        self._dead_man_switch = DeadManSwitch(
+            # Not bound: a fault gives the client another session.
+            lambda robot: self.peer.robot.stop(robot),
+            call_later=self._loop.call_later,
+        )
 
-    def record_drive(self, request: DriveRequest) -> None:
-        """Record a request to drive; after the last one the robot stops in time."""
-        robot = request.robot
-        left, right = self._speeds.pop(robot, (0.0, 0.0))
-        if robot in self._timers:
-            self._timers.pop(robot).cancel()
-        left = left if request.left is None else request.left
-        right = right if request.right is None else request.right
-        if left or right:
-            self._speeds[robot] = left, right
-            self._timers[robot] = self._call_later(DRIVE_TIMEOUT_S, lambda: self._stop_robot(robot))
+    async def serve(self) -> None:
+        """Reply to requests until the WebSocket ends; removes the robot then."""
+        log.info("page %s connected", self._connection.address)
+        try:
+            while await self._receive():
+                pass
+        # The connection's own end, while something is sent.
+        except ConnectionError:
+            pass
+        finally:
+            self._close()
+            num_sent = self.peer.frame_sender.num_sent
+            log.info("page %s disconnected after %d frames", self._connection.address, num_sent)
 
-    def close(self) -> None:
-        """End without a stop: the simulation halts what a disconnected client drives."""
-        for timer in self._timers.values():
-            timer.cancel()
-        self._timers.clear()
+    def check(self) -> None:
+        """End a WebSocket that reads nothing; to be called regularly."""
+        is_sending = self._sending is not None
+        sending_s = self._loop.time() - self._sending_since_s
+        if self.peer.has_stalled_outbox() or (is_sending and sending_s > _MAX_SENDING_S):
+            self._disconnect()
 
-    def _stop_robot(self, robot: str) -> None:
-        del self._timers[robot], self._speeds[robot]
-        self._stop(robot)
+    def _close(self) -> None:
+        self._dead_man_switch.close()
+        self.peer.disconnect()
+        if self._sending is not None:
+            self._sending.cancel()
+        # Not left to aiohttp, which would wait until all is read.
+        self._connection.abort()
+
+    def _disconnect(self) -> None:
+        if not self._connection.is_closing:
+            log.warning("page %s reads nothing: disconnected", self._connection.address)
+            self._connection.abort()
+
+    async def _receive(self) -> bool:
+        """Handle one message; False at the end."""
+        message = await self._websocket.receive()
+        # Input of a connection that was ended is dropped: its replies would fill the outbox.
+        if self._connection.is_closing:
+            return False
+        if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG):
+            return False
+        await self._connection.begin_request()
+        match message.type:
+            case WSMsgType.TEXT:
+                self._handle_text(message.data)
+            case WSMsgType.BINARY:
+                self.peer.send_reply(Error(0, "a binary message: requests are JSON text"))
+            case WSMsgType.PING:
+                await self._websocket.pong(message.data)
+                self._connection.note_reply()
+        return True
+
+    def _handle_text(self, text: str) -> None:
+        try:
+            request = request_from_json(text)
+        except RemoteProtocolError as error:
+            log.debug("from page %s: %s", self._connection.address, error)
+            id_ = error.request_id if isinstance(error, InvalidRequestError) else 0
+            self.peer.send_reply(Error(id_, str(error)))
+            return
+        except Exception:
+            log_fault(log, "a message of a page failed")
+            self.peer.send_reply(Error(0, INTERNAL_FAULT))
+            return
+        log.debug("from page %s: %s", self._connection.address, request)
+        if isinstance(request, DriveRequest):
+            self._dead_man_switch.record_drive(request)
+        self.peer.serve(request)
+
+    def _send(self, parts: list[Payload]) -> SendResult:
+        if self._sending is not None:
+            return SendResult.QUEUE_FULL
+        self._sending_since_s = self._loop.time()
+        self._sending = self._loop.create_task(self._write(parts))
+        self._sending.add_done_callback(self._finish_sending)
+        return SendResult.SENT
+
+    async def _write(self, parts: list[Payload]) -> None:
+        if len(parts) == 1:
+            await self._websocket.send_frame(bytes(parts[0]), WSMsgType.TEXT)
+            return
+        header, *payloads = parts
+        length = len(header).to_bytes(_LENGTH_BYTES, "little")
+        await self._websocket.send_frame(b"".join((length, header, *payloads)), WSMsgType.BINARY)
+
+    def _finish_sending(self, task: asyncio.Task[None]) -> None:
+        self._sending = None
+        self._connection.note_reply()
+        if task.cancelled():
+            return
+        error = task.exception()
+        if error is None:
+            self.peer.outbox.flush()
+        else:
+            # The connection has ended, mostly, and its end is noticed by `_receive`.
+            log.debug("page %s: not sent: %s", self._connection.address, error)
+            self._connection.abort()
 
 
-# Time of the loop for a read beside the parser's, and for a request with its reply.
-_READ_COST_S = 50e-6
-_REQUEST_COST_S = 0.4e-3
-# Requests of a page on their way at any time: frame, state and landmarks. Each waits for the reply
-# to the last one of its kind, so together they are no flood.
-_MAX_DIALOGUE = 3
-# All bytes of a request: browsers send some hundred, and the cookies of all ports of the host.
-_MAX_REQUEST_BYTES = 64 * 1024
-_MAX_LINE_BYTES = 4 * 1024
-_MAX_FIELD_BYTES = 8 * 1024
-_MAX_FIELDS = 64
+def _encode_reply(reply: Reply) -> bytes:
+    return json_from_message(reply).encode()
 
 
 class WebConnection(web.RequestHandler):
@@ -287,142 +348,74 @@ class WebConnection(web.RequestHandler):
         super().connection_lost(exc)
 
 
-_LENGTH_BYTES = 4
-# A message that the page has not read after this time ends its WebSocket; TCP ends it at the same
-# time where its host has vanished.
-_MAX_SENDING_S = 6.0
+class DeadManSwitch:
+    """The robots that one page drives at present, by name; its own has the empty name."""
 
-
-class PageSocket:
-    """A WebSocket from the handshake to its end."""
-
-    def __init__(
-        self, websocket: web.WebSocketResponse, connection: WebConnection, context: StreamContext
-    ) -> None:
-        """Begin without a robot.
+    def __init__(self, stop: Callable[[str], None], *, call_later: _CallLater) -> None:
+        """Start without a robot.
 
         Args:
-            websocket: The WebSocket, after its handshake, with `autoping` off.
-            connection: Its connection.
-            context: What the clients of the server share.
+            stop: Sets both wheel speeds of a robot to 0.
+            call_later: Calls a function after some seconds.
         """
-        self._loop = asyncio.get_running_loop()
-        self._websocket = websocket
-        self._connection = connection
-        # One message is being sent; all others wait in the outbox, within its bounds.
-        self._sending: asyncio.Task[None] | None = None
-        self._sending_since_s = 0.0
-        outbox = Outbox(
-            self._send,
-            on_blocked=lambda: None,  # the end of each message sends the next
-            on_overflow=self._disconnect,
-        )
-        self.peer = StreamPeer(outbox, context, encode=_encode_reply)
-        self._dead_man_switch = DeadManSwitch(
-            # Not bound: a fault gives the client another session.
-            lambda robot: self.peer.robot.stop(robot),
-            call_later=self._loop.call_later,
-        )
+        self._stop = stop
+        self._call_later = call_later
+        # Robots that stand are not listed: a page cannot fill the dict with names.
+        self._speeds: dict[str, tuple[float, float]] = {}
+        self._timers: dict[str, _Timer] = {}
 
-    async def serve(self) -> None:
-        """Reply to requests until the WebSocket ends; removes the robot then."""
-        log.info("page %s connected", self._connection.address)
-        try:
-            while await self._receive():
-                pass
-        # The connection's own end, while something is sent.
-        except ConnectionError:
-            pass
-        finally:
-            self._close()
-            num_sent = self.peer.frame_sender.num_sent
-            log.info("page %s disconnected after %d frames", self._connection.address, num_sent)
+    def record_drive(self, request: DriveRequest) -> None:
+        """Record a request to drive; after the last one the robot stops in time."""
+        robot = request.robot
+        left, right = self._speeds.pop(robot, (0.0, 0.0))
+        if robot in self._timers:
+            self._timers.pop(robot).cancel()
+        left = left if request.left is None else request.left
+        right = right if request.right is None else request.right
+        if left or right:
+            self._speeds[robot] = left, right
+            self._timers[robot] = self._call_later(
+                _DRIVE_TIMEOUT_S, lambda: self._stop_robot(robot)
+            )
 
-    def check(self) -> None:
-        """End a WebSocket that reads nothing; to be called regularly."""
-        is_sending = self._sending is not None
-        sending_s = self._loop.time() - self._sending_since_s
-        if self.peer.has_stalled_outbox() or (is_sending and sending_s > _MAX_SENDING_S):
-            self._disconnect()
+    def close(self) -> None:
+        """End without a stop: the simulation halts what a disconnected client drives."""
+        for timer in self._timers.values():
+            timer.cancel()
+        self._timers.clear()
 
-    def _close(self) -> None:
-        self._dead_man_switch.close()
-        self.peer.disconnect()
-        if self._sending is not None:
-            self._sending.cancel()
-        # Not left to aiohttp, which would wait until all is read.
-        self._connection.abort()
-
-    def _disconnect(self) -> None:
-        if not self._connection.is_closing:
-            log.warning("page %s reads nothing: disconnected", self._connection.address)
-            self._connection.abort()
-
-    async def _receive(self) -> bool:
-        """Handle one message; False at the end."""
-        message = await self._websocket.receive()
-        # Input of a connection that was ended is dropped: its replies would fill the outbox.
-        if self._connection.is_closing:
-            return False
-        if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG):
-            return False
-        await self._connection.begin_request()
-        match message.type:
-            case WSMsgType.TEXT:
-                self._handle_text(message.data)
-            case WSMsgType.BINARY:
-                self.peer.send_reply(Error(0, "a binary message: requests are JSON text"))
-            case WSMsgType.PING:
-                await self._websocket.pong(message.data)
-                self._connection.note_reply()
-        return True
-
-    def _handle_text(self, text: str) -> None:
-        try:
-            request = request_from_json(text)
-        except RemoteProtocolError as error:
-            log.debug("from page %s: %s", self._connection.address, error)
-            id_ = error.request_id if isinstance(error, InvalidRequestError) else 0
-            self.peer.send_reply(Error(id_, str(error)))
-            return
-        except Exception:
-            log_fault(log, "a message of a page failed")
-            self.peer.send_reply(Error(0, INTERNAL_FAULT))
-            return
-        log.debug("from page %s: %s", self._connection.address, request)
-        if isinstance(request, DriveRequest):
-            self._dead_man_switch.record_drive(request)
-        self.peer.serve(request)
-
-    def _send(self, parts: list[Payload]) -> SendResult:
-        if self._sending is not None:
-            return SendResult.QUEUE_FULL
-        self._sending_since_s = self._loop.time()
-        self._sending = self._loop.create_task(self._write(parts))
-        self._sending.add_done_callback(self._finish_sending)
-        return SendResult.SENT
-
-    async def _write(self, parts: list[Payload]) -> None:
-        if len(parts) == 1:
-            await self._websocket.send_frame(bytes(parts[0]), WSMsgType.TEXT)
-            return
-        header, *payloads = parts
-        length = len(header).to_bytes(_LENGTH_BYTES, "little")
-        await self._websocket.send_frame(b"".join((length, header, *payloads)), WSMsgType.BINARY)
-
-    def _finish_sending(self, task: asyncio.Task[None]) -> None:
-        self._sending = None
-        self._connection.note_reply()
-        if task.cancelled():
-            return
-        error = task.exception()
-        if error is None:
-            self.peer.outbox.flush()
-        else:
-            # The connection has ended, mostly, and its end is noticed by `_receive`.
-            log.debug("page %s: not sent: %s", self._connection.address, error)
-            self._connection.abort()
+    def _stop_robot(self, robot: str) -> None:
+        del self._timers[robot], self._speeds[robot]
+        self._stop(robot)
 
 
-def _encode_reply(reply: Reply) -> bytes:
-    return json_from_message(reply).encode()
+def text_response(
+    status: int, reason: str, *, headers: Mapping[str, str] | None = None
+) -> web.Response:
+    """Response with a reason in plain text."""
+    return web.Response(
+        status=status,
+        body=f"{reason}\n".encode(),
+        headers={
+            **SECURITY_HEADERS,
+            "Content-Type": "text/plain; charset=utf-8",
+            "Cache-Control": "no-store",
+            **(headers or {}),
+        },
+    )
+
+
+def resource_response(resource: WebResource, *, known_tags: str) -> web.Response:
+    """Response with a resource, or without its body for a client that has it.
+
+    Args:
+        resource: The resource.
+        known_tags: If-None-Match header of the request; empty if absent.
+    """
+    headers = {**SECURITY_HEADERS, **_REVALIDATED, "ETag": resource.etag}
+    # Compared weakly, as RFC 9110 13.1.2 has it.
+    tags = {tag.strip().removeprefix("W/") for tag in known_tags.split(",")}
+    if tags & {resource.etag, "*"}:
+        return web.Response(status=304, headers=headers)
+    headers["Content-Type"] = resource.content_type
+    return web.Response(body=resource.body, headers=headers)

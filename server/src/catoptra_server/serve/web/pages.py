@@ -1,22 +1,18 @@
-"""The files of the page, read once: a request selects one by its address, and names no path.
+"""All that the page reads by GET: its files, and descriptions of the server as JSON.
 
-The model of an omnidirectional camera as tables, so that the page needs no formula of a mirror.
+Addresses are looked up in tables: a request never names a file. Descriptions that take time are
+made at the first request, in a thread: robots with cameras and sensors, a section of the world for
+the map, and a table for each omnidirectional camera.
 
-A direction with incidence angle theta and azimuth phi, (x, y) = (cos phi, sin phi), has the pixel
+**No formula of a camera in JavaScript.** A table has 4096 image radii by incidence angle, within
+1e-4 px of the model for all shipped cameras, and a new mirror needs no line in the page. A
+direction with incidence angle theta and azimuth phi, (x, y) = (cos phi, sin phi), has the pixel
 
     centre + r(theta) * [[a, b], [c, d]] @ [x, y] + q(theta) * [[e, f, g], [h, i, j]] @ [xx, xy, yy]
 
 r and q are interpolated between table entries. The second term is the tangential distortion of a
-decentred lens, of second order in the azimuth; other cameras have none. Of a mirror without a
-single viewpoint theta is that of things far away, and the ray begins on the mirror's surface.
-
-Section of the world by a level plane, for the page's map.
-
-Description of the server for the page: robots, cameras, sensors, start poses, landmarks.
-
-All that the page reads by GET: its files, and descriptions of the server as JSON.
-
-Addresses are looked up in tables: a request never names a file.
+decentred lens, of second order in the azimuth; other cameras have none. For a mirror without a
+single viewpoint theta is the angle of things far away, and the ray begins on the mirror's surface.
 """
 
 from __future__ import annotations
@@ -45,7 +41,7 @@ from catoptra_server.simulation.sensors.range_scanner import RangeScannerDescrip
 from catoptra_server.simulation.sensors.sonar import SonarDescription
 from catoptra_server.world.scene_mesh import SceneMesh
 
-STATIC_FOLDER = Path(__file__).with_name("static")
+_STATIC_FOLDER = Path(__file__).with_name("static")
 _INDEX = "index.html"
 # Browsers run no script of another type, since the type is not to be guessed (nosniff).
 _CONTENT_TYPES = {
@@ -56,100 +52,11 @@ _CONTENT_TYPES = {
     ".png": "image/png",
     ".txt": "text/plain; charset=utf-8",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Document:
-    """What a GET request reads."""
-
-    content_type: str
-    body: bytes
-    etag: str
-    """Changes with the body: browsers ask again, and get the body only if it has changed."""
-
-
-def create_document(content_type: str, body: bytes) -> Document:
-    """Document with the tag of its body."""
-    return Document(content_type, body, f'"{hashlib.sha256(body).hexdigest()[:32]}"')
-
-
-def read_page_files(folder: Path = STATIC_FOLDER) -> dict[str, Document]:
-    """Files by the path of their address: `/` for the page itself, others under `/static/`."""
-    documents: dict[str, Document] = {}
-    for file in sorted(folder.rglob("*")):
-        content_type = _CONTENT_TYPES.get(file.suffix)
-        if content_type is not None and file.is_file():
-            document = create_document(content_type, file.read_bytes())
-            documents[f"/static/{file.relative_to(folder).as_posix()}"] = document
-    index = documents.pop(f"/static/{_INDEX}", None)
-    return documents if index is None else {"/": index, **documents}
-
-
+_JSON = "application/json; charset=utf-8"
+_CAMERA_TABLE = "/api/camera_table.json"
 # Interpolated linearly, 4096 entries miss 3e-5 px at 640 px and a rim of 120 degrees.
 _NUM_ENTRIES = 4096
 _DIAGONAL = math.sqrt(0.5)
-
-
-def camera_table(camera: OmniCamera) -> dict[str, object]:
-    """Table of a camera as a JSON object; pixels and radians."""
-    # A cone shows nothing nearer to its axis than its apex does.
-    lowest_t = camera.projection.t_min
-    theta_rad = np.linspace(0.0, camera.rim_rad, _NUM_ENTRIES)
-    t = np.maximum(np.tan(0.5 * theta_rad), lowest_t)
-    # The matrices are read from the model itself, hand and stretch included, at one angle.
-    middle_t = math.tan(0.25 * (2.0 * math.atan(lowest_t) + camera.rim_rad))
-    odd, even = _offsets(camera, middle_t)
-    azimuth_matrix = odd[:2].T / float(camera.radius_px_from_t(np.array(middle_t)))
-    return {
-        "kind": "radial",
-        "width_px": camera.width_px,
-        "height_px": camera.height_px,
-        "centre_px": camera.centre_px,
-        "picture": camera.picture.value,
-        "min_theta_rad": 2.0 * math.atan(lowest_t),
-        "max_theta_rad": camera.rim_rad,
-        "azimuth_matrix": azimuth_matrix.ravel().tolist(),
-        "radius_px": camera.radius_px_from_t(t).tolist(),
-        **_decentring(camera, t, middle_t, even),
-        **_surface(camera, t),
-    }
-
-
-def _offsets(camera: OmniCamera, t: float) -> tuple[Floats, Floats]:
-    """Offsets (3, 2) from the centre along x, y and their diagonal: odd and even in the azimuth."""
-    sine, cosine = 2.0 * t / (1.0 + t * t), (1.0 - t * t) / (1.0 + t * t)
-    level = sine * np.array([(1.0, 0.0), (0.0, 1.0), (_DIAGONAL, _DIAGONAL)])
-    directions = [np.column_stack((sign * level, np.full(3, cosine))) for sign in (1.0, -1.0)]
-    pixels, _ = pixel_from_direction(camera, np.array(directions))
-    ahead, behind = pixels - camera.centre_px
-    return 0.5 * (ahead - behind), 0.5 * (ahead + behind)
-
-
-def _decentring(camera: OmniCamera, t: Floats, middle_t: float, even: Floats) -> dict[str, object]:
-    """The term of a decentred lens; nothing for others."""
-    if not camera.plane.is_decentred:
-        return {}
-    projection = cast(DistortedProjection, camera.projection)
-
-    def squared_px(t: Floats) -> Floats:
-        return camera.scale_px * np.square(projection.undistorted_ratio_from_t(t))
-
-    along_x, along_y, diagonal = even / float(squared_px(np.array(middle_t)))
-    matrix = np.column_stack((along_x, 2.0 * diagonal - along_x - along_y, along_y))
-    return {
-        "decentring_matrix": matrix.ravel().tolist(),
-        "decentring_px": squared_px(t).tolist(),
-    }
-
-
-def _surface(camera: OmniCamera, t: Floats) -> dict[str, object]:
-    """Where the rays of a mirror without a single viewpoint begin; nothing for other cameras."""
-    if camera.is_central:
-        return {}
-    r, z = camera.mirror.surface_point(np.minimum(t, camera.rim_t))
-    return {"surface_r_m": r.tolist(), "surface_z_m": z.tolist()}
-
-
 # Height of a robot's sensors: walls, furniture and landmarks are cut, floors and carpets are not.
 _HEIGHT_M = 0.3
 _MAX_SEGMENTS = 4000
@@ -157,84 +64,92 @@ _MAX_SEGMENTS = 4000
 _BLOCK = 65536
 # A millimetre: shorter ones are invisible on any map.
 _MIN_LENGTH_M = 1e-3
-
-
-def floor_plan(scene: SceneMesh, height_m: float = _HEIGHT_M) -> dict[str, object]:
-    """Section as a JSON object: segments [x1, y1, x2, y2] and bounds, metres in the world frame.
-
-    Args:
-        scene: Triangles of the world.
-        height_m: Height of the plane above the origin of the world.
-    """
-    segments = section_segments(scene.corners, -height_m)  # z points down
-    points = segments.reshape(-1, 2)
-    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else _scene_bounds(scene)
-    return {
-        "segments": np.round(segments, 4).tolist(),
-        "bounds": [*map(float, low), *map(float, high)],
-        "height_m": height_m,
-    }
-
-
-def section_segments(corners: Floats, z_m: float, *, max_segments: int = _MAX_SEGMENTS) -> Floats:
-    """Segments (m, 4) in which a level plane cuts triangles, the longest ones, sorted by length.
-
-    Args:
-        corners: (n, 3, 3) triangles.
-        z_m: Plane.
-        max_segments: Largest number of segments.
-    """
-    longest = np.zeros((0, 4))
-    for first in range(0, len(corners), _BLOCK):
-        cut = _cut_triangles(corners[first : first + _BLOCK], z_m)
-        # Both sides of a thin wall, and each shared edge, are one line on a map.
-        longest = _longest(np.concatenate((longest, cut)), max_segments)
-    return longest
-
-
-def _cut_triangles(corners: Floats, z_m: float) -> Floats:
-    """Segments (m, 4) of triangles (n, 3, 3); those that lie in the plane have none."""
-    # A corner in the plane counts as above: each triangle then has 0 or 2 crossed edges.
-    is_above = corners[..., 2] <= z_m
-    num_above = is_above.sum(axis=1)
-    corners, is_above = corners[crossed := (num_above % 3 != 0)], is_above[crossed]
-    if not len(corners):
-        return np.zeros((0, 4))
-    # The corner that is alone on its side comes first: the edges to both others are crossed.
-    is_alone = is_above == (is_above.sum(axis=1) == 1)[:, None]
-    order = (np.argmax(is_alone, axis=1)[:, None] + np.arange(3)) % 3
-    apex, *others = np.moveaxis(np.take_along_axis(corners, order[..., None], axis=1), 1, 0)
-    ends = []
-    for other in others:
-        part = (z_m - apex[:, 2]) / (other[:, 2] - apex[:, 2])
-        ends.append(apex[:, :2] + part[:, None] * (other[:, :2] - apex[:, :2]))
-    return np.concatenate(ends, axis=1)
-
-
-def _longest(segments: Floats, max_segments: int) -> Floats:
-    """Longest segments, longest first, each once."""
-    length_m = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
-    segments, length_m = segments[visible := length_m >= _MIN_LENGTH_M], length_m[visible]
-    order = np.argsort(-length_m, kind="stable")
-    segments = segments[order]
-    # To a tenth of a millimetre, and in either direction, a segment is drawn once.
-    keys = np.round(segments * 1e4)
-    is_reversed = (keys[:, 0] > keys[:, 2]) | (
-        (keys[:, 0] == keys[:, 2]) & (keys[:, 1] > keys[:, 3])
-    )
-    keys[is_reversed] = keys[is_reversed][:, [2, 3, 0, 1]]
-    _, first = np.unique(keys, axis=0, return_index=True)
-    return segments[np.sort(first)[:max_segments]]
-
-
-def _scene_bounds(scene: SceneMesh) -> tuple[Floats, Floats]:
-    """Bounds of a world without walls; a square of one metre without any triangle."""
-    if not len(scene):
-        return np.array([-0.5, -0.5]), np.array([0.5, 0.5])
-    return scene.box_min[:2], scene.box_max[:2]
-
-
 _JsonObject = dict[str, object]
+# Path and, for a camera, its class and name.
+_Key = tuple[str, ...]
+
+
+class WebPages:
+    """Resources by address; those that take time are made at the first request, in a thread."""
+
+    def __init__(
+        self, files: Mapping[str, WebResource], server_info: ServerInfo, scene: SceneMesh
+    ) -> None:
+        """Begin without descriptions.
+
+        Args:
+            files: The files of the page, by path of the address.
+            server_info: The server, its robots and cameras.
+            scene: Triangles of the world.
+        """
+        self._files = files
+        self._makers: dict[_Key, Callable[[], object]] = {
+            ("/api/server.json",): lambda: describe_server(server_info),
+            ("/api/floor_plan.json",): lambda: floor_plan(scene),
+        }
+        for robot in server_info.robots:
+            for omni in robot.omni_cameras:
+                key = (_CAMERA_TABLE, robot.class_name, omni.name)
+                self._makers[key] = _table_maker(omni.camera)
+        self._resources: dict[_Key, asyncio.Task[WebResource]] = {}
+
+    def close(self) -> None:
+        """Wait for nothing more."""
+        for task in self._resources.values():
+            task.cancel()
+
+    async def find(self, path: str, query: Mapping[str, str]) -> WebResource | None:
+        """Resource at an address; None if there is none."""
+        if path in self._files:
+            return self._files[path]
+        key: _Key = (path,)
+        if path == _CAMERA_TABLE:
+            key = path, query.get("class", ""), query.get("camera", "")
+        if key not in self._makers:
+            return None
+        task = self._resources.get(key)
+        if task is None or (task.done() and (task.cancelled() or task.exception())):
+            task = asyncio.create_task(_make_resource(self._makers[key]))
+            self._resources[key] = task
+        # Shielded: other requests wait for the same one.
+        return await asyncio.shield(task)
+
+
+def _table_maker(camera: OmniCamera) -> Callable[[], object]:
+    return lambda: camera_table(camera)
+
+
+async def _make_resource(make: Callable[[], object]) -> WebResource:
+    return await asyncio.to_thread(
+        lambda: WebResource.from_body(_JSON, json.dumps(make(), allow_nan=False).encode())
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class WebResource:
+    """What a GET request reads."""
+
+    content_type: str
+    body: bytes
+    etag: str
+    """Changes with the body: browsers ask again, and get the body only if it has changed."""
+
+    @classmethod
+    def from_body(cls, content_type: str, body: bytes) -> WebResource:
+        """Resource with the tag of its body."""
+        return cls(content_type, body, f'"{hashlib.sha256(body).hexdigest()[:32]}"')
+
+
+def read_page_files(folder: Path = _STATIC_FOLDER) -> dict[str, WebResource]:
+    """Files by the path of their address: `/` for the page itself, others under `/static/`."""
+    resources: dict[str, WebResource] = {}
+    for file in sorted(folder.rglob("*")):
+        content_type = _CONTENT_TYPES.get(file.suffix)
+        if content_type is not None and file.is_file():
+            resource = WebResource.from_body(content_type, file.read_bytes())
+            resources[f"/static/{file.relative_to(folder).as_posix()}"] = resource
+    index = resources.pop(f"/static/{_INDEX}", None)
+    return resources if index is None else {"/": index, **resources}
 
 
 def describe_server(info: ServerInfo) -> _JsonObject:
@@ -317,65 +232,136 @@ def _describe_sensor(robot: RobotDescription, sensor: SensorDescription) -> _Jso
     }
 
 
-_JSON = "application/json; charset=utf-8"
-# Path and, for a camera, its class and name.
-_Key = tuple[str, ...]
+def camera_table(camera: OmniCamera) -> dict[str, object]:
+    """Table of a camera as a JSON object; pixels and radians."""
+    # A cone shows nothing nearer to its axis than its apex does.
+    lowest_t = camera.projection.t_min
+    theta_rad = np.linspace(0.0, camera.rim_rad, _NUM_ENTRIES)
+    t = np.maximum(np.tan(0.5 * theta_rad), lowest_t)
+    # The matrices are read from the model itself, hand and stretch included, at one angle.
+    middle_t = math.tan(0.25 * (2.0 * math.atan(lowest_t) + camera.rim_rad))
+    odd, even = _offsets(camera, middle_t)
+    azimuth_matrix = odd[:2].T / float(camera.radius_px_from_t(np.array(middle_t)))
+    return {
+        "kind": "radial",
+        "width_px": camera.width_px,
+        "height_px": camera.height_px,
+        "centre_px": camera.centre_px,
+        "picture": camera.picture.value,
+        "min_theta_rad": 2.0 * math.atan(lowest_t),
+        "max_theta_rad": camera.rim_rad,
+        "azimuth_matrix": azimuth_matrix.ravel().tolist(),
+        "radius_px": camera.radius_px_from_t(t).tolist(),
+        **_decentring(camera, t, middle_t, even),
+        **_surface(camera, t),
+    }
 
 
-class WebPages:
-    """Documents by address; those that take time are made at the first request, in a thread."""
-
-    def __init__(
-        self, files: Mapping[str, Document], server_info: ServerInfo, scene: SceneMesh
-    ) -> None:
-        """Begin without descriptions.
-
-        Args:
-            files: The files of the page, by path of the address.
-            server_info: The server, its robots and cameras.
-            scene: Triangles of the world.
-        """
-        self._files = files
-        self._makers: dict[_Key, Callable[[], object]] = {
-            ("/api/server.json",): lambda: describe_server(server_info),
-            ("/api/floor_plan.json",): lambda: floor_plan(scene),
-        }
-        for robot in server_info.robots:
-            for omni in robot.omni_cameras:
-                key = (_CAMERA_TABLE, robot.class_name, omni.name)
-                self._makers[key] = _table_maker(omni.camera)
-        self._documents: dict[_Key, asyncio.Task[Document]] = {}
-
-    def close(self) -> None:
-        """Wait for nothing more."""
-        for task in self._documents.values():
-            task.cancel()
-
-    async def find(self, path: str, query: Mapping[str, str]) -> Document | None:
-        """Document at an address; None if there is none."""
-        if path in self._files:
-            return self._files[path]
-        key: _Key = (path,)
-        if path == _CAMERA_TABLE:
-            key = path, query.get("class", ""), query.get("camera", "")
-        if key not in self._makers:
-            return None
-        task = self._documents.get(key)
-        if task is None or (task.done() and (task.cancelled() or task.exception())):
-            task = asyncio.create_task(_make_document(self._makers[key]))
-            self._documents[key] = task
-        # Shielded: other requests wait for the same document.
-        return await asyncio.shield(task)
+def _offsets(camera: OmniCamera, t: float) -> tuple[Floats, Floats]:
+    """Offsets (3, 2) from the centre along x, y and their diagonal: odd and even in the azimuth."""
+    sine, cosine = 2.0 * t / (1.0 + t * t), (1.0 - t * t) / (1.0 + t * t)
+    level = sine * np.array([(1.0, 0.0), (0.0, 1.0), (_DIAGONAL, _DIAGONAL)])
+    directions = [np.column_stack((sign * level, np.full(3, cosine))) for sign in (1.0, -1.0)]
+    pixels, _ = pixel_from_direction(camera, np.array(directions))
+    ahead, behind = pixels - camera.centre_px
+    return 0.5 * (ahead - behind), 0.5 * (ahead + behind)
 
 
-_CAMERA_TABLE = "/api/camera_table.json"
+def _decentring(camera: OmniCamera, t: Floats, middle_t: float, even: Floats) -> dict[str, object]:
+    """The term of a decentred lens; nothing for others."""
+    if not camera.plane.is_decentred:
+        return {}
+    projection = cast(DistortedProjection, camera.projection)
+
+    def squared_px(t: Floats) -> Floats:
+        return camera.scale_px * np.square(projection.undistorted_ratio_from_t(t))
+
+    along_x, along_y, diagonal = even / float(squared_px(np.array(middle_t)))
+    matrix = np.column_stack((along_x, 2.0 * diagonal - along_x - along_y, along_y))
+    return {
+        "decentring_matrix": matrix.ravel().tolist(),
+        "decentring_px": squared_px(t).tolist(),
+    }
 
 
-def _table_maker(camera: OmniCamera) -> Callable[[], object]:
-    return lambda: camera_table(camera)
+def _surface(camera: OmniCamera, t: Floats) -> dict[str, object]:
+    """Where the rays of a mirror without a single viewpoint begin; nothing for other cameras."""
+    if camera.is_central:
+        return {}
+    r, z = camera.mirror.surface_point(np.minimum(t, camera.rim_t))
+    return {"surface_r_m": r.tolist(), "surface_z_m": z.tolist()}
 
 
-async def _make_document(make: Callable[[], object]) -> Document:
-    return await asyncio.to_thread(
-        lambda: create_document(_JSON, json.dumps(make(), allow_nan=False).encode())
+def floor_plan(scene: SceneMesh, height_m: float = _HEIGHT_M) -> dict[str, object]:
+    """Section as a JSON object: segments [x1, y1, x2, y2] and bounds, metres in the world frame.
+
+    Args:
+        scene: Triangles of the world.
+        height_m: Height of the plane above the origin of the world.
+    """
+    segments = section_segments(scene.corners, -height_m)  # z points down
+    points = segments.reshape(-1, 2)
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else _scene_bounds(scene)
+    return {
+        "segments": np.round(segments, 4).tolist(),
+        "bounds": [*map(float, low), *map(float, high)],
+        "height_m": height_m,
+    }
+
+
+def section_segments(corners: Floats, z_m: float, *, max_segments: int = _MAX_SEGMENTS) -> Floats:
+    """Segments (m, 4) in which a level plane cuts triangles, the longest ones, sorted by length.
+
+    Args:
+        corners: (n, 3, 3) triangles.
+        z_m: Plane.
+        max_segments: Largest number of segments.
+    """
+    longest = np.zeros((0, 4))
+    for first in range(0, len(corners), _BLOCK):
+        cut = _cut_triangles(corners[first : first + _BLOCK], z_m)
+        # Both sides of a thin wall, and each shared edge, are one line on a map.
+        longest = _longest(np.concatenate((longest, cut)), max_segments)
+    return longest
+
+
+def _cut_triangles(corners: Floats, z_m: float) -> Floats:
+    """Segments (m, 4) of triangles (n, 3, 3); those that lie in the plane have none."""
+    # A corner in the plane counts as above: each triangle then has 0 or 2 crossed edges.
+    is_above = corners[..., 2] <= z_m
+    num_above = is_above.sum(axis=1)
+    corners, is_above = corners[crossed := (num_above % 3 != 0)], is_above[crossed]
+    if not len(corners):
+        return np.zeros((0, 4))
+    # The corner that is alone on its side comes first: the edges to both others are crossed.
+    is_alone = is_above == (is_above.sum(axis=1) == 1)[:, None]
+    order = (np.argmax(is_alone, axis=1)[:, None] + np.arange(3)) % 3
+    apex, *others = np.moveaxis(np.take_along_axis(corners, order[..., None], axis=1), 1, 0)
+    ends = []
+    for other in others:
+        part = (z_m - apex[:, 2]) / (other[:, 2] - apex[:, 2])
+        ends.append(apex[:, :2] + part[:, None] * (other[:, :2] - apex[:, :2]))
+    return np.concatenate(ends, axis=1)
+
+
+def _longest(segments: Floats, max_segments: int) -> Floats:
+    """Longest segments, longest first, each once."""
+    length_m = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    segments, length_m = segments[visible := length_m >= _MIN_LENGTH_M], length_m[visible]
+    order = np.argsort(-length_m, kind="stable")
+    segments = segments[order]
+    # To a tenth of a millimetre, and in either direction, a segment is drawn once.
+    keys = np.round(segments * 1e4)
+    is_reversed = (keys[:, 0] > keys[:, 2]) | (
+        (keys[:, 0] == keys[:, 2]) & (keys[:, 1] > keys[:, 3])
     )
+    keys[is_reversed] = keys[is_reversed][:, [2, 3, 0, 1]]
+    _, first = np.unique(keys, axis=0, return_index=True)
+    return segments[np.sort(first)[:max_segments]]
+
+
+def _scene_bounds(scene: SceneMesh) -> tuple[Floats, Floats]:
+    """Bounds of a world without walls; a square of one metre without any triangle."""
+    if not len(scene):
+        return np.array([-0.5, -0.5]), np.array([0.5, 0.5])
+    return scene.box_min[:2], scene.box_max[:2]

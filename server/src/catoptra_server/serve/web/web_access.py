@@ -1,8 +1,9 @@
 """Who may use the live page: checks of Host, Origin and token before anything else of a request.
 
-A page of another site that a user has open may send requests to the loopback, too, and may even
-read replies once its own name resolves to 127.0.0.1 (DNS rebinding). Host and Origin name the site
-that the browser shows, and no script can change them.
+The loopback is open to every page that a browser shows. A page of another site may send requests
+there, too, and may even read replies once its own name resolves to 127.0.0.1 (DNS rebinding). Host
+and Origin name the site that the browser shows, and no script can change them. Where other machines
+reach the port, a request needs the token of the printed link.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import re
 import secrets
 from ipaddress import ip_address
 
+from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.serve.limits import Listener
 
@@ -20,6 +22,10 @@ MAX_VIEW_CONNECTIONS = 128
 # Name or IPv4 address, or IPv6 address in brackets; and a port, which `ssh -L` may change.
 _HOST = re.compile(r"([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?", re.ASCII)
 _LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
+
+
+class AccessDeniedError(CatoptraError):
+    """A request to the live page is refused before its path is looked at; says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,33 +51,44 @@ class WebAccess:
         """Name of the cookie with the token: browsers send all cookies of a host to each port."""
         return f"catoptra_{self.port}"
 
-    def find_refusal(self, host: str, origin: str | None, *, needs_origin: bool) -> str:
-        """Reason against a request by its headers alone; empty if there is none.
+    def check_headers(self, host: str, origin: str | None, *, needs_origin: bool) -> None:
+        """Check that a request is for this server, and not of a page of another site.
 
         Args:
             host: Host header.
             origin: Origin header; None if absent.
             needs_origin: Whether the request must state its origin, as browsers do for WebSockets.
+
+        Raises:
+            AccessDeniedError: It is another's; says why.
         """
         host = host.lower()
         found = _HOST.fullmatch(host)
         if found is None:
-            return "the Host header names no host"
+            raise AccessDeniedError("the Host header names no host")
         if self.token is None and found[1] not in self.host_names:
             known = ", ".join(sorted(self.host_names))
-            return f"the Host header names another host: open the page at one of {known}"
-        if origin is None:
-            return "a WebSocket needs an Origin header" if needs_origin else ""
-        if origin.lower() not in (f"http://{host}", f"https://{host}"):
-            return "the request comes from a page of another site"
-        return ""
+            raise AccessDeniedError(
+                f"the Host header names another host: open the page at one of {known}"
+            )
+        if origin is None and needs_origin:
+            raise AccessDeniedError("a WebSocket needs an Origin header")
+        if origin is not None and origin.lower() not in (f"http://{host}", f"https://{host}"):
+            raise AccessDeniedError("the request comes from a page of another site")
 
-    def accepts_token(self, token: str | None) -> bool:
-        """Whether a token, of the link or of the cookie, is the right one, or none is needed."""
-        if self.token is None:
-            return True
+    def check_token(self, token: str | None) -> None:
+        """Check the token of the link or of the cookie, where one is needed.
+
+        Raises:
+            AccessDeniedError: It is missing or wrong.
+        """
         # In constant time: the time of a reply must not tell how much of a guess is right.
-        return hmac.compare_digest((token or "").encode(), self.token.encode())
+        if self.token is not None and not hmac.compare_digest(
+            (token or "").encode(), self.token.encode()
+        ):
+            raise AccessDeniedError(
+                "open the link that the server printed: its token is missing or wrong"
+            )
 
 
 def create_web_access(host: str, listener: Listener) -> WebAccess:

@@ -1,5 +1,11 @@
 """Server of the live page: one port for its files and its WebSockets.
 
+The page is a client of the stream: the same peer, requests and limits with another codec and
+socket, so that nothing works in a browser alone. aiohttp, since WebSockets, files and JSON then
+share the event loop; its low-level server with tables of addresses instead of its router, since no
+path of a request is ever opened. Loaded after the first frame, as the stream is: 0.2 s of processor
+time and 13 MB, none with `--no-view`.
+
 No request has a body, names a path of this machine, or lives long. A connection that is no
 WebSocket makes room for newcomers.
 """
@@ -25,15 +31,13 @@ from catoptra_server.serve.web.page_socket import (
     SECURITY_HEADERS,
     PageSocket,
     WebConnection,
-    document_response,
+    resource_response,
     text_response,
 )
 from catoptra_server.serve.web.pages import WebPages
-from catoptra_server.serve.web.web_access import WebAccess
+from catoptra_server.serve.web.web_access import AccessDeniedError, WebAccess
 
 log = logging.getLogger(__name__)
-
-
 MAX_WEBSOCKETS = 64
 _SOCKET_PATH = "/socket"
 # Of a connection that is no WebSocket: loading the page takes less than a second.
@@ -169,9 +173,11 @@ class WebServer:
     async def _respond(
         self, request: web.BaseRequest, connection: WebConnection
     ) -> web.StreamResponse:
-        if refusal := self._find_refusal(request):
-            log.warning("a page request of %s was refused: %s", connection.address, refusal)
-            return text_response(403, refusal)
+        try:
+            self._check_access(request)
+        except AccessDeniedError as error:
+            log.warning("a page request of %s was refused: %s", connection.address, error)
+            return text_response(403, str(error))
         token = request.query.get("token")
         if self._access.token is not None and token is not None and request.path == "/":
             return self._welcome(token)
@@ -185,32 +191,29 @@ class WebServer:
         if request.path == _SOCKET_PATH:
             return await self._serve_socket(request, connection)
         try:
-            document = await self._pages.find(request.path, request.query)
+            resource = await self._pages.find(request.path, request.query)
         except Exception:
             log_fault(log, "a page request of %s failed", request.path[:80])
             return text_response(500, INTERNAL_FAULT)
-        if document is None:
+        if resource is None:
             return text_response(404, "there is nothing at this address")
-        return document_response(document, known_tags=request.headers.get("If-None-Match", ""))
+        return resource_response(resource, known_tags=request.headers.get("If-None-Match", ""))
 
-    def _find_refusal(self, request: web.BaseRequest) -> str:
-        """Reason against a request, before its path is looked at; empty if there is none."""
+    def _check_access(self, request: web.BaseRequest) -> None:
+        """Raise AccessDeniedError for a request that is not of this server's page."""
         access, headers = self._access, request.headers
         hosts, origins = headers.getall("Host", []), headers.getall("Origin", [])
         if len(hosts) != 1 or len(origins) > 1 or not request.raw_path.startswith("/"):
-            return "a request has one Host header, one Origin at most, and a path"
-        needs_origin = request.path == _SOCKET_PATH
-        refusal = access.find_refusal(
-            hosts[0], origins[0] if origins else None, needs_origin=needs_origin
+            raise AccessDeniedError("a request has one Host header, one Origin at most, and a path")
+        access.check_headers(
+            hosts[0],
+            origins[0] if origins else None,
+            needs_origin=request.path == _SOCKET_PATH,
         )
-        if refusal:
-            return refusal
         token = request.cookies.get(access.cookie_name)
         if request.path == "/":
             token = request.query.get("token", token)
-        if not access.accepts_token(token):
-            return "open the link that the server printed: its token is missing or wrong"
-        return ""
+        access.check_token(token)
 
     def _welcome(self, token: str) -> web.StreamResponse:
         """Exchange the token of the link for a cookie: no address that is shown has it then."""

@@ -1,4 +1,4 @@
-"""The live page as a server process opens it."""
+"""Stream and live page as a server process opens them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,20 @@ from pathlib import Path
 
 import aiohttp
 
+import catoptra_server
 from catoptra_protocol.stream.replies import SensorReports, StateReply
 from catoptra_protocol.stream.requests import DriveRequest, GetStateRequest, SpawnRequest
 from helpers.live_page import PageClient, read_page_link
 from helpers.loopback import run_scenario
 from helpers.server_process import start_server
+
+
+def test_stream_of_a_server_states_release_world_and_robots(tmp_path: Path) -> None:
+    with start_server(tmp_path) as server, server.connect_stream() as client:
+        status = client.get_status()
+    assert status.server == f"Catoptra {catoptra_server.__version__}"
+    assert status.class_names == ("USARBot.OmniP2AT",)
+    assert status.clock == "realtime"
 
 
 def test_page_of_a_server_has_its_files_and_describes_it(tmp_path: Path) -> None:
