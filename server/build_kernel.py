@@ -1,10 +1,14 @@
 """Build of the trace renderer's native kernel: C11 sources to a shared library for each processor.
 
-The compiler is the package `ziglang`; the system needs none. `setup.py` runs this in every build of
-the server, `make setup` alone when a source changed. Where no kernel can be built, the reason is
-written beside the place of the library and the server traces with its reference;
-CATOPTRA_REQUIRE_KERNEL=1 makes that an error. It imports the standard library only, since it runs
-before anything is installed.
+The compiler is the package `ziglang`, so that pip needs none of the system's: numba takes 208 MB,
+0.3 s to import and over a second to compile at each start; Cython needs Python's headers and a
+wheel for each version; nanobind needs a C++ compiler and CMake. A library has 90 kB and is loaded
+by ctypes, by every Python.
+
+`setup.py` runs this in every build of the server, `make setup` alone when a source changed. Where
+no kernel can be built, the reason is written beside the place of the library and the server traces
+with its reference; CATOPTRA_REQUIRE_KERNEL=1 makes that an error. The standard library is all that
+is imported, since this runs before anything is installed.
 """
 
 from __future__ import annotations
@@ -27,30 +31,30 @@ KERNEL_PACKAGE = Path("catoptra_server/render/trace/kernel")
 PACKAGE_ROOT = Path(__file__).resolve().parent / "src"
 SOURCE_FOLDER = PACKAGE_ROOT / KERNEL_PACKAGE / "src"
 # The same sources for every x86-64 processor since 2009 and for those with AVX2, on which a frame
-# takes 0.92 to 0.95 times as long; library_files.py chooses. Neither fuses multiplications, so both
-# give the same bytes.
+# takes 0.92 to 0.95 times as long; `kernel/library.py` chooses. Neither fuses multiplications, so
+# both give the same bytes.
 PROCESSOR_OF_LIBRARY = {
     "libcatoptra_trace.so": "x86_64_v2",
     "libcatoptra_trace_avx2.so": "x86_64_v3",
 }
-# Read by library_files.py: pip shows no output of a build that succeeds.
+# Read by `kernel/library.py`: pip shows no output of a build that succeeds.
 REASON_NAME = "not_built.txt"
 
 # Without a target the compiler takes the build machine's C library and processor. 2.17 is the C
 # library of manylinux2014, which is the tag of the wheel.
-TARGET = ("-target", "x86_64-linux-gnu.2.17")
+_TARGET = ("-target", "x86_64-linux-gnu.2.17")
 # Functions are inlined across files: a frame takes 0.85 times as long.
 # No fused multiply-add: results must not depend on the processor. No errno: square roots in one
 # instruction. -g0: no path of the build machine, so that the same sources give the same bytes.
-COMPILE_FLAGS = (
+_COMPILE_FLAGS = (
     *("-std=c11", "-O3", "-g0", "-fPIC", "-pthread", "-fvisibility=hidden", "-flto"),
     *("-ffp-contract=off", "-fno-math-errno", "-fno-sanitize=undefined"),
     *("-Wall", "-Wextra", "-Werror"),
 )
 # An undefined symbol fails the build instead of the server. -nostdlib leaves out zig's runtime
 # library, which takes 5 s to compile and holds nothing that the kernel calls.
-LINK_FLAGS = ("-O3", "-flto", "-shared", "-s", "-nostdlib", "-Wl,-z,defs")
-LIBRARIES = ("-lc", "-lm", "-lpthread", "-ldl")
+_LINK_FLAGS = ("-O3", "-flto", "-shared", "-s", "-nostdlib", "-Wl,-z,defs")
+_LIBRARIES = ("-lc", "-lm", "-lpthread", "-ldl")
 
 
 class KernelBuildError(Exception):
@@ -67,7 +71,7 @@ def build_or_explain(folder: Path, *, sources: Path = SOURCE_FOLDER) -> bool:
     for name in (*PROCESSOR_OF_LIBRARY, REASON_NAME):
         (folder / name).unlink(missing_ok=True)
     try:
-        build_libraries(folder, sources=sources)
+        _build_libraries(folder, sources=sources)
     except KernelBuildError as error:
         _explain(str(error), folder)
         return False
@@ -92,14 +96,13 @@ def is_current(folder: Path, *, sources: Path = SOURCE_FOLDER) -> bool:
     return all(path.is_file() and path.stat().st_mtime_ns > newest_ns for path in libraries)
 
 
-def build_libraries(folder: Path, *, sources: Path) -> None:
+def _build_libraries(folder: Path, *, sources: Path) -> None:
     """Compile all C files of a folder and link them, for each processor.
 
     Raises:
         KernelBuildError: the machine, the compiler or a source does not allow it.
     """
-    if reason := unsupported_platform() or missing_compiler():
-        raise KernelBuildError(reason)
+    require_compiler()
     files = sorted(sources.glob("*.c"))
     if not files:
         raise KernelBuildError(f"{sources} holds no C source")
@@ -115,6 +118,18 @@ def build_libraries(folder: Path, *, sources: Path) -> None:
             _move(library, folder / library.name)
 
 
+def require_compiler() -> None:
+    """Raise KernelBuildError where no kernel can run, or nothing can be compiled."""
+    machine = platform.machine()
+    if sys.platform != "linux" or machine != "x86_64" or sys.maxsize <= 2**32:
+        where = f"{sys.platform} on {machine}"
+        raise KernelBuildError(f"the kernel exists for Linux on x86_64, this is {where}")
+    if platform.libc_ver()[0] != "glibc":
+        raise KernelBuildError("the kernel needs glibc as the system's C library")
+    if importlib.util.find_spec("ziglang") is None:
+        raise KernelBuildError("the package ziglang, which compiles the kernel, is not installed")
+
+
 def _compile_all(files: Sequence[Path], processor: str, folder: Path) -> list[Path]:
     """Object files of C files, compiled side by side."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -124,7 +139,7 @@ def _compile_all(files: Sequence[Path], processor: str, folder: Path) -> list[Pa
 def compile_source(source: Path, *, processor: str, folder: Path) -> Path:
     """Object file of one C file for a processor, as zig names it, in a folder."""
     compiled = folder / f"{source.stem}.{processor}.o"
-    flags = (*TARGET, f"-mcpu={processor}", *COMPILE_FLAGS)
+    flags = (*_TARGET, f"-mcpu={processor}", *_COMPILE_FLAGS)
     _run_zig(*flags, "-c", str(source), "-o", str(compiled), cache=folder)
     return compiled
 
@@ -133,7 +148,7 @@ def _link(library: str, objects: Sequence[Path], folder: Path) -> Path:
     """Library of object files, in a folder."""
     linked = folder / library
     processor = f"-mcpu={PROCESSOR_OF_LIBRARY[library]}"
-    words = (*TARGET, processor, *LINK_FLAGS, *map(str, objects), *LIBRARIES)
+    words = (*_TARGET, processor, *_LINK_FLAGS, *map(str, objects), *_LIBRARIES)
     _run_zig(*words, "-o", str(linked), cache=folder)
     return linked
 
@@ -167,23 +182,6 @@ def _move(source: Path, target: Path) -> None:
     shutil.copy2(source, part)
     part.chmod(0o755)
     part.replace(target)
-
-
-def unsupported_platform() -> str:
-    """Reason for which this machine cannot use the kernel; empty where it can."""
-    machine = platform.machine()
-    if sys.platform != "linux" or machine != "x86_64" or sys.maxsize <= 2**32:
-        return f"the kernel exists for Linux on x86_64, this is {sys.platform} on {machine}"
-    if platform.libc_ver()[0] != "glibc":
-        return "the kernel needs glibc as the system's C library"
-    return ""
-
-
-def missing_compiler() -> str:
-    """Reason for which nothing can be compiled; empty where the compiler is installed."""
-    if importlib.util.find_spec("ziglang") is None:
-        return "the package ziglang, which compiles the kernel, is not installed"
-    return ""
 
 
 def main() -> None:

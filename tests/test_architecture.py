@@ -32,7 +32,7 @@ from catoptra_protocol.usarsim.reports import REPORT_PARSERS, report_from_messag
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import EffectType
 from catoptra_server.effects.medium.vignetting import Vignetting
-from catoptra_server.frames.plan.renderers import RENDERER_FACTORIES
+from catoptra_server.frames.renderers import RENDERER_FACTORIES
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.image import STAGE_MAKERS
 from catoptra_server.simulation import Fleet

@@ -33,7 +33,11 @@ def load_build_script() -> ModuleType:
 
 build_kernel = load_build_script()
 
-WHY_NOT = build_kernel.unsupported_platform() or build_kernel.missing_compiler()
+try:
+    build_kernel.require_compiler()
+    WHY_NOT = ""
+except build_kernel.KernelBuildError as error:
+    WHY_NOT = str(error)
 LIBRARY_NAMES = list(build_kernel.PROCESSOR_OF_LIBRARY)
 needs_compiler = pytest.mark.skipif(bool(WHY_NOT), reason=f"no kernel here: {WHY_NOT}")
 
@@ -207,8 +211,7 @@ def test_build_when_a_source_is_broken_removes_the_old_library_and_says_why(
 
 def test_build_when_there_is_no_source_says_so(package: Path, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build_kernel, "unsupported_platform", str)
-        patch.setattr(build_kernel, "missing_compiler", str)
+        patch.setattr(build_kernel, "require_compiler", lambda: None)
         assert not build_kernel.build_or_explain(package, sources=tmp_path)
     assert reason_in(package) == f"{tmp_path} holds no C source"
 
@@ -216,7 +219,9 @@ def test_build_when_there_is_no_source_says_so(package: Path, tmp_path: Path) ->
 @pytest.fixture
 def without_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     """No package ziglang, on a machine that could use the kernel."""
-    monkeypatch.setattr(build_kernel, "unsupported_platform", str)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(build_kernel.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(build_kernel.platform, "libc_ver", lambda: ("glibc", "2.36"))
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
 
 

@@ -14,7 +14,7 @@ import pytest
 from catoptra_server.commands.list import describe_version, main, read_first_sentence
 from catoptra_server.config.known_names import FileKind, find_configuration
 from catoptra_server.config.robot_file import read_robots
-from catoptra_server.render.trace.kernel.library import INSTRUCTION_SETS
+from catoptra_server.render.renderer_kind import INSTRUCTION_SETS
 from helpers.trace_kernels import open_kernel
 from helpers.worlds import make_test_world
 

@@ -24,7 +24,7 @@ from catoptra_server.commands.server import ListeningAddress, Options, ServerThr
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.config.startup import read_startup_config
 from catoptra_server.frames.frame import CameraChannel
-from catoptra_server.frames.plan.renderers import RendererChoice
+from catoptra_server.frames.renderers import RendererChoice
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.worker_thread import ThreadFailedError
 from catoptra_server.simulation import ClockMode, CommandReceived, Simulation

@@ -10,7 +10,6 @@ import pytest
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.render.image_changer import (
-    MAX_LEVEL,
     ExposedImage,
     NumpyImageChanger,
     encode_srgb,
@@ -64,7 +63,7 @@ def test_encode_srgb_of_an_image_keeps_its_shape() -> None:
 
 def test_table_rises_from_black_to_white_and_is_shared() -> None:
     table = srgb_table()
-    assert len(table) == MAX_LEVEL + 1
+    assert len(table) == 2**16
     assert (table[0], table[-1]) == (0, 255)
     assert (np.diff(table.astype(np.int64)) >= 0).all()
     assert set(table) == set(range(256))

@@ -22,8 +22,8 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.config.camera_file import CameraFile, read_camera_files
 from catoptra_server.config.known_names import BUNDLED_FOLDER, bundled_files
 from catoptra_server.config.robot_file import read_robots
+from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.library import (
-    AUTO,
     KernelDevice,
     KernelUnavailableError,
     choose_instruction_set,

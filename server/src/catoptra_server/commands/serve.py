@@ -29,7 +29,7 @@ from catoptra_server.config.server_file import (
     ServerOptions,
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SETS, RENDERER_NAMES
+from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SET_NAMES, RENDERER_NAMES
 from catoptra_server.runtime.faults import Termination
 from catoptra_server.runtime.logs import LogWriter, write_log
 from catoptra_server.runtime.memory import (
@@ -243,7 +243,7 @@ def _build_parser() -> argparse.ArgumentParser:
         default=0,
         help="threads of the trace renderer; 0 = one per processor",
     )
-    add("--instruction-set", choices=INSTRUCTION_SETS, default=AUTO,
+    add("--instruction-set", choices=INSTRUCTION_SET_NAMES, default=AUTO,
         help="instructions of the trace renderer's kernel; the same ones give the same bytes on "
         "every processor that has them (default: auto, the best of this processor)")  # fmt: skip
     add("--max-error-px", type=parse_non_negative, metavar="PX",

@@ -86,7 +86,7 @@ def create_ray_caster(startup: StartupConfig) -> RayCaster:
     """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle.
 
     Raises:
-        EmbreexMissingError: a robot has such a sensor, and rays cannot be cast here.
+        RendererUnavailableError: a robot has such a sensor, and rays cannot be cast here.
     """
     caster = _LazyRayCaster(startup.scene)
     # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if

@@ -33,8 +33,7 @@ from catoptra_server.datasets.recipe import (
     read_range_struct,
     read_words,
 )
-from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.render.trace.kernel.library import INSTRUCTION_SETS
+from catoptra_server.render.renderer_kind import INSTRUCTION_SETS, RendererKind
 
 _FORMATS = ("coco", "tum", "parquet")
 """Files that a recipe may have beside its shards."""

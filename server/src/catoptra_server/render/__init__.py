@@ -1,1 +1,5 @@
-"""Two renderers behind one interface: `trace` (Embree), `raster` (OpenGL); they execute plans."""
+"""Two renderers behind one interface: `trace` (rays by Embree) and `raster` (OpenGL).
+
+Both draw one scene by one shading model (`world/shading.py`) and execute plans that `frames/plan`
+makes: nothing that runs on a GPU or in a ray kernel decides.
+"""

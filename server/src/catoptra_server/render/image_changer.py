@@ -1,10 +1,13 @@
-"""Image effects on an exposed image: the protocol, and the effects' own formulas in NumPy.
+"""Image effects on an exposed image: the protocol of their appliers, and the one in NumPy.
 
-Both renderers expose images; the native changer is `trace/kernel/kernel_image_changer`.
+An image effect is its float64 formula in `effects/`, which is its definition, and one native stage
+(`trace/kernel/image.py`). Both renderers hand over an image in linear light: raster reads its own
+back, since shaders with the same formulas took several times as long on llvmpipe. NumPy needs 36 ms
+for the effects of the real camera; NumPy applies whatever has no stage, and everything where the
+kernel cannot run.
 
-sRGB bytes of linear light by a table: what images cost after their effects, and in the kernel.
-
-Float64 twin: scene/colour.srgb_from_linear.
+Also sRGB bytes of linear light by a table, which NumPy and the kernel share: images behind effects
+cost a look-up instead of a power. Float64 twin: `world/world_description.py:srgb_from_linear`.
 """
 
 from __future__ import annotations
@@ -23,29 +26,7 @@ from catoptra_server.effects.effect import CaptureContext, ImageEffect
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.world.world_description import srgb_from_linear
 
-MAX_LEVEL = 2**16 - 1
-"""Level of white: a level is a 20th of a grey even in the curve's steepest part (12.92 * 255)."""
-
-
-def encode_srgb(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    """uint8 sRGB of linear light, clipped to [0, 1]; black where it is not a number."""
-    # Black where it is not a number: fmax prefers numbers.
-    clipped = np.minimum(np.fmax(light, np.float32(0.0)), np.float32(1.0))
-    levels = (clipped * np.float32(MAX_LEVEL) + np.float32(0.5)).astype(np.int32)
-    return srgb_table().take(levels)
-
-
-@cache
-def srgb_table() -> npt.NDArray[np.uint8]:
-    """(MAX_LEVEL + 1,) sRGB greys of evenly spaced light from 0 to 1."""
-    linear = np.arange(MAX_LEVEL + 1) / MAX_LEVEL
-    encoded = np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
-    # Shared by all views and by the kernel.
-    encoded.setflags(write=False)
-    return encoded
-
-
-ImageT = TypeVar("ImageT")
+_ImageT = TypeVar("_ImageT")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,10 +40,10 @@ class ExposedImage:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChangedImage(Generic[ImageT]):
+class ChangedImage(Generic[_ImageT]):
     """An image behind its effects."""
 
-    image: ImageT
+    image: _ImageT
     """(h, w, 3), linear, or sRGB and read-only."""
     stage_ms: dict[str, float]
     """Milliseconds of each effect, and of the encoding."""
@@ -71,7 +52,7 @@ class ChangedImage(Generic[ImageT]):
 
 
 class ImageChanger(Protocol):
-    """Applies image effects in their order; thresholds are those of `renderer.View`."""
+    """Applies image effects in order; thresholds as of `renderer.View`."""
 
     @property
     def description(self) -> str:
@@ -143,3 +124,25 @@ def measure_change(before: LinearImage, after: LinearImage) -> float:
     """Largest change of any pixel between two linear images, encoded grey levels, not rounded."""
     levels = (srgb_from_linear(one.astype(np.float64)) for one in (before, after))
     return 255.0 * float(np.abs(np.subtract(*levels)).max())
+
+
+_MAX_LEVEL = 2**16 - 1
+"""Level of white: a level is a 20th of a grey even in the curve's steepest part (12.92 * 255)."""
+
+
+def encode_srgb(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """uint8 sRGB of linear light, clipped to [0, 1]; black for NaN."""
+    # Black for NaN: fmax prefers numbers.
+    clipped = np.minimum(np.fmax(light, np.float32(0.0)), np.float32(1.0))
+    levels = (clipped * np.float32(_MAX_LEVEL) + np.float32(0.5)).astype(np.int32)
+    return srgb_table().take(levels)
+
+
+@cache
+def srgb_table() -> npt.NDArray[np.uint8]:
+    """(_MAX_LEVEL + 1,) sRGB greys of evenly spaced light from 0 to 1."""
+    linear = np.arange(_MAX_LEVEL + 1) / _MAX_LEVEL
+    encoded = np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
+    # Shared by all views and by the kernel.
+    encoded.setflags(write=False)
+    return encoded

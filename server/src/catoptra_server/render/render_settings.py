@@ -1,4 +1,7 @@
-"""Render settings of a robot's camera, as the robot file requests them."""
+"""Render settings of a robot's camera, as the robot file requests them.
+
+Data only: `frames/plan` makes a plan, either of these numbers or for the accuracy target.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,7 @@ def require_mesh_viewpoint(camera: OmniCamera) -> None:
 class AccuracyTarget:
     """Tolerance and time budget that a plan has to meet, in place of explicit settings.
 
-    With both, the plan is the fastest within the tolerance; where none of them fits the budget, the
+    With both, the plan is the fastest within the tolerance; where no plan fits the budget, the
     most accurate within the budget.
     """
 

@@ -1,24 +1,17 @@
-"""The renderer protocol: a view is prepared once for a camera and a plan, then rendered per frame.
+"""The renderer protocol, and the data that every renderer works with.
 
-To add a renderer, implement Renderer and View in a folder of its own and add a line to
-`frames/plan/renderers.py`.
+A renderer holds a scene; a view is prepared once for a camera and a plan, then rendered per frame.
+Here are the plan, the image, and what both renderers share about time: the milliseconds of stages,
+and the sharp camera states of a long exposure. Plans are made in `frames/plan`.
 
-Wall times of the stages of a frame.
+To add a renderer, implement `Renderer` and `View` in a folder of its own and add a line to
+`frames/renderers.py`.
 
-Time samples of a long exposure: sharp camera states whose mean is the exposure.
-
-Raster and the float64 reference render each of them (`sample_shutter`); the native kernel takes the
-poses of the whole exposure (`trajectory`) and chooses the instants of each part of the image.
-
-Regions of the cube's faces that the mirror sees, with their texel density.
-
-Data only: `frames/plan/faces.py` computes the regions of a camera, raster packs them into an
-atlas. Coordinates on a face are (s, t) of `optics/cube_map`, -1 to 1 for its 90 degrees.
-
-Plan of an omnidirectional frame: renderer, mirror surface, samples and faces, with a reason.
-
-Data only, and all that a renderer reads to prepare a view. `planning/` makes plans: from explicit
-numbers (`explicit_plan`), or as the best candidate for an accuracy target (`plan_choice`).
+The two renderers blur motion differently. Raster and the float64 reference take the weighted mean,
+row by row, of sharp images at times a pixel of motion apart (`sample_shutter`). The kernel takes
+the poses of the whole exposure (`trajectory`) and chooses the instants of each part of the image.
+To spread one image along each pixel's displacement took 330 to 720 ms and was off by 1.3 to 2.3
+grey levels rms; time samples leave 0.1 to 0.7 (`tests/server/render/test_motion_agreement.py`).
 """
 
 from __future__ import annotations
@@ -45,6 +38,189 @@ from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState, RowWeights
 from catoptra_server.world.mirror_mesh import Tessellation
 
+Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
+LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top
+NO_THRESHOLDS: Mapping[str, float] = MappingProxyType({})
+
+
+class Renderer(Protocol):
+    """A scene on a device that prepares views."""
+
+    def describe(self) -> str:
+        """One-line description for logs: library, device, threads."""
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
+        """Prepare a view of an omnidirectional camera."""
+
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> View:
+        """Prepare a view of a perspective camera; samples: along a side of each pixel."""
+
+    def prepare_face(self, camera: FaceCamera, samples: int) -> View:
+        """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
+
+    def close(self) -> None:
+        """Free the device."""
+
+
+class View(Protocol):
+    """A camera that is ready to be rendered: all constants of the view are precomputed.
+
+    Image effects change the image in linear light, before the encoding. Resources are built
+    at their first use; without effects the image is encoded directly.
+    """
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the view's arrays, in memory and on the device; grows as effects are used."""
+
+    def render(
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...] = (),
+        thresholds: Mapping[str, float] = NO_THRESHOLDS,
+    ) -> RenderedImage:
+        """Render one exposure of the camera, changed by effects in their order.
+
+        Args:
+            camera_state: State of the exposure.
+            effects: Image effects.
+            thresholds: Change in encoded grey levels, by name of a scene or image effect, that
+                nobody sees: cells of the image that the effect changes by at most as much may be
+                drawn without it. Effects without a threshold are drawn everywhere.
+        """
+
+    def render_linear(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+    ) -> LinearImage:
+        """Render one exposure in linear light, after all effects and before the encoding."""
+
+    def close(self) -> None:
+        """Free the view's resources."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RenderedImage:
+    """A finished image."""
+
+    rgb: Image
+    """(h, w, 3) uint8 sRGB, read-only."""
+    stage_ms: dict[str, float]
+    """Milliseconds by stage."""
+    changes: Mapping[str, float] = field(default_factory=dict)
+    """Largest change of any pixel by effect, encoded grey levels, as this very frame has it: of
+    the effects with a threshold that the renderer measures. Of an exposure that motion blurs, that
+    of its sharp frame in the middle; where shadows change that by at most their threshold, their
+    change at any instant that the blur draws."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceCamera:
+    """One virtual camera of the cube: a square image of 90 degrees."""
+
+    face: int
+    """Index into Face."""
+    size_px: int
+    """Pixels along the image's side."""
+
+    @property
+    def perspective_camera(self) -> PerspectiveCamera:
+        """Camera of the same image in a frame of its own."""
+        # A face spans 90 degrees, so that six of them close around the viewpoint.
+        return PerspectiveCamera(self.size_px, self.size_px, 0.5 * math.pi)
+
+    @property
+    def mirror_from_camera(self) -> Floats:
+        """(3, 3) rotation of the camera's frame in the mirror frame."""
+        axes: Floats = MIRROR_FROM_FACE_ROTATIONS[self.face]
+        return axes
+
+
+@dataclass(frozen=True, slots=True)
+class RenderPlan:
+    """Plan of one camera's frames."""
+
+    renderer: RendererKind
+    surface: MirrorSurface
+    samples: int
+    """Samples along a pixel's side; a pixel has samples^2."""
+    face_size_px: int
+    """Side of a whole face in the texels of the finest region; faces only."""
+    face_samples: int
+    """Samples of a face's texel; faces only."""
+    faces: tuple[Face, ...]
+    """Faces that the mirror sees."""
+    face_regions: tuple[FaceRegion, ...]
+    """Visible regions of the faces, with their texel densities."""
+    reason: str
+    """Reason for this plan, for the log."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.samples <= 16:
+            raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
+
+    def __str__(self) -> str:
+        return f"{self.description}: {self.reason}"
+
+    @property
+    def has_exact_rays(self) -> bool:
+        """Whether each pixel has the ray of the camera model, not of a mirror mesh."""
+        return isinstance(self.surface, PerPixel)
+
+    @property
+    def description(self) -> str:
+        """All numbers of the plan in words, without the reason."""
+        match self.surface:
+            case PerPixel():
+                surface = "per pixel"
+            case Tessellation(sectors, rings, interpolation):
+                surface = f"{sectors} x {rings} polygons ({interpolation.value})"
+        details = ""
+        if self.renderer.uses_faces:
+            names = "".join(face.name for face in self.faces)
+            details = f", faces {names} of {self.face_size_px} px"
+            details += f" with {self.face_samples} samples each" if self.face_samples > 1 else ""
+        return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{details}"
+
+
+@dataclass(frozen=True, slots=True)
+class FaceRegion:
+    """Window of a face, with the texel density in both directions."""
+
+    face: Face
+    window: FaceWindow
+    columns_per_unit: float
+    """Texel columns for one unit of s."""
+    rows_per_unit: float
+    """Texel rows for one unit of t."""
+
+    @property
+    def size_texels(self) -> tuple[float, float]:
+        """Width and height in texels, not rounded."""
+        window = self.window
+        width = (window.right - window.left) * self.columns_per_unit
+        return width, (window.bottom - window.top) * self.rows_per_unit
+
+    @property
+    def num_texels(self) -> float:
+        """Number of texels, not rounded."""
+        width, height = self.size_texels
+        return width * height
+
+
+@dataclass(frozen=True, slots=True)
+class FaceWindow:
+    """Rectangle on a face's plane: s from `left` to `right`, t from `top` to `bottom`."""
+
+    left: float = -1.0
+    top: float = -1.0
+    right: float = 1.0
+    bottom: float = 1.0
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the window has no area."""
+        return self.left >= self.right or self.top >= self.bottom
+
 
 class StageClock:
     """Milliseconds by stage of one frame, each from the end of the stage before.
@@ -70,7 +246,7 @@ class StageClock:
         self._last = now
 
 
-# Between two rotations 2 degrees apart the entries are those of a rotation to 2e-4.
+# Between two rotations 2 degrees apart interpolated entries are a rotation's to 2e-4.
 _MAX_TURN_RAD = 0.035
 # A robot that spins for the longest exposure of a minute: coarser, but bounded.
 _MAX_TURNS = 256
@@ -116,6 +292,7 @@ def trajectory(camera_state: CameraState) -> tuple[CameraState, ...]:
     twists = (camera_state.twist, *(placed.twist for placed in camera_state.objects))
     turn_rad = total_s * max(math.hypot(*twist.angular_rad_s) for twist in twists)
     steps = min(1 + int(turn_rad / _MAX_TURN_RAD), _MAX_TURNS)
+    # Centred: the camera state is that of the middle of the exposure.
     return tuple(advance(camera_state, (i / steps - 0.5) * total_s) for i in range(steps + 1))
 
 
@@ -138,189 +315,3 @@ def advance(camera_state: CameraState, time_s: float) -> CameraState:
         objects=tuple(objects),
         shutter=None,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class FaceWindow:
-    """Rectangle on a face's plane: s from `left` to `right`, t from `top` to `bottom`."""
-
-    left: float = -1.0
-    top: float = -1.0
-    right: float = 1.0
-    bottom: float = 1.0
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether the window has no area."""
-        return self.left >= self.right or self.top >= self.bottom
-
-
-@dataclass(frozen=True, slots=True)
-class FaceRegion:
-    """Window of a face, with the texel density in both directions."""
-
-    face: Face
-    window: FaceWindow
-    columns_per_unit: float
-    """Texel columns for one unit of s."""
-    rows_per_unit: float
-    """Texel rows for one unit of t."""
-
-    @property
-    def size_texels(self) -> tuple[float, float]:
-        """Width and height in texels, not rounded."""
-        window = self.window
-        width = (window.right - window.left) * self.columns_per_unit
-        return width, (window.bottom - window.top) * self.rows_per_unit
-
-    @property
-    def num_texels(self) -> float:
-        """Number of texels, not rounded."""
-        width, height = self.size_texels
-        return width * height
-
-
-@dataclass(frozen=True, slots=True)
-class RenderPlan:
-    """Plan of one camera's frames."""
-
-    renderer: RendererKind
-    surface: MirrorSurface
-    samples: int
-    """Samples along a pixel's side; a pixel has samples^2."""
-    face_size_px: int
-    """Side of a whole face in the texels of the finest region; faces only."""
-    face_samples: int
-    """Samples of a face's texel; faces only."""
-    faces: tuple[Face, ...]
-    """Faces that the mirror sees."""
-    face_regions: tuple[FaceRegion, ...]
-    """Visible regions of the faces, with their texel densities."""
-    reason: str
-    """Reason for this plan, for the log."""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.samples <= 16:
-            raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
-
-    def __str__(self) -> str:
-        return f"{self.description}: {self.reason}"
-
-    @property
-    def has_exact_rays(self) -> bool:
-        """Whether each pixel has the ray of the camera model, not of a mirror mesh."""
-        return isinstance(self.surface, PerPixel)
-
-    @property
-    def description(self) -> str:
-        """All numbers of the plan in words, without its reason."""
-        match self.surface:
-            case PerPixel():
-                surface = "per pixel"
-            case Tessellation(sectors, rings, interpolation):
-                surface = f"{sectors} x {rings} polygons ({interpolation.value})"
-        details = ""
-        if self.renderer.uses_faces:
-            names = "".join(face.name for face in self.faces)
-            details = f", faces {names} of {self.face_size_px} px"
-            details += f" with {self.face_samples} samples each" if self.face_samples > 1 else ""
-        return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{details}"
-
-
-Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
-LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top
-
-
-NO_THRESHOLDS: Mapping[str, float] = MappingProxyType({})
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RenderedImage:
-    """A finished image."""
-
-    rgb: Image
-    """(h, w, 3) uint8 sRGB, read-only."""
-    stage_ms: dict[str, float]
-    """Milliseconds by stage."""
-    changes: Mapping[str, float] = field(default_factory=dict)
-    """Largest change of any pixel by effect, encoded grey levels, as this very frame has it: of
-    the effects with a threshold that the renderer measures. Of an exposure that motion blurs, that
-    of its sharp frame in the middle; where shadows change that by at most their threshold, their
-    change at any instant that the blur draws."""
-
-
-@dataclass(frozen=True, slots=True)
-class FaceCamera:
-    """One virtual camera of the cube: a square image of 90 degrees."""
-
-    face: int
-    """Index into Face."""
-    size_px: int
-    """Pixels along the image's side."""
-
-    @property
-    def perspective_camera(self) -> PerspectiveCamera:
-        """Camera of the same image in a frame of its own."""
-        # A face spans 90 degrees, so that six of them close around the viewpoint.
-        return PerspectiveCamera(self.size_px, self.size_px, 0.5 * math.pi)
-
-    @property
-    def mirror_from_camera(self) -> Floats:
-        """(3, 3) rotation of the camera's frame in the mirror frame."""
-        axes: Floats = MIRROR_FROM_FACE_ROTATIONS[self.face]
-        return axes
-
-
-class View(Protocol):
-    """A camera that is ready to be rendered: all constants of the view are precomputed.
-
-    Image effects change the image in linear light, before it is encoded. Their resources are built
-    at their first use; without effects the image is encoded directly.
-    """
-
-    @property
-    def memory_bytes(self) -> int:
-        """Size of the view's arrays, in memory and on the device; grows as effects are used."""
-
-    def render(
-        self,
-        camera_state: CameraState,
-        effects: tuple[ImageEffect, ...] = (),
-        thresholds: Mapping[str, float] = NO_THRESHOLDS,
-    ) -> RenderedImage:
-        """Render one exposure of the camera, changed by effects in their order.
-
-        Args:
-            camera_state: State of the exposure.
-            effects: Image effects.
-            thresholds: Change in encoded grey levels, by name of a scene or image effect, that
-                nobody sees: cells of the image that the effect changes by at most as much may be
-                drawn without it. Effects without a threshold are drawn everywhere.
-        """
-
-    def render_linear(
-        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
-    ) -> LinearImage:
-        """Render one exposure in linear light, after all effects and before the encoding."""
-
-    def close(self) -> None:
-        """Free the view's resources."""
-
-
-class Renderer(Protocol):
-    """A scene on a device that prepares views."""
-
-    def describe(self) -> str:
-        """One-line description for logs: library, device, threads."""
-
-    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
-        """Prepare a view of an omnidirectional camera."""
-
-    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> View:
-        """Prepare a view of a perspective camera; samples: along a side of each pixel."""
-
-    def prepare_face(self, camera: FaceCamera, samples: int) -> View:
-        """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
-
-    def close(self) -> None:
-        """Free the device."""

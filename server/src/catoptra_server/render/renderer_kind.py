@@ -1,12 +1,11 @@
-"""Names of renderers and instruction sets, for options. Imported by command lines: no numpy.
+"""Names of renderers and instruction sets, for options, and the check for the package of Embree.
 
-The kinds are distinguished in five modules: here, in `frames/plan/renderers.py` (creation), in
-`frames/plan/candidates.py` (settings), in `frames/plan/costs.py` (stages) and in
-`commands/doctor/devices.py` (checks).
+Command lines import this module: no numpy, and nothing of a renderer. The kinds are distinguished
+in five modules: here, in `frames/renderers.py` (creation), in `frames/plan/candidates.py`
+(settings), in `frames/plan/costs.py` (stages) and in `commands/doctor/devices.py` (checks).
 
-The package embreex, which brings Embree: whether it is installed, and what to do without it.
-
-Its wheels are for x86-64 and for macOS. Elsewhere raster renders, and nothing casts rays.
+Embree comes with the package embreex, whose wheels are for x86-64 and for macOS. Without the
+package raster renders, and nothing casts rays.
 """
 
 from __future__ import annotations
@@ -33,36 +32,30 @@ class RendererKind(Enum):
 
 AUTO = "auto"
 RENDERER_NAMES = (AUTO, *(kind.value for kind in RendererKind))
-INSTRUCTION_SETS = (AUTO, "avx512", "avx2", "sse4.2")
-"""Instruction sets that the trace renderer's kernel may be limited to."""
+INSTRUCTION_SETS = ("avx512", "avx2", "sse4.2")
+"""Instruction sets that the trace renderer's kernel may be limited to, by Embree's names, best
+first."""
+INSTRUCTION_SET_NAMES = (AUTO, *INSTRUCTION_SETS)
 
 
-PACKAGE = "embreex"
-REMEDY = f"pip install {PACKAGE} (wheels exist for x86-64 and for macOS)"
-
-
-class EmbreexMissingError(RendererUnavailableError):
-    """Rays cannot be cast: the message names the package, the user of the rays and the remedy."""
-
-    def __init__(self, need: str, alternative: str) -> None:
-        """Compose the message.
-
-        Args:
-            need: Subject of the message, such as `the trace renderer`.
-            alternative: What works without the package, as an imperative.
-        """
-        super().__init__(
-            f"{need} needs the package {PACKAGE}, which is not installed: {REMEDY}, or "
-            f"{alternative}"
-        )
+EMBREEX_PACKAGE = "embreex"
+EMBREEX_REMEDY = f"pip install {EMBREEX_PACKAGE} (wheels exist for x86-64 and for macOS)"
 
 
 def has_embreex() -> bool:
     """Whether the package is installed; nothing is loaded."""
-    return importlib.util.find_spec(PACKAGE) is not None
+    return importlib.util.find_spec(EMBREEX_PACKAGE) is not None
 
 
 def require_embreex(need: str, *, alternative: str) -> None:
-    """Raise EmbreexMissingError unless the package is installed."""
+    """Raise RendererUnavailableError unless the package is installed.
+
+    Args:
+        need: Subject of the message, such as `the trace renderer`.
+        alternative: What works without the package, as an imperative.
+    """
     if not has_embreex():
-        raise EmbreexMissingError(need, alternative)
+        raise RendererUnavailableError(
+            f"{need} needs the package {EMBREEX_PACKAGE}, which is not installed: "
+            f"{EMBREEX_REMEDY}, or {alternative}"
+        )

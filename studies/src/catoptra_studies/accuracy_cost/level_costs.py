@@ -20,11 +20,11 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixe
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.plan.error_bound import (
     ErrorBound,
-    GeometricError,
     add_scene,
     coordinate_errors,
     error_bound,
 )
+from catoptra_server.frames.plan.facet_error import GeometricError
 from catoptra_server.render.renderer import RenderPlan, View
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini
@@ -45,7 +45,7 @@ _LUMA = np.array([0.299, 0.587, 0.114])
 
 
 @dataclass(frozen=True, slots=True)
-class ImageError:
+class _ImageError:
     """Difference of images from their references."""
 
     rmse: float
@@ -58,7 +58,7 @@ class ImageError:
     """Mean structural similarity; 1 where no pixel differs."""
 
 
-def compute_image_error(pairs: Sequence[tuple[Image, Image]], mask: Bools) -> ImageError:
+def compute_image_error(pairs: Sequence[tuple[Image, Image]], mask: Bools) -> _ImageError:
     """Error over several images together.
 
     Args:
@@ -69,7 +69,7 @@ def compute_image_error(pairs: Sequence[tuple[Image, Image]], mask: Bools) -> Im
     squares = [np.mean(np.square(signed_difference(*pair))[mask]) for pair in pairs]
     rmse = math.sqrt(float(np.mean(squares)))
     ssim = float(np.mean([_ssim_map(*pair)[mask].mean() for pair in pairs]))
-    return ImageError(rmse, _psnr_db(rmse), ssim)
+    return _ImageError(rmse, _psnr_db(rmse), ssim)
 
 
 def _psnr_db(rmse: float) -> float:
@@ -197,7 +197,7 @@ def _level_cost(
     *,
     bound: GeometricError,
     timing: RenderTiming,
-    error: ImageError,
+    error: _ImageError,
 ) -> LevelCost:
     return LevelCost(
         name=level.name,

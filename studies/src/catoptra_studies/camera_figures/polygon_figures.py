@@ -46,7 +46,7 @@ _ASYMPTOTE_FRACTION = 0.999
 
 
 @dataclass(frozen=True, slots=True)
-class PolygonError:
+class _PolygonError:
     """Displacement over all pixels with a polygon at their centre."""
 
     tessellation: Tessellation
@@ -57,14 +57,14 @@ class PolygonError:
     """Fraction of the mirror's disc that the polygons cover."""
 
 
-def measure_polygon_error(camera: OmniCamera, tessellation: Tessellation) -> PolygonError:
+def measure_polygon_error(camera: OmniCamera, tessellation: Tessellation) -> _PolygonError:
     """Measure the displacement by one mesh in a camera's image."""
     pixels = pixel_sample_positions(camera)[:, :, 0]
     directions, is_covered = mirror_mesh_directions(camera, tessellation, pixels)
     error_px, is_valid = displacement_px(camera, pixels, directions)
     _, is_on_disc = direction_from_pixel(camera, pixels)
     errors_px = error_px[is_covered & is_valid]
-    return PolygonError(
+    return _PolygonError(
         tessellation=tessellation,
         rms_px=float(np.sqrt(np.mean(np.square(errors_px)))),
         max_px=float(errors_px.max()),
@@ -133,7 +133,7 @@ def draw_polygon_frames(page: plot_style.Page, inputs: FigureInputs) -> FigureCa
     return _caption_frames(errors)
 
 
-def _draw_heading(page: plot_style.Page, left: int, top: int, error: PolygonError) -> None:
+def _draw_heading(page: plot_style.Page, left: int, top: int, error: _PolygonError) -> None:
     name = f"{error.tessellation.num_polygons} polygons"
     plot_style.add_text(page, left, top - 12, name, va="bottom", fontweight="bold")
     numbers = f"{error.rms_px:.3g} px rms, {error.max_px:.3g} px at most"
@@ -143,7 +143,7 @@ def _draw_heading(page: plot_style.Page, left: int, top: int, error: PolygonErro
     )
 
 
-def _caption_frames(errors: list[PolygonError]) -> FigureCaption:
+def _caption_frames(errors: list[_PolygonError]) -> FigureCaption:
     metrics = {}
     for error in errors:
         metrics[f"rms_px_{error.tessellation.num_polygons}"] = round(error.rms_px, 3)
@@ -245,7 +245,7 @@ def draw_polygon_error(page: plot_style.Page, inputs: FigureInputs) -> FigureCap
     return _caption_errors(errors, exact_px)
 
 
-def _measure_errors(camera: OmniCamera, interpolation: Interpolation) -> list[PolygonError]:
+def _measure_errors(camera: OmniCamera, interpolation: Interpolation) -> list[_PolygonError]:
     return [
         measure_polygon_error(camera, tessellation_from_polygon_count(count, interpolation))
         for count in POLYGON_COUNTS
@@ -253,7 +253,7 @@ def _measure_errors(camera: OmniCamera, interpolation: Interpolation) -> list[Po
 
 
 def _draw_interpolation(
-    axes: plot_style.Axes, interpolation: Interpolation, errors: list[PolygonError]
+    axes: plot_style.Axes, interpolation: Interpolation, errors: list[_PolygonError]
 ) -> None:
     name, colour, marker = _INTERPOLATION_STYLES[interpolation]
     rms_px = [error.rms_px for error in errors]
@@ -267,7 +267,7 @@ def _draw_interpolation(
 
 
 def _draw_reference_lines(
-    axes: plot_style.Axes, errors: list[PolygonError], exact_px: float
+    axes: plot_style.Axes, errors: list[_PolygonError], exact_px: float
 ) -> None:
     """Draw a slope of 1/N, the level of one pixel, and the error of the exact model."""
     n = np.array([24.0, 4096.0])
@@ -289,7 +289,7 @@ def _format_power(value: float) -> str:
 
 
 def _caption_errors(
-    errors: dict[Interpolation, list[PolygonError]], exact_px: float
+    errors: dict[Interpolation, list[_PolygonError]], exact_px: float
 ) -> FigureCaption:
     metrics: Metrics = {"exact_model_max_px": float(f"{exact_px:.2g}")}
     for interpolation, series in errors.items():

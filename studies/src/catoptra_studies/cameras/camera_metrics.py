@@ -34,7 +34,7 @@ class Resolution:
 
 
 @dataclass(frozen=True, slots=True)
-class FloorView:
+class _FloorView:
     """Ring of the floor that a camera looking down shows in all directions."""
 
     blind_radius_m: float
@@ -118,7 +118,7 @@ def resolution_curve(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Flo
     return np.radians(radial), np.radians(tangential)
 
 
-def floor_view(camera: OmniCamera, height_m: float) -> FloorView:
+def floor_view(camera: OmniCamera, height_m: float) -> _FloorView:
     """Ring of the floor below a camera that looks straight down; the robot itself hides none.
 
     Args:
@@ -129,7 +129,7 @@ def floor_view(camera: OmniCamera, height_m: float) -> FloorView:
     grid[0] = _AXIS_RAD
     seen = _visible_fraction(camera, grid) == 1.0
     if not seen.any():
-        return FloorView(math.inf, 0.0)
+        return _FloorView(math.inf, 0.0)
     first = int(np.argmax(seen))
     last = first + int(np.argmin(np.append(seen[first:], False))) - 1
 
@@ -138,9 +138,9 @@ def floor_view(camera: OmniCamera, height_m: float) -> FloorView:
 
     low = 0.0 if first == 0 else _bisect(sees_angle, inside=grid[first], outside=grid[first - 1])
     if last == len(grid) - 1:
-        return FloorView(height_m * math.tan(low), math.inf)
+        return _FloorView(height_m * math.tan(low), math.inf)
     high = _bisect(sees_angle, inside=grid[last], outside=grid[last + 1])
-    return FloorView(height_m * math.tan(low), height_m * math.tan(high))
+    return _FloorView(height_m * math.tan(low), height_m * math.tan(high))
 
 
 def _bisect(sees_angle: Callable[[float], bool], *, inside: float, outside: float) -> float:

@@ -72,7 +72,7 @@ class DegradationMetrics:
 
 
 @dataclass(frozen=True, slots=True)
-class FrameEvaluation:
+class _FrameEvaluation:
     """Detections of one frame compared with the landmarks in view."""
 
     visible_beacons: frozenset[str]
@@ -120,7 +120,7 @@ def compute_degradation_metrics(
     )
 
 
-def evaluate_drive(drive: RecordedDrive, detections: DriveDetections) -> Iterator[FrameEvaluation]:
+def evaluate_drive(drive: RecordedDrive, detections: DriveDetections) -> Iterator[_FrameEvaluation]:
     """Evaluate the detections in each frame of a drive."""
     # No frame belongs to the start: steps[0] is where the robot was put.
     for step, frame, found in zip(drive.log.steps[1:], drive.frames, detections, strict=True):
@@ -134,7 +134,7 @@ def _evaluate_frame(
     range_bearing: dict[str, RangeBearingPair],
     beacons: set[str],
     detections: Sequence[Detection],
-) -> FrameEvaluation:
+) -> _FrameEvaluation:
     """Compare the detections of one frame with the truth.
 
     Args:
@@ -156,7 +156,7 @@ def _evaluate_frame(
         # A correct detection beyond the range in use is neither a success nor a failure.
         elif detection.name in visible:
             errors[detection.name] = (detection.range_m - truth[0], error_rad)
-    return FrameEvaluation(visible, errors, tuple(false_detections))
+    return _FrameEvaluation(visible, errors, tuple(false_detections))
 
 
 def _run_filter(

@@ -30,7 +30,7 @@ _FIRST_STEPS = slice(1, 6)
 
 
 @dataclass(frozen=True, slots=True)
-class RunMetrics:
+class _RunMetrics:
     """Metrics of one run; acceptance rates are None where no landmark was measured."""
 
     run: int
@@ -77,10 +77,10 @@ class RunMetrics:
     """Whether the filter's mean error exceeds odometry's in steps 1 to 5."""
 
 
-def compute_run_metrics(filter_run: FilterRun) -> RunMetrics:
+def compute_run_metrics(filter_run: FilterRun) -> _RunMetrics:
     """Compute the metrics of one run."""
     estimate_m, odometry_m = filter_run.estimate_error_m, filter_run.odometry_error_m
-    return RunMetrics(
+    return _RunMetrics(
         run=filter_run.run,
         odometry_max_m=float(odometry_m.max()),
         odometry_steps_above_1m=int((odometry_m > PAPER_ODOMETRY_ERROR_M).sum()),
@@ -113,7 +113,7 @@ def _accepts_first_measurements(filter_run: FilterRun) -> bool | None:
 
 
 @dataclass(frozen=True, slots=True)
-class SummaryStatistics:
+class _SummaryStatistics:
     """Statistics of one metric over the runs that have a value."""
 
     median: float
@@ -129,13 +129,13 @@ class SummaryStatistics:
     """Runs that have a value."""
 
 
-def summary_statistics(values: Sequence[float | int | bool | None]) -> SummaryStatistics | None:
+def summary_statistics(values: Sequence[float | int | bool | None]) -> _SummaryStatistics | None:
     """Statistics of the values that are not None; None where there is no value."""
     present = [float(value) for value in values if value is not None]
     if not present:
         return None
     p05, median, p95 = np.quantile(present, [0.05, 0.5, 0.95])
-    return SummaryStatistics(
+    return _SummaryStatistics(
         float(median), float(np.mean(present)), float(p05), float(p95), len(present)
     )
 

@@ -74,7 +74,7 @@ _RunByFilter = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class Statement:
+class _Statement:
     """A finding of the paper that a run shows or not."""
 
     key: str
@@ -116,7 +116,7 @@ def evaluate_claims(setups: Mapping[str, Any]) -> list[Claim]:
     return evaluate_statements(STATEMENTS, setups)
 
 
-def evaluate_statements(statements: Iterable[Statement], setups: Mapping[str, Any]) -> list[Claim]:
+def evaluate_statements(statements: Iterable[_Statement], setups: Mapping[str, Any]) -> list[Claim]:
     """Count the runs that satisfy each statement; the same for statements that are no claims."""
     return [
         Claim(
@@ -130,7 +130,7 @@ def evaluate_statements(statements: Iterable[Statement], setups: Mapping[str, An
     ]
 
 
-def _count_runs(statement: Statement, setup: Mapping[str, Any]) -> RunShare:
+def _count_runs(statement: _Statement, setup: Mapping[str, Any]) -> RunShare:
     truths = [statement.is_satisfied(run) for run in _runs_by_filter(setup)]
     return RunShare(sum(truths), len(truths))
 
@@ -180,11 +180,11 @@ _BOUND = f"the paper's filter is accurate within {PAPER_EKF_ERROR_M:g} m"
 _BOUND_CRITERION = f"its largest error is below {PAPER_EKF_ERROR_M:g} m"
 
 STATEMENTS = (
-    Statement("sim_odometry", "sim", _ODOMETRY, _ODOMETRY_CRITERION, _odometry_diverges),
-    Statement("real_odometry", "real", _ODOMETRY, _ODOMETRY_CRITERION, _odometry_diverges),
-    Statement("sim_bound", "sim", _BOUND, _BOUND_CRITERION, _stays_within(PAPER_EKF_ERROR_M)),
-    Statement("real_bound", "real", _BOUND, _BOUND_CRITERION, _stays_within(PAPER_EKF_ERROR_M)),
-    Statement(
+    _Statement("sim_odometry", "sim", _ODOMETRY, _ODOMETRY_CRITERION, _odometry_diverges),
+    _Statement("real_odometry", "real", _ODOMETRY, _ODOMETRY_CRITERION, _odometry_diverges),
+    _Statement("sim_bound", "sim", _BOUND, _BOUND_CRITERION, _stays_within(PAPER_EKF_ERROR_M)),
+    _Statement("real_bound", "real", _BOUND, _BOUND_CRITERION, _stays_within(PAPER_EKF_ERROR_M)),
+    _Statement(
         "real_gate",
         "real",
         "with P0 = 0 the gate discards landmarks before the first corner",
@@ -192,28 +192,28 @@ STATEMENTS = (
         "admits the error of the start",
         _zero_covariance_rejects_landmarks,
     ),
-    Statement(
+    _Statement(
         "real_recovery",
         "real",
         "after the first corner the error of the paper's filter falls significantly",
         "its mean error in steps 31 to 60 is less than half of that in steps 9 to 23",
         _error_falls_after_corner,
     ),
-    Statement(
+    _Statement(
         "sim_gate",
         "sim",
         "landmarks pass the gate of the paper's filter instantly",
         "it accepts a landmark in the first step that measures one",
         _first_landmark_passes,
     ),
-    Statement(
+    _Statement(
         "sim_start",
         "sim",
         "in the first five steps the paper's filter is worse than odometry alone",
         "its mean error in steps 1 to 5 is above that of odometry",
         _filter_starts_worse,
     ),
-    Statement(
+    _Statement(
         "sim_whole_run",
         "sim",
         f"the paper's filter remains below {PAPER_SIM_EKF_ERROR_M:g} m over the whole run",
@@ -274,21 +274,21 @@ def _error_grows_again(run: _RunByFilter) -> bool:
 
 # What the paper's run shows and the typical run here does not: counted, and no claims.
 UNTYPICAL_STATEMENTS = (
-    Statement(
+    _Statement(
         "real_most_rejected",
         "real",
         "the gate rejects most landmarks before the first corner",
         "it accepts less than half of the landmarks of steps 9 to 22",
         _rejects_most_before_corner,
     ),
-    Statement(
+    _Statement(
         "real_all_rejected",
         "real",
         "the gate rejects all landmarks for a while, and then they pass again",
         "five steps or more that measured landmarks and accepted none, then one that accepts",
         _rejects_all_for_five_steps,
     ),
-    Statement(
+    _Statement(
         "real_second_growth",
         "real",
         "the filter's error grows a second time before the start is reached again",

@@ -67,7 +67,7 @@ _BACK_OFF_S = 1.5
 _NUM_SKIPPED_WAYPOINTS = 8
 
 
-class LiveDrive:
+class _LiveDrive:
     """A spawned robot and a filter."""
 
     def __init__(
@@ -204,7 +204,7 @@ class LiveDrive:
 @contextmanager
 def open_live_drive(
     address: ServerAddress, route: Sequence[Waypoint] = SIM.route
-) -> Iterator[LiveDrive]:
+) -> Iterator[_LiveDrive]:
     """Spawn the robot at the start of a route.
 
     Args:
@@ -224,4 +224,4 @@ def open_live_drive(
         robot.wait_for_report(GroundTruthReading)
         # A second connection, for one thread.
         get_frame = partial(frames.get_frame, robot=ROBOT_NAME, encoding=ImageEncoding.RAW)
-        yield LiveDrive(robot, stream, route, request_frame=partial(pool.submit, get_frame))
+        yield _LiveDrive(robot, stream, route, request_frame=partial(pool.submit, get_frame))

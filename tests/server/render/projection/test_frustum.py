@@ -13,7 +13,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_server.render.projection.frustum import (
     MAX_NEAR_M,
-    MIN_NEAR_M,
     DepthRange,
     DepthRangeFinder,
     make_lens_projection,
@@ -51,7 +50,7 @@ def test_near_plane_in_the_open_is_as_far_as_it_is_of_use() -> None:
 
 
 def test_near_plane_in_a_surface_is_the_nearest() -> None:
-    assert find_near_and_far(make_wall(0.0), (0.0, 0.0, 0.0)).near_m == MIN_NEAR_M
+    assert find_near_and_far(make_wall(0.0), (0.0, 0.0, 0.0)).near_m == 0.001
 
 
 def test_far_plane_contains_the_farthest_corner() -> None:

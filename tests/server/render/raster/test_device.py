@@ -21,7 +21,6 @@ from catoptra_protocol.optics.mirrors import (
     Mirror,
     ParabolicMirror,
 )
-from catoptra_server.render.raster import device as fog_uniform
 from catoptra_server.render.raster import device as module
 from catoptra_server.render.raster.device import (
     FrameUniforms,
@@ -55,7 +54,7 @@ def test_missing_library_is_named_with_the_packages_that_bring_it(
 def test_context_that_cannot_be_created_is_reported_with_the_reason(
     device: GlDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "REQUIRED_VERSION", 990)
+    monkeypatch.setattr(module, "_REQUIRED_VERSION", 990)
     with pytest.raises(OpenGLMissingError, match="EGL offers no OpenGL"):
         open_device()
 
@@ -169,10 +168,8 @@ def test_fog_of_a_program_is_its_airlight_and_its_density(
     monkeypatch: pytest.MonkeyPatch, fog: FogMedium | None, expected: tuple[float, ...]
 ) -> None:
     written: dict[str, Any] = {}
-    monkeypatch.setattr(
-        fog_uniform, "set_uniform", lambda _, name, value: written.update({name: value})
-    )
-    fog_uniform.set_fog(SimpleNamespace(), fog)  # type: ignore[arg-type]
+    monkeypatch.setattr(module, "set_uniform", lambda _, name, value: written.update({name: value}))
+    module.set_fog(SimpleNamespace(), fog)  # type: ignore[arg-type]
     np.testing.assert_allclose(written["fog"], expected)
 
 

@@ -12,8 +12,6 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
 from catoptra_server.render.raster.shadow_maps import (
-    MAX_SHADOWED_DIRECTIONAL_LIGHTS,
-    MAX_SHADOWED_POINT_LIGHTS,
     ShadowMaps,
 )
 from catoptra_server.world import shading
@@ -92,8 +90,8 @@ def test_maps_when_a_program_samples_them_are_defined_by_number(device: GlDevice
 @pytest.mark.parametrize(
     "lights",
     [
-        (DIRECTIONAL_LIGHT,) * (MAX_SHADOWED_DIRECTIONAL_LIGHTS + 1),
-        (POINT_LIGHT,) * (MAX_SHADOWED_POINT_LIGHTS + 1),
+        (DIRECTIONAL_LIGHT,) * 9,
+        (POINT_LIGHT,) * 41,
     ],
     ids=["directional lights", "point lights"],
 )
@@ -107,11 +105,9 @@ def test_maps_when_lights_are_too_many_are_rejected_by_number(
 def test_lights_when_as_many_as_are_allowed_are_rendered(device: GlDevice) -> None:
     lights = [
         DirectionalLight((0.6 * np.cos(a), 0.6 * np.sin(a), 0.8), (0.05,) * 3)
-        for a in np.linspace(0.0, 5.0, MAX_SHADOWED_DIRECTIONAL_LIGHTS)
+        for a in np.linspace(0.0, 5.0, 8)
     ]
-    point_lights = [
-        dataclasses.replace(POINT_LIGHT, intensity=(0.01,) * 3)
-    ] * MAX_SHADOWED_POINT_LIGHTS
+    point_lights = [dataclasses.replace(POINT_LIGHT, intensity=(0.01,) * 3)] * 40
     world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT, *lights, *point_lights))
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))

@@ -26,7 +26,7 @@ from typing import Any
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.commands.doctor.machine import Finding, fault, ok, warning
-from catoptra_server.render.renderer_kind import PACKAGE, has_embreex
+from catoptra_server.render.renderer_kind import EMBREEX_PACKAGE, has_embreex
 
 # The slowest check, a self-test on two busy processors, takes some seconds.
 _TIMEOUT_S = 60.0
@@ -36,7 +36,7 @@ _VENDOR_FOLDERS = (Path("/etc/glvnd/egl_vendor.d"), Path("/usr/share/glvnd/egl_v
 _VENDOR_VARIABLES = ("__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS")
 _INSTALL_REMEDY = f"install {_OPENGL_PACKAGES} (Debian, Ubuntu); or start with --renderer trace"
 _REINSTALL_REMEDY = (
-    f"pip install --force-reinstall {PACKAGE} (wheels exist for x86-64 and for macOS)"
+    f"pip install --force-reinstall {EMBREEX_PACKAGE} (wheels exist for x86-64 and for macOS)"
 )
 _EGL_LIBRARY = "libEGL.so.1"
 # EGL_EXTENSIONS and EGL_DRM_DEVICE_FILE_EXT of egl.h and eglext.h.

@@ -1,16 +1,15 @@
-"""The atlas: one texture for all drawn regions of the cube's faces, and the projection of each.
+"""The atlas of cube faces, and the lookup map of the mirror's image into it.
 
-One 2-D texture instead of a cube map. Every region has a guard band of a few texels, so that
-bilinear look-ups never cross a border and no seam exists; only directions that the mirror reflects
-have texels, as many as the plan allots. Row 0 of the texture is the top of every region.
+The atlas is one 2-D texture for all drawn regions of the faces, instead of a cube map: a viewport
+for each region, regions of different sizes, and only directions that the mirror reflects have
+texels. A guard band of a few texels around every region keeps bilinear look-ups inside, so there
+are no seams. Row 0 of the texture is the top of every region.
 
-The lookup map: atlas coordinates of every sample of the mirror's image.
-
-The map never changes, so it is computed once, in float64 by the camera model, and rounded to
-float32 only as a position between texels: at a texel a pixel an error of 2^-25 atlas widths is less
-than a thousandth of a pixel up to 4096 px. A shader that evaluates the model in float32 is off by
-more where such an image comes close to a mirror's asymptote, and takes up to half as long again on
-llvmpipe. No mirror needs a shader of its own.
+The lookup map holds the atlas coordinates of every sample. Coordinates never change, so all are
+computed once in float64 by the camera model and rounded to float32 as a position between texels:
+within 6e-4 px of the model up to 4096 px (1.4e-3 within 1.5 degrees of the asymptote at k = 2.001).
+A shader that evaluated the model in float32 lost 2e-3 there and took up to half as long again on
+llvmpipe. No mirror needs a shader of its own. The price is 8 bytes a sample.
 """
 
 from __future__ import annotations
@@ -33,8 +32,64 @@ from catoptra_server.render.renderer import FaceRegion
 # A bilinear look-up reaches half a texel beyond its position; one more texel covers the rounding of
 # positions in float32, and the second makes cells an even number of texels apart.
 GUARD_TEXELS = 2
+# Coordinate of a sample that does not see the mirror; shaders test for a negative value.
+OUTSIDE_MIRROR = -1.0
 # In a texture up to this side a float32 coordinate is accurate to 2^-12 texels.
-MAX_PRECISE_TEXELS = 2**13
+_MAX_PRECISE_TEXELS = 2**13
+# Samples of one batch: intermediate float64 values stay in the processor's cache.
+_SAMPLES_PER_BATCH = 2**16
+
+
+@dataclass(frozen=True, slots=True)
+class Atlas:
+    """All cells, and the size of the texture that holds them."""
+
+    cells: tuple[AtlasCell, ...]
+    """One cell for each drawn region."""
+    width: int
+    """Columns of the texture."""
+    height: int
+    """Rows of the texture."""
+
+    @property
+    def num_faces(self) -> int:
+        """Number of faces that a direction is compared with: U only if U has a cell."""
+        return (
+            len(Face) if any(cell.region.face is Face.U for cell in self.cells) else len(Face) - 1
+        )
+
+    def texel_transforms(self) -> Floats:
+        """(num_faces, 4) texel transform of each face, zero for a face without a cell."""
+        transforms = np.zeros((self.num_faces, 4))
+        for cell in self.cells:
+            transforms[cell.region.face] = cell.texel_transform
+        return transforms
+
+    def texels_from_direction(self, direction: Floats) -> Floats:
+        """Atlas texel positions of directions in the mirror frame.
+
+        Twin of glsl/include/atlas.glsl: the largest forward component wins, the first of equals.
+        Without the upward face a direction beyond a side face's upper edge is clamped to that edge.
+
+        Args:
+            direction: (..., 3) directions of any length.
+
+        Returns:
+            (..., 2) positions in texels, (0, 0) at the corner of the first texel.
+        """
+        flat = direction.reshape(-1, 3)
+        face = np.argmax(flat @ MIRROR_FROM_FACE_ROTATIONS[: self.num_faces, :, 0].T, axis=-1)
+        texels = np.empty((len(flat), 2))
+        for axes, index, transform in zip(
+            MIRROR_FROM_FACE_ROTATIONS, Face, self.texel_transforms(), strict=False
+        ):
+            is_on_face = face == index
+            local = flat[is_on_face] @ axes
+            # Straight up has no forward component on any side face: the floor keeps the division
+            # finite and the clamp puts the direction on the edge.
+            st = np.clip(local[:, 1:] / np.maximum(local[:, :1], 1e-30), -1.0, 1.0)
+            texels[is_on_face] = transform[:2] + st * transform[2:]
+        return texels.reshape(*direction.shape[:-1], 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,58 +149,6 @@ class AtlasCell:
         return math.sqrt(1.0 + max_s**2 + max_t**2)
 
 
-@dataclass(frozen=True, slots=True)
-class Atlas:
-    """All cells, and the size of the texture that holds them."""
-
-    cells: tuple[AtlasCell, ...]
-    """One cell for each drawn region."""
-    width: int
-    """Columns of the texture."""
-    height: int
-    """Rows of the texture."""
-
-    @property
-    def num_faces(self) -> int:
-        """Number of faces that a direction is compared with: U only where it has a cell."""
-        return (
-            len(Face) if any(cell.region.face is Face.U for cell in self.cells) else len(Face) - 1
-        )
-
-    def texel_transforms(self) -> Floats:
-        """(num_faces, 4) texel transform of each face, zero for a face without a cell."""
-        transforms = np.zeros((self.num_faces, 4))
-        for cell in self.cells:
-            transforms[cell.region.face] = cell.texel_transform
-        return transforms
-
-    def texels_from_direction(self, direction: Floats) -> Floats:
-        """Atlas texel positions of directions in the mirror frame.
-
-        Twin of glsl/include/atlas.glsl: the largest forward component wins, the first of equals.
-        Without the upward face a direction beyond a side face's upper edge is clamped to that edge.
-
-        Args:
-            direction: (..., 3) directions of any length.
-
-        Returns:
-            (..., 2) positions in texels, (0, 0) at the corner of the first texel.
-        """
-        flat = direction.reshape(-1, 3)
-        face = np.argmax(flat @ MIRROR_FROM_FACE_ROTATIONS[: self.num_faces, :, 0].T, axis=-1)
-        texels = np.empty((len(flat), 2))
-        for axes, index, transform in zip(
-            MIRROR_FROM_FACE_ROTATIONS, Face, self.texel_transforms(), strict=False
-        ):
-            is_on_face = face == index
-            local = flat[is_on_face] @ axes
-            # Straight up has no forward component on any side face: the floor keeps the division
-            # finite and the clamp puts the direction on the edge.
-            st = np.clip(local[:, 1:] / np.maximum(local[:, :1], 1e-30), -1.0, 1.0)
-            texels[is_on_face] = transform[:2] + st * transform[2:]
-        return texels.reshape(*direction.shape[:-1], 2)
-
-
 def pack_atlas(regions: tuple[FaceRegion, ...], *, guard_texels: int, max_texels: int) -> Atlas:
     """Pack face regions into the texture of least area.
 
@@ -177,10 +180,10 @@ def pack_atlas(regions: tuple[FaceRegion, ...], *, guard_texels: int, max_texels
         raise DomainError(
             f"faces of up to {longest} px are too large: this OpenGL allows {max_texels} px a side"
         )
-    # Area decides, but only among atlases within MAX_PRECISE_TEXELS; beyond that the longer side
+    # Area decides, but only among atlases within _MAX_PRECISE_TEXELS; beyond that the longer side
     # decides first, since precision falls with the side.
     (width, height), cells = min(
-        fitting, key=lambda packed: (max(MAX_PRECISE_TEXELS, *packed[0]), math.prod(packed[0]))
+        fitting, key=lambda packed: (max(_MAX_PRECISE_TEXELS, *packed[0]), math.prod(packed[0]))
     )
     return Atlas(cells, width, height)
 
@@ -212,12 +215,6 @@ def _pack_shelves(cells: Iterable[AtlasCell], max_width: int) -> Iterator[AtlasC
 def _packed_size(cells: tuple[AtlasCell, ...]) -> tuple[int, int]:
     """Width and height of the rectangle that holds all cells."""
     return max(cell.x + cell.width for cell in cells), max(cell.y + cell.height for cell in cells)
-
-
-# Coordinate of a sample that does not see the mirror; shaders test for a negative value.
-OUTSIDE_MIRROR = -1.0
-# Samples of one batch: intermediate float64 values stay in the processor's cache.
-_SAMPLES_PER_BATCH = 2**16
 
 
 def compute_lookup_map(camera: OmniCamera, atlas: Atlas, samples: int) -> npt.NDArray[np.float32]:

@@ -1,7 +1,8 @@
 """The raster renderer: OpenGL 3.3 core on EGL, without a window.
 
-Only this package imports moderngl. Import the package on demand, as `frames/plan/renderers.py`
-does: a machine without OpenGL runs the server with the trace renderer.
+Only this package imports moderngl. Import the package on demand, as `frames/renderers.py`
+does: a machine without OpenGL runs the server with the trace renderer. Raster has been measured
+with Mesa's software drivers only, never on a graphics processor.
 """
 
 from catoptra_server.render.raster.device import OpenGLMissingError, open_device

@@ -1,29 +1,20 @@
-"""An OpenGL context without a window, and the identity of the device behind it.
+"""An OpenGL context without a window, its shader programs, and the uniforms that passes share.
 
 EGL is loaded by the names of its runtime libraries: the bare names that moderngl looks for by
-default exist only with development packages.
+default exist only with development packages. Programs are compiled at their first use from the
+files of `glsl/`. The loader adds one directive to GLSL, `#include "path"` for a file under `glsl/`;
+a variant's definitions follow the version line.
 
-Shader programs from the files of `glsl/`, compiled at first use.
+Positions have 48 bits: a float32 number and, as another, the remainder of the float64 one. The
+shader subtracts the viewpoint from the corners (`glsl/face.vert`), and the difference is as exact
+as float32 can hold it anywhere in the world. With one float32 number each, a thing two centimetres
+away is displaced by 7 px of a 640 px image, 11 km from the scene's centre. A frame of 60 000
+triangles takes 1.05 times as long on llvmpipe.
 
-The loader adds one directive to GLSL: `#include "path"`, a file under `glsl/`. A variant's
-definitions follow the version line.
-
-Positions of 48 bits: a float32 number and, as another, what it lacks of the float64 one.
-
-The difference of two such positions is as exact as float32 can hold it, wherever in the world both
-are: the shader subtracts the viewpoint from the corners (`glsl/face.vert`). With one float32 number
-each, a thing two centimetres away is displaced by 7 px of a 640 px image, 11 km from the scene's
-centre. A frame of 60 000 triangles takes 1.05 times as long on llvmpipe.
-
-Uniforms that all programs of the face pass share within a frame.
-
-Fog of the face pass: each fragment by its own distance, so that outlines stay smooth.
-
-Angles between the samples of a mirror's image, for the level of a texture on a cube's face.
-
-A face's texels are not the image's samples: how many of them a sample covers depends on where on
-the mirror it is. The angles vary smoothly with the incidence angle, so a polynomial of their
-logarithms holds them; glsl/include/texture_levels.glsl evaluates it.
+The level of a texture on a cube's face follows from the samples of the image, not from the face's
+texels: how many texels a sample covers depends on where on the mirror it is. The angles between
+samples vary smoothly with the incidence angle, so a polynomial of their logarithms is enough;
+`glsl/include/texture_levels.glsl` evaluates it.
 """
 
 from __future__ import annotations
@@ -49,15 +40,23 @@ from catoptra_server.world.world_description import PointLight
 EGL_LIBRARY = "libEGL.so.1"
 GL_LIBRARY = "libGL.so.1"
 # Debian's names; the last one is Mesa's drivers, without which EGL finds no device.
-PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
+_PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
 # 3.3 core: the oldest version with integer arithmetic, texelFetch and multisampled textures; Mesa's
 # software drivers have it too.
-REQUIRED_VERSION = 330
-
+_REQUIRED_VERSION = 330
+GLSL_VERSION = "#version 330 core"
 _CONTEXT_SETTINGS: dict[str, Any] = {"backend": "egl", "libgl": GL_LIBRARY, "libegl": EGL_LIBRARY}
-
 # Names in GL_RENDERER of drivers that render on the processor.
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software")
+_ROOT = files("catoptra_server") / "glsl"
+_INCLUDE = re.compile(r'^#include "(?P<path>[\w./]+)"$', re.MULTILINE)
+SPLIT_FORMAT = "3f 3f"
+"""Buffer format of one split position."""
+COARSE_FORMAT = "3f 12x"
+"""Buffer format that reads the first of its two numbers alone."""
+_NUM_TERMS = 8
+"""Coefficients of a polynomial; the bundled mirrors need eight for an error below 1 %."""
+Definitions = tuple[tuple[str, int], ...]
 
 
 class OpenGLMissingError(RendererUnavailableError):
@@ -67,9 +66,29 @@ class OpenGLMissingError(RendererUnavailableError):
         """Compose the message from a reason: a clause for a log line, kept as `reason`."""
         super().__init__(
             f"the raster renderer cannot run: {reason}. On Debian and Ubuntu install "
-            f"{PACKAGES}, or use the trace renderer, which needs none of them"
+            f"{_PACKAGES}, or use the trace renderer, which needs none of them"
         )
         self.reason = reason
+
+
+def open_device() -> GlDevice:
+    """Open a headless OpenGL 3.3 device.
+
+    The context is bound to the calling thread from here on.
+
+    Raises:
+        OpenGLMissingError: A library is missing, or EGL offers no OpenGL 3.3 context.
+    """
+    for library in (EGL_LIBRARY, GL_LIBRARY):
+        _require_library(library)
+    try:
+        context = moderngl.create_context(
+            require=_REQUIRED_VERSION, standalone=True, **_CONTEXT_SETTINGS
+        )
+    except Exception as error:  # the C extension raises bare Exception, and ValueError for too old
+        raise OpenGLMissingError(f"EGL offers no OpenGL 3.3 context ({error})") from error
+    info = context.info
+    return GlDevice(context, info["GL_VENDOR"], info["GL_RENDERER"], info["GL_VERSION"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,26 +117,6 @@ class GlDevice:
         self.context.release()
 
 
-def open_device() -> GlDevice:
-    """Open a headless OpenGL 3.3 device.
-
-    The context is bound to the calling thread from here on.
-
-    Raises:
-        OpenGLMissingError: A library is missing, or EGL offers no OpenGL 3.3 context.
-    """
-    for library in (EGL_LIBRARY, GL_LIBRARY):
-        _require_library(library)
-    try:
-        context = moderngl.create_context(
-            require=REQUIRED_VERSION, standalone=True, **_CONTEXT_SETTINGS
-        )
-    except Exception as error:  # the C extension raises bare Exception, and ValueError for too old
-        raise OpenGLMissingError(f"EGL offers no OpenGL 3.3 context ({error})") from error
-    info = context.info
-    return GlDevice(context, info["GL_VENDOR"], info["GL_RENDERER"], info["GL_VERSION"])
-
-
 def _require_library(library: str) -> None:
     """Raise OpenGLMissingError unless a shared library loads."""
     try:
@@ -126,30 +125,6 @@ def _require_library(library: str) -> None:
         ctypes.CDLL(library)
     except OSError as error:
         raise OpenGLMissingError(f"{library} cannot be loaded ({error})") from error
-
-
-_ROOT = files("catoptra_server") / "glsl"
-_INCLUDE = re.compile(r'^#include "(?P<path>[\w./]+)"$', re.MULTILINE)
-
-GLSL_VERSION = "#version 330 core"
-
-Definitions = tuple[tuple[str, int], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ProgramSpec:
-    """A program: its two files, without suffix, and its preprocessor definitions."""
-
-    vertex: str
-    """Name of the vertex shader's file."""
-    fragment: str
-    """Name of the fragment shader's file."""
-    definitions: Definitions = ()
-    """Names and values for the preprocessor, in order."""
-
-    def __str__(self) -> str:
-        parts = [self.fragment, *(f"{name}={value}" for name, value in self.definitions)]
-        return " ".join(parts)
 
 
 class ShaderPrograms:
@@ -174,19 +149,20 @@ class ShaderPrograms:
         return self._programs[spec]
 
 
-def set_uniform(program: moderngl.Program, name: str, values: npt.ArrayLike) -> None:
-    """Set a float, vector, matrix or array uniform; matrices in column-major order."""
-    # moderngl returns attributes and uniforms by one mapping: a shader's change is noticed here.
-    uniform = program[name]
-    assert isinstance(uniform, moderngl.Uniform), f"{name} is no uniform"
-    uniform.write(np.asarray(values, dtype=np.float32).tobytes())
+@dataclass(frozen=True, slots=True)
+class ProgramSpec:
+    """A program: its two files, without suffix, and its preprocessor definitions."""
 
+    vertex: str
+    """Name of the vertex shader's file."""
+    fragment: str
+    """Name of the fragment shader's file."""
+    definitions: Definitions = ()
+    """Names and values for the preprocessor, in order."""
 
-def set_sampler(program: moderngl.Program, name: str, unit: int) -> None:
-    """Assign a texture unit to a sampler."""
-    uniform = program[name]
-    assert isinstance(uniform, moderngl.Uniform), f"{name} is no sampler"
-    uniform.value = unit
+    def __str__(self) -> str:
+        parts = [self.fragment, *(f"{name}={value}" for name, value in self.definitions)]
+        return " ".join(parts)
 
 
 def load_source(path: str, definitions: Definitions = ()) -> str:
@@ -202,10 +178,19 @@ def _load_with_includes(path: str) -> str:
     return _INCLUDE.sub(lambda line: _load_with_includes(line["path"]), text)
 
 
-SPLIT_FORMAT = "3f 3f"
-"""Buffer format of one split position."""
-COARSE_FORMAT = "3f 12x"
-"""Buffer format that reads the first of its two numbers alone."""
+def set_uniform(program: moderngl.Program, name: str, values: npt.ArrayLike) -> None:
+    """Set a float, vector, matrix or array uniform; matrices in column-major order."""
+    # moderngl returns attributes and uniforms by one mapping: a shader's change is noticed here.
+    uniform = program[name]
+    assert isinstance(uniform, moderngl.Uniform), f"{name} is no uniform"
+    uniform.write(np.asarray(values, dtype=np.float32).tobytes())
+
+
+def set_sampler(program: moderngl.Program, name: str, unit: int) -> None:
+    """Assign a texture unit to a sampler."""
+    uniform = program[name]
+    assert isinstance(uniform, moderngl.Uniform), f"{name} is no sampler"
+    uniform.value = unit
 
 
 def split_positions(positions: Floats) -> npt.NDArray[np.float32]:
@@ -266,10 +251,6 @@ def set_fog(program: moderngl.Program, fog: FogMedium | None) -> None:
     set_uniform(program, "fog", clear if fog is None else (*fog.airlight, fog.density_per_m))
 
 
-NUM_TERMS = 8
-"""Coefficients of a polynomial; the bundled mirrors need them for an error below 1 %."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleSpacing:
     """Angles between samples by the cosine of the incidence angle."""
@@ -283,7 +264,7 @@ class SampleSpacing:
         """(n, 2) radial and tangential angles between samples, rad; float64 twin of the shader."""
         low, high = self.cosine_limits
         x = np.clip((2.0 * cosine - low - high) / (high - low), -1.0, 1.0)
-        powers = x[:, None] ** np.arange(NUM_TERMS)
+        powers = x[:, None] ** np.arange(_NUM_TERMS)
         return np.exp(powers @ self.log_spacing)
 
 
@@ -295,7 +276,7 @@ def fit_spacing(camera: OmniCamera, samples: int) -> SampleSpacing:
     # Rings may crowd at one end of the cosines, as beside the antipode of a wide rim: even steps.
     even = np.linspace(*limits, 64)
     columns = [
-        Polynomial.fit(even, np.interp(even, cosine[::-1], -np.log(row[::-1])), NUM_TERMS - 1).coef
+        Polynomial.fit(even, np.interp(even, cosine[::-1], -np.log(row[::-1])), _NUM_TERMS - 1).coef
         for row in (samples * scale.radial, samples * scale.tangential)
     ]
     return SampleSpacing(np.stack(columns, axis=-1), limits)

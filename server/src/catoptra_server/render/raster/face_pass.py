@@ -22,7 +22,7 @@ from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 from catoptra_server.world.camera_state import CameraState
 
 
-class Projection(Protocol):
+class _Projection(Protocol):
     """One planar image from the viewpoint and its rectangle in the texture; see AtlasCell."""
 
     @property
@@ -46,7 +46,7 @@ class Projection(Protocol):
         """Largest ratio of a point's distance from the viewpoint to its depth."""
 
 
-class FaceLayout(Protocol):
+class _FaceLayout(Protocol):
     """A texture of planar images: an atlas of faces, or one perspective image."""
 
     @property
@@ -58,11 +58,119 @@ class FaceLayout(Protocol):
         """Number of rows of texels."""
 
     @property
-    def cells(self) -> Sequence[Projection]:
+    def cells(self) -> Sequence[_Projection]:
         """The planar images."""
 
 
-FaceLayoutT = TypeVar("FaceLayoutT", bound=FaceLayout)
+_LayoutT = TypeVar("_LayoutT", bound=_FaceLayout)
+
+
+class FacePass(Generic[_LayoutT]):
+    """Renders the faces of one view into a texture."""
+
+    name = "faces"
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        scene: SceneBuffers,
+        atlas: _LayoutT,
+        samples: int,
+        spacing: SampleSpacing | None = None,
+    ) -> None:
+        """Create the texture and its framebuffers.
+
+        Args:
+            context: OpenGL context.
+            scene: Scene on the device.
+            atlas: Layout of the planar images.
+            samples: Multisampling of each texel; 1 for none.
+            spacing: Samples of the image that the faces are for; None: the texels themselves.
+
+        Raises:
+            DomainError: The device offers fewer samples.
+        """
+        if samples > context.max_samples:
+            raise DomainError(
+                f"this OpenGL offers at most {context.max_samples} samples a texel, not {samples}"
+            )
+        self._context = context
+        self._scene = scene
+        self._spacing = spacing
+        self.atlas = atlas
+        self._clip_from_mirror = np.stack([cell.clip_from_mirror for cell in atlas.cells])
+        self._max_depth_ratio = max(cell.max_depth_ratio for cell in atlas.cells)
+        self._texels = sum(cell.width * cell.height for cell in atlas.cells)
+        size = (atlas.width, atlas.height)
+        self.texture = context.texture(size, 4, dtype=LINEAR_DTYPE)
+        self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        # Clamped, since look-ups at the outer border of the atlas must not wrap to the opposite
+        # cell.
+        self.texture.repeat_x = self.texture.repeat_y = False
+        # A multisampled texture cannot be looked up with filtering: samples are resolved into the
+        # texture.
+        multi = samples if samples > 1 else 0
+        colour = (
+            context.texture(size, 4, dtype=LINEAR_DTYPE, samples=multi) if multi else self.texture
+        )
+        depth = context.depth_renderbuffer(size, samples=multi)
+        self._target = context.framebuffer([colour], depth)
+        self._resolved = context.framebuffer([self.texture]) if multi else None
+        self._owned = [self._target, depth, *((colour, self._resolved) if multi else ())]
+        self.memory_bytes = image_bytes(self.texture, depth, *((colour,) if multi else ()))
+        """Size of the images of the faces."""
+        self.counts = DrawCounts(0, 0, 0, 0)
+
+    def draw(self, camera_state: CameraState) -> None:
+        """Render the faces from the viewpoint of a camera state."""
+        pose = camera_state.world_from_mirror
+        viewpoint = pose.translation - self._scene.origin
+        depth = frame_depth_range(self._scene, camera_state, self._max_depth_ratio)
+        scene = self._scene.with_lighting(camera_state)
+        # Before set_frame: whether objects' programs need uniforms depends on the upload.
+        scene.dynamic_objects.upload(camera_state.objects)
+        scene.set_frame(viewpoint, depth.clip_z_from_w)
+        scene.set_fog(camera_state.fog)
+        scene.set_spacing(self._spacing, pose.rotation[:, 2])
+        fog = camera_state.fog
+        self._begin(self._scene.background if fog is None else fog.airlight)
+        clip_from_scene = self._clip_from_mirror @ pose.rotation.T
+        calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
+        # The resolve averages samples of a texel in linear light, since the texture is not sRGB.
+        if self._resolved is not None:
+            self._context.copy_framebuffer(self._resolved, self._target)
+        self.counts = DrawCounts(len(self.atlas.cells), self._texels, calls, triangles)
+
+    def _begin(self, background: tuple[float, float, float]) -> None:
+        """Clear the whole target at once, which drivers do much faster than a part."""
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._context.depth_func = "<"
+        self._target.viewport = (0, 0, self.atlas.width, self.atlas.height)
+        self._target.clear(*background, 1.0, depth=1.0)
+        self._target.use()
+
+    def _draw_cells(
+        self, scene: LitScene, clip_from_scene: Floats, viewpoint: Floats
+    ) -> tuple[int, int]:
+        """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent."""
+        planes = frustum_planes(clip_from_scene)
+        visible = self._scene.clusters.in_front_of_planes(planes, viewpoint)
+        calls, triangles = 0, int((visible @ self._scene.cluster_sizes).sum())
+        for cell, clip, cell_planes, visible_clusters in zip(
+            self.atlas.cells, clip_from_scene, planes, visible, strict=True
+        ):
+            self._context.viewport = cell.viewport
+            more_calls, num_object_triangles = scene.dynamic_objects.draw(
+                clip, cell_planes, viewpoint
+            )
+            calls += scene.draw(clip, visible_clusters) + more_calls
+            triangles += num_object_triangles
+        return calls, triangles
+
+    def close(self) -> None:
+        """Free the texture and its framebuffers."""
+        for resource in (*self._owned, self.texture):
+            resource.release()
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,111 +211,3 @@ def frustum_planes(clip_from_scene: Floats) -> Floats:
     # Clipping keeps -w <= x, y <= w and w > 0; each inequality is linear in the direction, so its
     # coefficients are the plane's normal (Gribb and Hartmann 2001).
     return np.stack((w + x, w - x, w + y, w - y, w), axis=1)
-
-
-class FacePass(Generic[FaceLayoutT]):
-    """Renders the faces of one view into a texture."""
-
-    name = "faces"
-
-    def __init__(
-        self,
-        context: moderngl.Context,
-        scene: SceneBuffers,
-        atlas: FaceLayoutT,
-        samples: int,
-        spacing: SampleSpacing | None = None,
-    ) -> None:
-        """Create the texture and its framebuffers.
-
-        Args:
-            context: OpenGL context.
-            scene: Scene on the device.
-            atlas: Layout of the planar images.
-            samples: Multisampling of each texel; 1 for none.
-            spacing: Samples of the image that the faces are for; None: the texels themselves.
-
-        Raises:
-            DomainError: The device offers fewer samples.
-        """
-        if samples > context.max_samples:
-            raise DomainError(
-                f"this OpenGL offers at most {context.max_samples} samples a texel, not {samples}"
-            )
-        self._context = context
-        self._scene = scene
-        self._spacing = spacing
-        self.atlas = atlas
-        self._clip_from_mirror = np.stack([cell.clip_from_mirror for cell in atlas.cells])
-        self._max_depth_ratio = max(cell.max_depth_ratio for cell in atlas.cells)
-        self._texels = sum(cell.width * cell.height for cell in atlas.cells)
-        size = (atlas.width, atlas.height)
-        self.texture = context.texture(size, 4, dtype=LINEAR_DTYPE)
-        self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        # Clamped, since look-ups at the outer border of the atlas must not wrap to the opposite
-        # cell.
-        self.texture.repeat_x = self.texture.repeat_y = False
-        # A multisampled texture cannot be looked up with filtering: it is resolved into the
-        # texture.
-        multi = samples if samples > 1 else 0
-        colour = (
-            context.texture(size, 4, dtype=LINEAR_DTYPE, samples=multi) if multi else self.texture
-        )
-        depth = context.depth_renderbuffer(size, samples=multi)
-        self._target = context.framebuffer([colour], depth)
-        self._resolved = context.framebuffer([self.texture]) if multi else None
-        self._owned = [self._target, depth, *((colour, self._resolved) if multi else ())]
-        self.memory_bytes = image_bytes(self.texture, depth, *((colour,) if multi else ()))
-        """Size of the images of the faces."""
-        self.counts = DrawCounts(0, 0, 0, 0)
-
-    def draw(self, camera_state: CameraState) -> None:
-        """Render the faces from the viewpoint of a camera state."""
-        pose = camera_state.world_from_mirror
-        viewpoint = pose.translation - self._scene.origin
-        depth = frame_depth_range(self._scene, camera_state, self._max_depth_ratio)
-        scene = self._scene.with_lighting(camera_state)
-        # Before set_frame: whether objects' programs need uniforms depends on the upload.
-        scene.dynamic_objects.upload(camera_state.objects)
-        scene.set_frame(viewpoint, depth.clip_z_from_w)
-        scene.set_fog(camera_state.fog)
-        scene.set_spacing(self._spacing, pose.rotation[:, 2])
-        fog = camera_state.fog
-        self._begin(self._scene.background if fog is None else fog.airlight)
-        clip_from_scene = self._clip_from_mirror @ pose.rotation.T
-        calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
-        # The resolve averages samples of a texel in linear light, since the texture is not sRGB.
-        if self._resolved is not None:
-            self._context.copy_framebuffer(self._resolved, self._target)
-        self.counts = DrawCounts(len(self.atlas.cells), self._texels, calls, triangles)
-
-    def _begin(self, background: tuple[float, float, float]) -> None:
-        """Clear the whole target at once, which drivers do much faster than a part of it."""
-        self._context.enable_only(moderngl.DEPTH_TEST)
-        self._context.depth_func = "<"
-        self._target.viewport = (0, 0, self.atlas.width, self.atlas.height)
-        self._target.clear(*background, 1.0, depth=1.0)
-        self._target.use()
-
-    def _draw_cells(
-        self, scene: LitScene, clip_from_scene: Floats, viewpoint: Floats
-    ) -> tuple[int, int]:
-        """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent."""
-        planes = frustum_planes(clip_from_scene)
-        visible = self._scene.clusters.in_front_of_planes(planes, viewpoint)
-        calls, triangles = 0, int((visible @ self._scene.cluster_sizes).sum())
-        for cell, clip, cell_planes, visible_clusters in zip(
-            self.atlas.cells, clip_from_scene, planes, visible, strict=True
-        ):
-            self._context.viewport = cell.viewport
-            more_calls, num_object_triangles = scene.dynamic_objects.draw(
-                clip, cell_planes, viewpoint
-            )
-            calls += scene.draw(clip, visible_clusters) + more_calls
-            triangles += num_object_triangles
-        return calls, triangles
-
-    def close(self) -> None:
-        """Free the texture and its framebuffers."""
-        for resource in (*self._owned, self.texture):
-            resource.release()

@@ -1,15 +1,10 @@
 """The mirror's image: every sample of every pixel looked up in the atlas through the lookup map.
 
-The lookup map never changes while a view lives, whether it comes from the camera model or from a
-mirror mesh that is rendered once.
-
-Definitions and uniforms of programs that include include/atlas.glsl.
-
-The lookup map of the paper's mirror mesh, rendered once.
-
-The capture camera never moves relative to the mesh, so the view through each facet never changes
-either. A frame is then as fast as one by the camera model, with any number of polygons. No depth
-buffer is needed: the capture camera sees the whole of a convex mirror.
+The lookup map comes from the camera model (`projection/atlas.py`) or from the paper's mirror mesh.
+Either is made once for a view. The capture camera never moves relative to the mesh, so the view
+through each facet never changes: drawn in every frame, 4096 polygons took llvmpipe 39 % longer than
+16; now any number costs as much as the exact model (`tests/measurements/polygon_counts.py`). The
+mesh needs no depth buffer: the capture camera sees the whole of a convex mirror.
 """
 
 from __future__ import annotations
@@ -34,33 +29,9 @@ from catoptra_server.render.raster.passes import ENCODED
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
 
-
-def atlas_definitions(atlas: Atlas) -> Definitions:
-    """Preprocessor definitions of such a program."""
-    # A definition instead of a uniform: without face U the shader has no comparison with U.
-    return (("NUM_FACES", atlas.num_faces),)
-
-
-def set_atlas_uniforms(program: moderngl.Program, atlas: Atlas) -> None:
-    """Set the atlas' transforms and size in a program."""
-    set_uniform(program, "face_texel_transform", atlas.texel_transforms())
-    set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))
-
-
 # Sides of the polygon around the rim circle: 1.3 % more area than the disc, a square has 27 % more;
-# on llvmpipe more sides cost more in half-empty blocks of fragments than they save.
+# on llvmpipe more sides cost more in half-empty blocks of fragments than is saved.
 _NUM_RIM_SIDES = 16
-
-
-def rim_polygon(camera: OmniCamera) -> Floats:
-    """(n, 2) clip positions of a polygon around every pixel that sees the mirror."""
-    azimuth = 2.0 * math.pi * np.arange(_NUM_RIM_SIDES) / _NUM_RIM_SIDES
-    # A pixel whose centre lies beyond the rim may have samples within the rim.
-    radius = (camera.rim_radius_px + 1.0) / math.cos(math.pi / _NUM_RIM_SIDES)
-    circle = radius * np.stack((np.cos(azimuth), np.sin(azimuth)), axis=-1)
-    size = np.array((camera.width_px, camera.height_px))
-    clip: Floats = 2.0 * (circle + camera.centre_px) / size - 1.0
-    return clip
 
 
 class MirrorPass:
@@ -120,18 +91,31 @@ class MirrorPass:
         self._corners.release()
 
 
+def rim_polygon(camera: OmniCamera) -> Floats:
+    """(n, 2) clip positions of a polygon around every pixel that sees the mirror."""
+    azimuth = 2.0 * math.pi * np.arange(_NUM_RIM_SIDES) / _NUM_RIM_SIDES
+    # A pixel whose centre lies beyond the rim may have samples within the rim.
+    radius = (camera.rim_radius_px + 1.0) / math.cos(math.pi / _NUM_RIM_SIDES)
+    circle = radius * np.stack((np.cos(azimuth), np.sin(azimuth)), axis=-1)
+    size = np.array((camera.width_px, camera.height_px))
+    clip: Floats = 2.0 * (circle + camera.centre_px) / size - 1.0
+    return clip
+
+
 def make_lookup_texture(
     context: moderngl.Context, camera: OmniCamera, atlas: Atlas, samples: int
 ) -> moderngl.Texture:
     """Texture of the lookup map of the camera model."""
-    size = lookup_map_size(context, camera, samples)
+    size = _lookup_map_size(context, camera, samples)
     texture = context.texture(size, 2, compute_lookup_map(camera, atlas, samples), dtype="f4")
     # Interpolating coordinates would mix positions on different faces of the atlas.
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 
 
-def lookup_map_size(context: moderngl.Context, camera: OmniCamera, samples: int) -> tuple[int, int]:
+def _lookup_map_size(
+    context: moderngl.Context, camera: OmniCamera, samples: int
+) -> tuple[int, int]:
     """Width and height of a lookup map's texture.
 
     Raises:
@@ -145,6 +129,41 @@ def lookup_map_size(context: moderngl.Context, camera: OmniCamera, samples: int)
             f"OpenGL allows {limit} px a side"
         )
     return size
+
+
+def render_lookup_texture(
+    context: moderngl.Context,
+    programs: ShaderPrograms,
+    camera: OmniCamera,
+    tessellation: Tessellation,
+    samples: int,
+    atlas: Atlas,
+) -> moderngl.Texture:
+    """Lookup map of a mirror mesh, OUTSIDE_MIRROR for samples beside the mesh.
+
+    The mesh is rendered once, `samples` times larger than the image: the samples then coincide with
+    trace's, which multisampling would leave to the driver.
+    """
+    lookup_map = context.texture(_lookup_map_size(context, camera, samples), 2, dtype="f4")
+    lookup_map.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    target = context.framebuffer([lookup_map])
+    spec = ProgramSpec("mirror_mesh_lookup", "mirror_mesh_lookup", atlas_definitions(atlas))
+    program = programs.get(spec)
+    set_atlas_uniforms(program, atlas)
+    mesh = build_mirror_mesh(camera, tessellation)
+    # Clip positions and directions in one buffer: freed after a single draw call.
+    corners = np.concatenate((mirror_mesh_clip_positions(camera, mesh), mesh.directions), axis=-1)
+    buffer = context.buffer(corners.astype(np.float32).tobytes())
+    vertices = context.vertex_array(
+        program, [(buffer, "4f 3f", "clip_position", "direction_at_corner")]
+    )
+    context.enable_only(moderngl.NOTHING)
+    target.use()
+    target.clear(OUTSIDE_MIRROR, OUTSIDE_MIRROR)
+    vertices.render()
+    for resource in (vertices, buffer, target):
+        resource.release()
+    return lookup_map
 
 
 def mirror_mesh_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:
@@ -176,36 +195,13 @@ def mirror_mesh_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:
     return np.stack((clip_x, clip_y, np.zeros_like(w), w), axis=-1)
 
 
-def render_lookup_texture(
-    context: moderngl.Context,
-    programs: ShaderPrograms,
-    camera: OmniCamera,
-    tessellation: Tessellation,
-    samples: int,
-    atlas: Atlas,
-) -> moderngl.Texture:
-    """Lookup map of a mirror mesh, OUTSIDE_MIRROR for samples beside the mesh.
+def atlas_definitions(atlas: Atlas) -> Definitions:
+    """Preprocessor definitions of such a program."""
+    # A definition instead of a uniform: without face U the shader has no comparison with U.
+    return (("NUM_FACES", atlas.num_faces),)
 
-    The mesh is rendered once, `samples` times larger than the image: its samples then coincide with
-    those of trace, which multisampling would leave to the driver.
-    """
-    lookup_map = context.texture(lookup_map_size(context, camera, samples), 2, dtype="f4")
-    lookup_map.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    target = context.framebuffer([lookup_map])
-    spec = ProgramSpec("mirror_mesh_lookup", "mirror_mesh_lookup", atlas_definitions(atlas))
-    program = programs.get(spec)
-    set_atlas_uniforms(program, atlas)
-    mesh = build_mirror_mesh(camera, tessellation)
-    # Clip positions and directions in one buffer: used for a single draw call and freed after it.
-    corners = np.concatenate((mirror_mesh_clip_positions(camera, mesh), mesh.directions), axis=-1)
-    buffer = context.buffer(corners.astype(np.float32).tobytes())
-    vertices = context.vertex_array(
-        program, [(buffer, "4f 3f", "clip_position", "direction_at_corner")]
-    )
-    context.enable_only(moderngl.NOTHING)
-    target.use()
-    target.clear(OUTSIDE_MIRROR, OUTSIDE_MIRROR)
-    vertices.render()
-    for resource in (vertices, buffer, target):
-        resource.release()
-    return lookup_map
+
+def set_atlas_uniforms(program: moderngl.Program, atlas: Atlas) -> None:
+    """Set the atlas' transforms and size in a program."""
+    set_uniform(program, "face_texel_transform", atlas.texel_transforms())
+    set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))

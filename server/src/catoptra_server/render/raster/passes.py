@@ -1,8 +1,8 @@
-"""The passes of a view: each renders from textures of earlier passes into a target.
+"""The passes of a view, and the images that they draw into.
 
-Images in linear light on the device: written by one pass, read by the next or read back.
-
-A long exposure on the device: sharp images, rendered in turn and added up.
+Each pass renders from textures of earlier passes into a target: the mean of samples, a long
+exposure as sharp images that are added up. Images are in linear light until the last pass encodes;
+`OutputImage` and `LinearImageTarget` are read back.
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
 """Ranges of all pixels on the device: the faces once more, with ranges in an atlas of their own.
 
-One sample a texel, looked up without interpolation: a range between two surfaces would belong to
-neither. At a silhouette a pixel may therefore have the range of a surface half a texel away.
+Near defocus needs the range of a pixel; the pass exists only where a running effect uses ranges.
+Fog needs none: the fragments of faces know theirs. One sample a texel, looked up without
+interpolation: a range between two surfaces would belong to neither. At a silhouette a pixel may
+therefore have the range of a surface half a texel away.
 """
 
 from __future__ import annotations
@@ -62,14 +64,14 @@ class RangePass:
         self._max_depth_ratio = max(cell.max_depth_ratio for cell in atlas.cells)
         size = (atlas.width, atlas.height)
         self._texels = _make_texture(context, size)
-        # A depth buffer of its own: that of the faces may be multisampled, ranges are not.
+        # A depth buffer of its own: the faces' may be multisampled, ranges are not.
         self._depth = context.depth_renderbuffer(size)
         self._target = context.framebuffer([self._texels], self._depth)
         self._ranges = _make_texture(context, (camera.width_px, camera.height_px))
         self._range_target = context.framebuffer([self._ranges])
         self._surface_program = programs.get(ProgramSpec("range", "range"))
         self._vertices = scene.make_position_array(self._surface_program)
-        self._objects = ObjectPositions(context, self._surface_program, scene.origin)
+        self._objects = _ObjectPositions(context, self._surface_program, scene.origin)
         self._lookup_program = programs.get(ProgramSpec("fullscreen_triangle", "pixel_range"))
         self._fullscreen_triangle = context.vertex_array(self._lookup_program, [])
 
@@ -142,7 +144,7 @@ class RangePass:
             resource.release()
 
 
-class ObjectPositions:
+class _ObjectPositions:
     """Vertex buffers of dynamic objects' corners; none without objects."""
 
     def __init__(

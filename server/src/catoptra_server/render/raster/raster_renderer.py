@@ -20,10 +20,11 @@ from catoptra_server.render.raster.device import GlDevice, ShaderPrograms, fit_s
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.passes import OutputImage
 from catoptra_server.render.raster.raster_views import (
-    LensPasses,
-    OmniPasses,
     RasterOmniView,
+    ViewPasses,
+    make_lens_passes,
     make_lookup_map,
+    make_omni_passes,
 )
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.renderer import FaceCamera, RenderPlan, View
@@ -85,8 +86,8 @@ class RasterRenderer:
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
         """Prepare a view of an omnidirectional camera.
 
-        Face pass and lookup map are built here; the passes behind them when a frame first needs
-        them, since effects and shutter may differ from frame to frame.
+        Face pass and lookup map are built here; later passes when a frame first needs
+        each, since effects and shutter may differ from frame to frame.
         """
         self._check_thread()
         with self._device.context as context, ExitStack() as undo:
@@ -102,18 +103,17 @@ class RasterRenderer:
             faces.draw(CameraState(Pose.from_rpy(self._scene.origin)))
             # All built: from here on the view frees these resources.
             undo.pop_all()
-        passes = OmniPasses(
-            context, self._programs, self._scene, camera, plan, faces, lookup_map, output
-        )
-        return RasterOmniView(
-            self._device,
-            faces,
-            lookup_map,
-            output,
-            camera=camera,
-            sequences=passes,
-            image_changer=self._image_changer,
-            thread=self._thread,
+        return self._make_view(
+            make_omni_passes(
+                context,
+                self._programs,
+                self._scene,
+                camera,
+                plan,
+                faces=faces,
+                lookup_map=lookup_map,
+                output=output,
+            )
         )
 
     def _make_face_pass(
@@ -150,22 +150,17 @@ class RasterRenderer:
             # trace's positions.
             faces = FacePass(context, self._scene, cell, 1)
             output = OutputImage(context, camera.width_px, camera.height_px)
-        passes = LensPasses(context, self._programs, self._scene, cell, faces, output)
-        view = RasterOmniView(
-            self._device,
-            faces,
-            None,
-            output,
-            camera=camera,
-            sequences=passes,
-            image_changer=self._image_changer,
-            thread=self._thread,
+        view = self._make_view(
+            make_lens_passes(context, self._programs, self._scene, faces=faces, output=output)
         )
         view.prepare_plain()
         # A zoom of a camera leaves nothing to compile: no discarded frame then.
         if self.program_names != names_before:
             self._warm_up(view)
         return view
+
+    def _make_view(self, passes: ViewPasses) -> RasterOmniView:
+        return RasterOmniView(self._device, passes, self._image_changer, thread=self._thread)
 
     @property
     def _max_texels(self) -> int:

@@ -1,12 +1,10 @@
-"""The triangles of a scene with the vertex attributes and programs of one lighting model.
+"""Triangles on the device with the attributes and programs of one lighting model.
 
-A batch has only the attributes it needs: no texture coordinates without a texture, no normals where
-light is constant over each triangle.
-
-Dynamic objects on the device: one vertex buffer, written for every camera state that has any.
-
-Without objects there is no buffer, no program and no draw call. Objects share the faces' program;
-each triangle's light is computed at the object's current pose.
+Static triangles stand in batches, one for each texture. A batch has no more attributes than needed:
+no texture coordinates without a texture, no normals where light is constant over each triangle.
+Dynamic objects share one vertex buffer, written for every camera state that has any; without
+objects there is no buffer, no program and no draw call. Objects share the faces' program, and each
+triangle's light is computed at the object's current pose.
 """
 
 from __future__ import annotations
@@ -42,12 +40,11 @@ from catoptra_server.world.world_description import Light, srgb_from_linear
 _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
 # Definition of programs that hide a part of the sky from fragments.
 _OCCLUDED: Definitions = (("OCCLUDED", 1),)
-# Units 0 to 2 are those of textures and shadow maps.
+# Units 0 to 2 have textures and shadow maps.
 _OCCLUSION_UNIT = 3
-# GL_SRGB8: the sampler turns texels into linear light before it filters them.
+# GL_SRGB8: the sampler turns texels into linear light and filters then.
 _SRGB8 = 0x8C41
-
-VertexAttribute = tuple[moderngl.Buffer, str]
+_VertexAttribute = tuple[moderngl.Buffer, str]
 """Buffer and its format."""
 
 
@@ -59,20 +56,6 @@ class FacetLighting:
     """Lights whose irradiance depends on the normal alone: each triangle has one radiance."""
     definitions: Definitions = ()
     """Definitions of programs that shade further lights per fragment; empty without such lights."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Batch:
-    """The triangles of one texture."""
-
-    clusters: slice
-    """Clusters of the batch, consecutive in the cluster table."""
-    program: moderngl.Program
-    """Program that draws the batch."""
-    vertices: moderngl.VertexArray
-    """Attributes of all triangles, bound to the program."""
-    texture: moderngl.Texture | None
-    """Albedo texture, None without one."""
 
 
 class SceneBatches:
@@ -113,7 +96,7 @@ class SceneBatches:
         """The programs of all batches."""
         return {batch.program for batch in self._batches}
 
-    def _upload(self, scene: SceneMesh) -> dict[str, VertexAttribute]:
+    def _upload(self, scene: SceneMesh) -> dict[str, _VertexAttribute]:
         """Buffer and format of each attribute that some batch needs."""
         attributes = {"radiance": _corner_radiance(scene, self._lighting.constant_lights)}
         if scene.textures:
@@ -195,6 +178,20 @@ class SceneBatches:
             buffer.release()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Batch:
+    """The triangles of one texture."""
+
+    clusters: slice
+    """Clusters of the batch, consecutive in the cluster table."""
+    program: moderngl.Program
+    """Program that draws the batch."""
+    vertices: moderngl.VertexArray
+    """Attributes of all triangles, bound to the program."""
+    texture: moderngl.Texture | None
+    """Albedo texture, None without one."""
+
+
 def upload_values(
     context: moderngl.Context, values: Floats | npt.NDArray[np.float32]
 ) -> moderngl.Buffer:
@@ -205,7 +202,7 @@ def upload_values(
 
 
 def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Texture:
-    """Texture that repeats and is filtered as texture_levels.sample_levels does.
+    """Texture that repeats and is filtered as `world/textures.py:sample_levels` does.
 
     Row 0 of the image is row 0 of the texture, so (0, 0) is the image's top left corner.
     """
@@ -246,7 +243,7 @@ def _atlas_positions(occlusion: OcclusionMap, corners: Floats) -> Floats:
 
 
 def _corner_radiance(scene: SceneMesh, lights: tuple[Light, ...]) -> Floats:
-    """(n, 3, 3) radiance at the corners of each triangle by lights that are constant over it."""
+    """(n, 3, 3) radiance at the corners of each triangle by lights that are constant there."""
     if scene.corner_albedo is None:
         return _repeat_at_corners(shading.facet_radiance(scene, lights))
     return shading.corner_radiance(scene, scene.corner_albedo, lights)
@@ -260,18 +257,6 @@ def _corner_albedo(scene: SceneMesh) -> Floats:
 def _repeat_at_corners(values: Floats) -> Floats:
     """(n, 3, k) copies of each triangle's (n, k) values at its three corners."""
     return np.repeat(values[:, None], 3, axis=1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _BoundingSpheres:
-    """Bounding spheres of one frame's objects, and their ranges of triangles in the buffer."""
-
-    centres: Floats
-    """(n, 3) centres, scene frame."""
-    radii: Floats
-    """(n,) radii, metres."""
-    offsets: Indices
-    """(n + 1,) first triangle of each object, and the number of all."""
 
 
 class DynamicObjectBuffer:
@@ -368,7 +353,7 @@ class DynamicObjectBuffer:
         return self._context.vertex_array(program, [(buffer, layout, *names)])
 
     def set_frame(self, frame: FrameUniforms) -> None:
-        """Write the uniforms of a frame, if any object is drawn in it."""
+        """Write the uniforms of a frame, if any object is drawn."""
         for program in self.programs:
             frame.apply_to(program)
 
@@ -395,6 +380,18 @@ class DynamicObjectBuffer:
         if self._buffer is not None:
             self._buffer.release()
         self._vertices = self._buffer = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _BoundingSpheres:
+    """Bounding spheres of one frame's objects, and their ranges of triangles in the buffer."""
+
+    centres: Floats
+    """(n, 3) centres, scene frame."""
+    radii: Floats
+    """(n,) radii, metres."""
+    offsets: Indices
+    """(n + 1,) first triangle of each object, and the number of all."""
 
 
 def object_distance_range(

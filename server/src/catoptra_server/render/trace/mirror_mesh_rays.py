@@ -1,7 +1,9 @@
 """The rays of the paper's mirror mesh, in float64: the reference for raster's UV-mapped mesh.
 
 A camera ray from the pinhole hits a flat facet; the looked-up direction is interpolated between the
-facet's corners at that point. Embree finds the facet, the interpolation is done here in float64.
+facet's corners at that point. Each corner carries the direction that is looked up, and UV and
+position interpolation differ only in its length. So the paper's comparison needs no OpenGL. Embree
+finds the facet, the interpolation is done here in float64.
 """
 
 from __future__ import annotations
@@ -44,8 +46,8 @@ def mirror_mesh_directions(
     corners, directions = mesh.corners[triangle[valid]], mesh.directions[triangle[valid]]
     weights = _barycentric_weights(corners - pinhole, rays[valid])
     looked_up[valid] = np.einsum("nc,nci->ni", weights, directions)
-    # Normalized last, as a GPU does with interpolated attributes: lengths at the corners matter,
-    # they are the difference between UV and position interpolation.
+    # Normalized last, as a GPU does with interpolated attributes: lengths at the corners matter:
+    # the difference between UV and position interpolation.
     looked_up /= np.linalg.norm(looked_up, axis=-1, keepdims=True)
     return looked_up.reshape(*pixel.shape[:-1], 3), valid.reshape(pixel.shape[:-1])
 

@@ -1,8 +1,9 @@
 """Distances along rays in the static scene, for sensors that measure range, without any radiance.
 
 By the native kernel, and by embreex where the kernel cannot run: the same bits, since both cast
-single rays by one Embree. Its rays are watertight: none slips between two triangles that share an
-edge.
+single rays by one Embree. Embree's rays are watertight: none slips between two triangles that share
+an edge. The kernel commits a million triangles in 0.5 s, embreex in 2.6 s. Not the triangles of the
+renderer, which is made anew after a fault while sensors measure.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.kernel_ray_caster import KernelRayCaster
-from catoptra_server.render.trace.kernel.library import AUTO, KernelUnavailableError
+from catoptra_server.render.trace.kernel.library import KernelUnavailableError
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shapes import hit_normals
 
@@ -28,7 +30,7 @@ _NO_HIT_M = 1e30
 
 
 class SceneRayCaster(Protocol):
-    """Distances in a scene; twin: `sensors.sensor_environment.RayCaster`."""
+    """Distances in a scene; twin: `simulation/sensors/sensor.py:RayCaster`."""
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""

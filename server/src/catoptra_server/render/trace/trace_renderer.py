@@ -1,12 +1,8 @@
 """The trace renderer: one ray a sample, traced and shaded by an engine.
 
-The native kernel where it can run, else its float64 reference in NumPy: `engine_choice`.
-
-The engine of the trace renderer: the native kernel where it can run, else the reference.
-
-A traced image of a camera: encoded at once, or changed by effects first.
-
-The effects are applied by the engine's image changer: native stages, or the formulas of `effects/`.
+The engine is the native kernel where it can run, else its float64 reference in NumPy, ten times
+slower. A frame without image effects is encoded by the engine itself; else the engine's image
+changer applies the effects to linear light, by native stages or the formulas of `effects/`.
 """
 
 from __future__ import annotations
@@ -52,10 +48,75 @@ from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World
 
 log = logging.getLogger(__name__)
-
-
 EngineName = Literal["kernel", "reference"]
 EngineRequest = Literal["auto", "kernel", "reference"]
+
+
+class TraceRenderer:
+    """A scene in an engine."""
+
+    def __init__(
+        self,
+        scene: SceneMesh,
+        world: World,
+        *,
+        threads: int = 0,
+        scene_lights: tuple[Light, ...] | None = None,
+        engine: EngineRequest = "auto",
+        instruction_set: str = "auto",
+    ) -> None:
+        """Commit a scene.
+
+        Args:
+            scene: Triangles of the static scene.
+            world: Lights and background.
+            threads: Threads of the engine; 0 for one per processor that this process may use.
+            scene_lights: Lights that change the static scene visibly; None for all of the world.
+            engine: Engine; "auto" for the kernel where it can run.
+            instruction_set: Instruction set of the kernel; "auto" for the processor's best.
+
+        Raises:
+            KernelUnavailableError: The kernel was requested and cannot run.
+        """
+        self.engine_name: EngineName
+        """Engine that traces."""
+        self.engine_name, self._engine = create_engine(
+            engine,
+            scene,
+            world,
+            threads=threads or count_processors(),
+            scene_lights=world.lights if scene_lights is None else scene_lights,
+            instruction_set=instruction_set,
+        )
+        self._triangles = len(scene)
+
+    def describe(self) -> str:
+        """One-line description for logs: engine, threads and scene size."""
+        return f"trace: {self._engine.description}, {self._triangles} triangles"
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
+        """Prepare a view of an omnidirectional camera."""
+        return self._make_view(camera, omni_ray_table(camera, plan))
+
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceOmniView:
+        """Prepare a view of a perspective camera; samples: along a side of each pixel."""
+        return self._make_view(camera, lens_ray_table(camera, samples))
+
+    def prepare_face(self, camera: FaceCamera, samples: int) -> TraceOmniView:
+        """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
+        return self._make_view(camera.perspective_camera, face_ray_table(camera, samples))
+
+    def prepare_rays(self, table: RayTable) -> TracedRays:
+        """Prepare rays whose hits are wanted, instead of an image."""
+        return self._engine.prepare(table)
+
+    def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceOmniView:
+        """View of a camera's rays."""
+        return TraceOmniView(camera, self._engine.prepare(table), self._engine.image_changer)
+
+    def close(self) -> None:
+        """Free the engine."""
+        self._engine.close()
 
 
 def create_engine(
@@ -67,7 +128,7 @@ def create_engine(
     scene_lights: tuple[Light, ...],
     instruction_set: str,
 ) -> tuple[EngineName, TraceEngine]:
-    """Create an engine, and name it.
+    """Create an engine, with its name.
 
     Args:
         request: Engine; "auto" takes the kernel and falls back on the reference, with a warning.
@@ -82,6 +143,7 @@ def create_engine(
     """
 
     def create_kernel() -> TraceEngine:
+        # Loaded where the engine is needed: see `commands/server.py`.
         from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 
         return KernelEngine(
@@ -102,7 +164,7 @@ def create_engine(
         except KernelUnavailableError as error:
             # The message names the missing part and the remedy.
             log.warning("%s; tracing with the NumPy reference, many times slower", error)
-    # As above, where the engine is needed: see commands/server.py.
+    # Loaded late, as the kernel.
     from catoptra_server.render.trace.reference.reference_engine import ReferenceEngine
 
     return "reference", ReferenceEngine(scene, world, threads=threads, scene_lights=scene_lights)
@@ -202,70 +264,3 @@ class TraceOmniView:
 def _elapsed_ms(begin_s: float) -> float:
     """Milliseconds since a reading of the performance counter."""
     return 1e3 * (time.perf_counter() - begin_s)
-
-
-class TraceRenderer:
-    """A scene in an engine."""
-
-    def __init__(
-        self,
-        scene: SceneMesh,
-        world: World,
-        *,
-        threads: int = 0,
-        scene_lights: tuple[Light, ...] | None = None,
-        engine: EngineRequest = "auto",
-        instruction_set: str = "auto",
-    ) -> None:
-        """Commit a scene.
-
-        Args:
-            scene: Triangles of the static scene.
-            world: Lights and background.
-            threads: Threads of the engine; 0 for one per processor that this process may use.
-            scene_lights: Lights that change the static scene visibly; None for all of the world.
-            engine: Engine; "auto" for the kernel where it can run.
-            instruction_set: Instruction set of the kernel; "auto" for the processor's best.
-
-        Raises:
-            KernelUnavailableError: The kernel was requested and cannot run.
-        """
-        self.engine_name: EngineName
-        """Engine that traces."""
-        self.engine_name, self._engine = create_engine(
-            engine,
-            scene,
-            world,
-            threads=threads or count_processors(),
-            scene_lights=world.lights if scene_lights is None else scene_lights,
-            instruction_set=instruction_set,
-        )
-        self._triangles = len(scene)
-
-    def describe(self) -> str:
-        """One-line description for logs: engine, threads and scene size."""
-        return f"trace: {self._engine.description}, {self._triangles} triangles"
-
-    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
-        """Prepare a view of an omnidirectional camera."""
-        return self._make_view(camera, omni_ray_table(camera, plan))
-
-    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceOmniView:
-        """Prepare a view of a perspective camera; samples: along a side of each pixel."""
-        return self._make_view(camera, lens_ray_table(camera, samples))
-
-    def prepare_face(self, camera: FaceCamera, samples: int) -> TraceOmniView:
-        """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
-        return self._make_view(camera.perspective_camera, face_ray_table(camera, samples))
-
-    def prepare_rays(self, table: RayTable) -> TracedRays:
-        """Prepare rays whose hits are wanted, instead of an image."""
-        return self._engine.prepare(table)
-
-    def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceOmniView:
-        """View of a camera's rays."""
-        return TraceOmniView(camera, self._engine.prepare(table), self._engine.image_changer)
-
-    def close(self) -> None:
-        """Free the engine."""
-        self._engine.close()

@@ -14,6 +14,7 @@ from typing import ClassVar
 import pytest
 
 from catoptra_protocol.errors import DomainError
+from catoptra_server.render.renderer_kind import INSTRUCTION_SETS
 from catoptra_server.render.trace.kernel import library as instruction_sets
 from catoptra_server.render.trace.kernel import library as kernel_library
 from catoptra_server.render.trace.kernel import library as library_files
@@ -26,7 +27,6 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     SceneStruct,
 )
 from catoptra_server.render.trace.kernel.library import (
-    INSTRUCTION_SETS,
     LIBRARY_OF_INSTRUCTION_SET,
     REASON_NAME,
     KernelDevice,

@@ -1,12 +1,4 @@
-"""Baked factors against brute force, the analytic corner, and the open floor.
-
-The atlas of bytes: nodes inside solids filled from beside, sets of rays mixed, grids apart.
-
-Nodes near casters: all that could be occluded, and hardly any other.
-
-Directions to the sky: distributed by the cosine, and stratified in every set.
-
-Grids over surfaces: nodes no farther apart than asked, none shared in the atlas."""
+"""Baked factors against brute force and the analytic corner, and each step of the baking alone."""
 
 from __future__ import annotations
 
@@ -22,8 +14,6 @@ from catoptra_server.render.trace.occlusion.baking import (
     NUM_SETS,
     RADIUS_M,
     RAYS_PER_NODE,
-    GridLayout,
-    SurfaceFrames,
     bake_occlusion,
     enclose_casters,
     filter_factors,
@@ -35,11 +25,14 @@ from catoptra_server.render.trace.occlusion.baking import (
 )
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster, commit_ray_caster
 from catoptra_server.world.occlusion_map import BLOCK, OPEN
-from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
 from helpers.standing_things import FLOOR, SKY, bake_scene, integrate_factor, make_box_world
 
 GREY = Material((0.5, 0.5, 0.5))
+SCENE = build_scene(make_box_world())
+FRAMES = frame_surfaces(SCENE, find_flat_surfaces(SCENE))
+LAYOUT = lay_out(FRAMES, 0.1)
 # The mean of 32 rays a node, four sets mixed, interpolated between nodes 5 cm apart.
 TOLERANCE = 0.03
 
@@ -134,24 +127,26 @@ def test_threads_and_casters_give_the_same_bytes() -> None:
     assert len({found.texels.tobytes() for found in maps if found is not None}) == 1
 
 
-def make_layout(columns: int, rows: int) -> GridLayout:
-    """Two equal grids, side by side without a gap."""
-    both = np.ones(2, dtype=np.int32)
-    left = np.array([0, columns], dtype=np.int32)
-    return GridLayout(columns * both, rows * both, left, 0 * both, 2 * columns, rows)
-
-
 def run_filter(
     values: np.ndarray[tuple[int, int], np.dtype[np.float64]],
     inside: np.ndarray[tuple[int, int], np.dtype[np.bool_]] | None = None,
 ) -> list[list[int]]:
+    """Bytes of a grid of factors that has another one beside it, without a gap."""
     rows, columns = values.shape
+    both = np.ones(2, dtype=np.int32)
+    layout = replace(
+        LAYOUT,
+        columns=columns * both,
+        rows=rows * both,
+        left=np.array([0, columns], dtype=np.int32),
+        top=0 * both,
+        width=2 * columns,
+        height=rows,
+    )
     inside = np.zeros(values.shape, dtype=bool) if inside is None else inside
     near = np.zeros((rows, 2 * columns), dtype=bool)
     near[:, :columns] = True
-    texels = filter_factors(
-        make_layout(columns, rows), near, values[near[:, :columns]], inside[near[:, :columns]]
-    )
+    texels = filter_factors(layout, near, values.reshape(-1), inside.reshape(-1))
     assert (texels[:, columns:] == OPEN).all()
     return texels[:, :columns].tolist()
 
@@ -173,11 +168,6 @@ def test_nodes_inside_a_solid_take_their_neighbours_factors() -> None:
     assert (texels[:, :5] == round(0.6 * OPEN)).all()
     # Farther inside nobody looks: open, so that tiles there need no factors.
     assert (texels[:, 7] == OPEN).all()
-
-
-SCENE = build_scene(make_box_world())
-FRAMES = frame_surfaces(SCENE, find_flat_surfaces(SCENE))
-LAYOUT = lay_out(FRAMES, 0.1)
 
 
 def find_floor(radius_m: float) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
@@ -234,19 +224,14 @@ def test_weight_falls_from_one_at_the_surface_to_zero_at_the_radius() -> None:
     assert occluder_weights(distances).tolist() == [1.0, 0.25, 0.0, 0.0, 0.0]
 
 
-def frame(scene: SceneMesh = SCENE) -> SurfaceFrames:
-    return frame_surfaces(scene, find_flat_surfaces(scene))
-
-
 def test_every_corner_of_a_triangle_lies_in_its_surface_s_rectangle() -> None:
-    frames = frame()
-    assert len(frames.origin) == 7  # the floor and six sides
-    for corners, patch in zip(SCENE.corners, frames.patch_of, strict=True):
-        sides = np.stack((frames.side_x[patch], frames.side_y[patch]))
-        at = (corners - frames.origin[patch]) @ np.linalg.pinv(sides)
+    assert len(FRAMES.origin) == 7  # the floor and six sides
+    for corners, patch in zip(SCENE.corners, FRAMES.patch_of, strict=True):
+        sides = np.stack((FRAMES.side_x[patch], FRAMES.side_y[patch]))
+        at = (corners - FRAMES.origin[patch]) @ np.linalg.pinv(sides)
         assert (at > -1e-9).all()
         assert (at < 1.0 + 1e-9).all()
-        np.testing.assert_allclose(at @ sides + frames.origin[patch], corners, atol=1e-9)
+        np.testing.assert_allclose(at @ sides + FRAMES.origin[patch], corners, atol=1e-9)
 
 
 def test_small_triangles_have_grids_between_their_corners() -> None:
@@ -262,7 +247,7 @@ def test_small_triangles_have_grids_between_their_corners() -> None:
 
 @pytest.mark.parametrize("distance_m", [0.03, 0.2, 50.0])
 def test_grids_share_no_block_of_the_atlas(distance_m: float) -> None:
-    layout = lay_out(frame(), distance_m)
+    layout = lay_out(FRAMES, distance_m)
     used = np.zeros((layout.height, layout.width), dtype=int)
     for x, y, w, h in zip(layout.left, layout.top, layout.columns, layout.rows, strict=True):
         assert x % BLOCK == y % BLOCK == 0
@@ -275,7 +260,6 @@ def test_grids_share_no_block_of_the_atlas(distance_m: float) -> None:
 
 
 def test_nodes_are_at_most_as_far_apart_as_asked() -> None:
-    frames = frame()
-    layout = lay_out(frames, 0.07)
-    for sides, count in ((frames.side_x, layout.columns), (frames.side_y, layout.rows)):
+    layout = lay_out(FRAMES, 0.07)
+    for sides, count in ((FRAMES.side_x, layout.columns), (FRAMES.side_y, layout.rows)):
         assert (np.linalg.norm(sides, axis=-1) / (count - 1)).max() <= 0.07 + 1e-9

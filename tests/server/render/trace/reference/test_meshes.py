@@ -1,14 +1,11 @@
-"""Transforms of rays: poses exactly, and entries in between.
-
-Hits on a mesh: Embree's triangle, distances and weights in float64.
-
-Materials at hits, and the first of several meshes."""
+"""Transforms of rays, first hits with their weights in float64, and materials at hits."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
@@ -16,7 +13,6 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.reference.meshes import (
     EmbreeMesh,
     FirstHits,
-    Indices,
     PlacedMesh,
     WorldRays,
     find_first_hits,
@@ -182,7 +178,7 @@ def place_cubes(*poses: Pose) -> list[PlacedMesh]:
     return [PlacedMesh(mesh, interpolate_poses((pose,), None)) for pose in poses]
 
 
-def make_hits(triangle: Indices, weights: Floats) -> tuple[FirstHits, WorldRays]:
+def make_hits(triangle: npt.NDArray[np.int32], weights: Floats) -> tuple[FirstHits, WorldRays]:
     """Hits on the first mesh by rays from above, whose neighbours are the same rays."""
     count = len(triangle)
     down = np.tile((0.0, 0.0, 1.0), (count, 1))

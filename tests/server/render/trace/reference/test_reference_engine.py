@@ -1,20 +1,18 @@
-"""Batches of a table have every valid ray once; pixels are means of their samples.
-
-The reference engine: bytes that depend on nothing but scene and rays."""
+"""The reference engine: bytes that depend on scene and rays alone; batches have every ray once."""
 
 from __future__ import annotations
 
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from catoptra_server.render.trace.ray_table import RayTable, omni_ray_table
-from catoptra_server.render.trace.reference import reference_engine as ray_batches
+from catoptra_server.render.trace.reference import reference_engine as module
 from catoptra_server.render.trace.reference.reference_engine import (
-    RayBatch,
     ReferenceEngine,
     mean_pixels,
     read_batch,
@@ -38,14 +36,14 @@ from helpers.worlds import (
 CAMERA = make_omni_camera(width_px=61)
 
 
-def read_batches(table: RayTable) -> list[RayBatch]:
+def read_batches(table: RayTable) -> list[Any]:
     return [read_batch(table, tiles) for tiles in split_tiles(table)]
 
 
 @pytest.mark.parametrize("samples", [1, 2])
 def test_batches_have_every_valid_ray_once(monkeypatch: pytest.MonkeyPatch, samples: int) -> None:
     table = omni_ray_table(CAMERA, make_plan(CAMERA, samples=samples))
-    monkeypatch.setattr(ray_batches, "_RAYS_PER_BATCH", 1000)
+    monkeypatch.setattr(module, "_RAYS_PER_BATCH", 1000)
     batches = read_batches(table)
     assert len(batches) > 3
     valid = np.concatenate([16 * samples**2 * batch.tiles.start + batch.rays for batch in batches])
@@ -102,7 +100,7 @@ def test_image_does_not_depend_on_batches_and_threads(
     )
     table = omni_ray_table(CAMERA_REFERENCE_ENGINE, make_plan(CAMERA_REFERENCE_ENGINE, samples=2))
     whole = make_engine(world).prepare(table).render_linear(EXPOSURE)
-    monkeypatch.setattr(ray_batches, "_RAYS_PER_BATCH", rays_per_batch)
+    monkeypatch.setattr(module, "_RAYS_PER_BATCH", rays_per_batch)
     parts = make_engine(world, threads=3).prepare(table).render_linear(EXPOSURE)
     np.testing.assert_array_equal(whole, parts)
 

@@ -1,1 +1,1 @@
-"""The native kernel: its library, and the interface to it by ctypes."""
+"""The native kernel, C11 in `src/`, and the interface to it by ctypes; README.md describes both."""

@@ -1,10 +1,12 @@
-"""Image effects as stages of the kernel: the numbers and maps that `src/image.h` asks for.
+"""Image effects by the kernel: one call for all, each a stage with milliseconds of its own.
+
+A stage is the numbers and maps that `src/image.h` describes. The kernel leaves plain each cell of
+16 x 8 px that a stage can change by no more than the threshold, and measures the largest change
+exactly, whatever the threads. Effects without a stage are applied by their own formula, in their
+place in the order.
 
 To give an effect native code: a kind in `src/image.h`, its C code, and a function in STAGE_MAKERS.
-Effects without one are applied by their own formula. Maps are cached by effect and camera, and live
-as long as the kernel reads them: whoever makes a stage keeps what it is given.
-
-Image effects by the kernel: one call for all, each with milliseconds of its own.
+Maps are cached by effect and camera; a stage keeps the arrays that the kernel reads.
 """
 
 from __future__ import annotations
@@ -45,8 +47,9 @@ from catoptra_server.render.image_changer import (
     srgb_table,
 )
 from catoptra_server.render.renderer import Image, LinearImage
+from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.kernel_structs import ImageJob, ImageStage
-from catoptra_server.render.trace.kernel.library import AUTO, KernelDevice, choose_instruction_set
+from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
 from catoptra_server.world.camera_state import NoiseSeed
 
 (
@@ -64,210 +67,10 @@ from catoptra_server.world.camera_state import NoiseSeed
     _BLOOM,
     _BAYER,
 ) = range(13)
-
-Array = npt.NDArray[Any]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MadeStage:
-    """A stage and the arrays that it refers to."""
-
-    struct: ImageStage
-    arrays: tuple[Array, ...]
-
-
-StageMaker = Callable[[Any, RadialCamera, CaptureContext], MadeStage]
-
-
-def make_stage(
-    effect: ImageEffect, camera: RadialCamera, context: CaptureContext, threshold: float | None
-) -> MadeStage | None:
-    """Stage of an effect; None for one without native code.
-
-    Args:
-        effect: Effect of the image.
-        camera: Camera of the image.
-        context: Seed and ranges.
-        threshold: Change in grey levels that nobody sees; None to draw everywhere.
-    """
-    maker = STAGE_MAKERS.get(effect.name)
-    if maker is None:
-        return None
-    stage = maker(effect, camera, context)
-    stage.struct.threshold = -1.0 if threshold is None else threshold
-    return stage
-
-
-def _make(
-    kind: int,
-    *maps: Array | None,
-    numbers: tuple[float, ...] = (),
-    key: Array | None = None,
-    size: int = 0,
-    num_rows: int = 0,
-) -> MadeStage:
-    struct = ImageStage(kind=kind, size=size, num_rows=num_rows)
-    struct.numbers[: len(numbers)] = numbers
-    if key is not None:
-        struct.key[:3] = key.tolist()
-    for index, array in enumerate(maps):
-        if array is not None:
-            assert array.flags.c_contiguous, "the kernel reads arrays without strides"
-            struct.maps[index] = array.ctypes.data
-    return MadeStage(struct, tuple(array for array in maps if array is not None))
-
-
-@lru_cache(maxsize=16)
-def _interior(camera: RadialCamera) -> npt.NDArray[np.uint8]:
-    """Mask of blurs, (h, w)."""
-    return interior_mask(camera).astype(np.uint8)
-
-
-def _make_defocus(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    rows = defocus.table_row_map(effect, camera)
-    return _make_disc_blur(defocus.kernel_table(effect, camera), rows, _interior(camera))
-
-
-def _make_defocus_by_depth(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    assert context.range_m is not None, "defocus by depth needs ranges"
-    return _make_disc_blur(
-        defocus_by_depth.kernel_table(effect, camera),
-        defocus_by_depth.disc_parameter_map(effect, camera),
-        _interior(camera),
-        np.ascontiguousarray(context.range_m, dtype=np.float32),
-    )
-
-
-def _make_disc_blur(table: DiscKernelTable, *maps: Array) -> MadeStage:
-    weights = table.float32_weights()
-    return _make(_BLUR, weights, *maps, size=table.half_width_px, num_rows=len(weights))
-
-
-def _make_diffraction(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_BLUR, _colour_weights(effect), size=kernel_half_width_px(effect))
-
-
-@lru_cache(maxsize=8)
-def _colour_weights(effect: Any) -> npt.NDArray[np.float32]:
-    """Weights, (3, pairs), of a kernel for each colour."""
-    return np.ascontiguousarray(kernel_weights(effect).astype(np.float32).T)
-
-
-def _make_misalignment(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_WARP, lookup_offset_map(effect, cast(Any, camera)))
-
-
-def _make_magnification(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_MAGNIFY, *channel_offsets_px(effect, camera))
-
-
-def _make_dust(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    coverage = coverage_map(effect, cast(Any, camera), context.noise_seed.camera_key)
-    return _make(_COVER, coverage, numbers=(effect.albedo,))
-
-
-def _make_reflectance(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_GAIN, _reflectances(effect, camera))
-
-
-@lru_cache(maxsize=4)
-def _reflectances(effect: Any, camera: RadialCamera) -> npt.NDArray[np.float32]:
-    return reflectance_map(effect, cast(Any, camera)).astype(np.float32)
-
-
-def _make_vignetting(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_GAIN, _vignettes(camera))
-
-
-@lru_cache(maxsize=4)
-def _vignettes(camera: RadialCamera) -> npt.NDArray[np.float32]:
-    return vignetting_map(camera).astype(np.float32)
-
-
-def _make_exposure(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_GAIN, numbers=(effect.gain,) * 3)
-
-
-def _make_auto_exposure(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    numbers = (effect.target_luminance, effect.min_gain, effect.max_gain)
-    return _make(_AUTO_GAIN, numbers=numbers)
-
-
-def _make_white_balance(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_CLIPPED_GAIN, numbers=(effect.red_gain, 1.0, effect.blue_gain))
-
-
-def _make_blooming(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_BLOOM, numbers=(effect.overflow_fraction,), size=int(effect.length_px))
-
-
-def _make_fixed_pattern(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    seed = NoiseSeed(context.noise_seed.camera_key)
-    return _make(_PATTERN, *_pattern_planes(effect, seed, camera.height_px, camera.width_px))
-
-
-@lru_cache(maxsize=4)
-def _pattern_planes(
-    effect: FixedPattern, seed: NoiseSeed, height: int, width: int
-) -> tuple[npt.NDArray[np.float32], ...]:
-    """Gains and offsets, (3, h, w)."""
-    maps = gain_and_offset_maps(effect, seed, height, width)
-    return tuple(np.ascontiguousarray(np.moveaxis(one, -1, 0)) for one in maps)
-
-
-def _make_shot_noise(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    key = frame_noise_key(context.noise_seed, effect.name)
-    return _make(_SHOT_NOISE, numbers=(1.0 / effect.full_well_e,), key=key)
-
-
-def _make_read_noise(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    key = frame_noise_key(context.noise_seed, effect.name)
-    return _make(_READ_NOISE, numbers=(effect.standard_deviation,), key=key)
-
-
-def _make_quantisation(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_QUANTISE, numbers=(effect.max_code,))
-
-
-def _make_bayer(effect: Any, camera: RadialCamera, context: CaptureContext) -> MadeStage:
-    return _make(_BAYER)
-
-
-STAGE_MAKERS: Mapping[str, StageMaker] = {
-    "Defocus": _make_defocus,
-    "DefocusByDepth": _make_defocus_by_depth,
-    "Misalignment": _make_misalignment,
-    "ChromaticAberration": _make_magnification,
-    "Diffraction": _make_diffraction,
-    "MirrorDust": _make_dust,
-    "MirrorReflectance": _make_reflectance,
-    "Vignetting": _make_vignetting,
-    "Exposure": _make_exposure,
-    "AutoExposure": _make_auto_exposure,
-    "Blooming": _make_blooming,
-    "FixedPattern": _make_fixed_pattern,
-    "ShotNoise": _make_shot_noise,
-    "ReadNoise": _make_read_noise,
-    "Quantisation": _make_quantisation,
-    "Bayer": _make_bayer,
-    "WhiteBalance": _make_white_balance,
-}
-
-
 _ALIGNMENT = 64
+# The table of quantiles is computed at its first use: not for frames without noise.
 _NOISE_EFFECTS = frozenset({"ShotNoise", "ReadNoise"})
-
-
-@dataclass(slots=True, eq=False)
-class _Run:
-    """One image on its way through its effects, and the results so far."""
-
-    exposed: ExposedImage
-    thresholds: Mapping[str, float]
-    stage_ms: dict[str, float] = field(default_factory=dict)
-    changes: dict[str, float] = field(default_factory=dict)
-    layout_ms: float = 0.0
-    """Milliseconds of the encoding, and of the change of the arrays' layout."""
+_Array = npt.NDArray[Any]
 
 
 def open_image_changer(threads: int, instruction_set: str = AUTO) -> KernelImageChanger:
@@ -275,7 +78,7 @@ def open_image_changer(threads: int, instruction_set: str = AUTO) -> KernelImage
 
     Args:
         threads: Threads, the calling one included.
-        instruction_set: As Embree names it; "auto" for the processor's best.
+        instruction_set: Embree's name; "auto" for the processor's best.
 
     Raises:
         KernelUnavailableError: The kernel's or Embree's library is missing.
@@ -328,7 +131,7 @@ class KernelImageChanger:
         self, run: _Run, effects: tuple[ImageEffect, ...], result: LinearImage | Image
     ) -> None:
         """Apply effects into an image of float32, or of uint8 for an encoded one."""
-        made: list[tuple[str, MadeStage]] = []
+        made: list[tuple[str, _StageWithMaps]] = []
         for effect in effects:
             exposed, threshold = run.exposed, run.thresholds.get(effect.name)
             stage = make_stage(effect, exposed.camera, exposed.context, threshold)
@@ -348,7 +151,7 @@ class KernelImageChanger:
         self._run_stages(run, made, result)
 
     def _run_stages(
-        self, run: _Run, made: Sequence[tuple[str, MadeStage]], result: LinearImage | Image
+        self, run: _Run, made: Sequence[tuple[str, _StageWithMaps]], result: LinearImage | Image
     ) -> None:
         """Run native stages into an image, and note their results."""
         light = run.exposed.light
@@ -386,3 +189,215 @@ class KernelImageChanger:
     def close(self) -> None:
         """Close the device, which then belongs to this changer alone."""
         self._device.close()
+
+
+@dataclass(slots=True, eq=False)
+class _Run:
+    """One image on its way through its effects, and the results so far."""
+
+    exposed: ExposedImage
+    thresholds: Mapping[str, float]
+    stage_ms: dict[str, float] = field(default_factory=dict)
+    changes: dict[str, float] = field(default_factory=dict)
+    layout_ms: float = 0.0
+    """Milliseconds of the encoding, and of the change of the arrays' layout."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _StageWithMaps:
+    """A stage and the arrays that it refers to."""
+
+    struct: ImageStage
+    arrays: tuple[_Array, ...]
+
+
+_StageMaker = Callable[[Any, RadialCamera, CaptureContext], _StageWithMaps]
+
+
+def make_stage(
+    effect: ImageEffect, camera: RadialCamera, context: CaptureContext, threshold: float | None
+) -> _StageWithMaps | None:
+    """Stage of an effect; None for one without native code.
+
+    Args:
+        effect: Effect of the image.
+        camera: Camera of the image.
+        context: Seed and ranges.
+        threshold: Change in grey levels that nobody sees; None to draw everywhere.
+    """
+    maker = STAGE_MAKERS.get(effect.name)
+    if maker is None:
+        return None
+    stage = maker(effect, camera, context)
+    stage.struct.threshold = -1.0 if threshold is None else threshold
+    return stage
+
+
+def _make(
+    kind: int,
+    *maps: _Array | None,
+    numbers: tuple[float, ...] = (),
+    key: _Array | None = None,
+    size: int = 0,
+    num_rows: int = 0,
+) -> _StageWithMaps:
+    struct = ImageStage(kind=kind, size=size, num_rows=num_rows)
+    struct.numbers[: len(numbers)] = numbers
+    if key is not None:
+        struct.key[:3] = key.tolist()
+    for index, array in enumerate(maps):
+        if array is not None:
+            assert array.flags.c_contiguous, "the kernel reads arrays without strides"
+            struct.maps[index] = array.ctypes.data
+    return _StageWithMaps(struct, tuple(array for array in maps if array is not None))
+
+
+@lru_cache(maxsize=16)
+def _interior(camera: RadialCamera) -> npt.NDArray[np.uint8]:
+    """Mask of blurs, (h, w)."""
+    return interior_mask(camera).astype(np.uint8)
+
+
+def _make_defocus(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    rows = defocus.table_row_map(effect, camera)
+    return _make_disc_blur(defocus.kernel_table(effect, camera), rows, _interior(camera))
+
+
+def _make_defocus_by_depth(
+    effect: Any, camera: RadialCamera, context: CaptureContext
+) -> _StageWithMaps:
+    assert context.range_m is not None, "defocus by depth needs ranges"
+    return _make_disc_blur(
+        defocus_by_depth.kernel_table(effect, camera),
+        defocus_by_depth.disc_parameter_map(effect, camera),
+        _interior(camera),
+        np.ascontiguousarray(context.range_m, dtype=np.float32),
+    )
+
+
+def _make_disc_blur(table: DiscKernelTable, *maps: _Array) -> _StageWithMaps:
+    weights = table.float32_weights()
+    return _make(_BLUR, weights, *maps, size=table.half_width_px, num_rows=len(weights))
+
+
+def _make_diffraction(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    return _make(_BLUR, _colour_weights(effect), size=kernel_half_width_px(effect))
+
+
+@lru_cache(maxsize=8)
+def _colour_weights(effect: Any) -> npt.NDArray[np.float32]:
+    """Weights, (3, pairs), of a kernel for each colour."""
+    return np.ascontiguousarray(kernel_weights(effect).astype(np.float32).T)
+
+
+def _make_misalignment(
+    effect: Any, camera: RadialCamera, context: CaptureContext
+) -> _StageWithMaps:
+    return _make(_WARP, lookup_offset_map(effect, cast(Any, camera)))
+
+
+def _make_magnification(
+    effect: Any, camera: RadialCamera, context: CaptureContext
+) -> _StageWithMaps:
+    return _make(_MAGNIFY, *channel_offsets_px(effect, camera))
+
+
+def _make_dust(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    coverage = coverage_map(effect, cast(Any, camera), context.noise_seed.camera_key)
+    return _make(_COVER, coverage, numbers=(effect.albedo,))
+
+
+def _make_reflectance(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    return _make(_GAIN, _reflectances(effect, camera))
+
+
+@lru_cache(maxsize=4)
+def _reflectances(effect: Any, camera: RadialCamera) -> npt.NDArray[np.float32]:
+    return reflectance_map(effect, cast(Any, camera)).astype(np.float32)
+
+
+def _make_vignetting(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    return _make(_GAIN, _vignettes(camera))
+
+
+@lru_cache(maxsize=4)
+def _vignettes(camera: RadialCamera) -> npt.NDArray[np.float32]:
+    return vignetting_map(camera).astype(np.float32)
+
+
+def _make_exposure(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    return _make(_GAIN, numbers=(effect.gain,) * 3)
+
+
+def _make_auto_exposure(
+    effect: Any, camera: RadialCamera, context: CaptureContext
+) -> _StageWithMaps:
+    numbers = (effect.target_luminance, effect.min_gain, effect.max_gain)
+    return _make(_AUTO_GAIN, numbers=numbers)
+
+
+def _make_white_balance(
+    effect: Any, camera: RadialCamera, context: CaptureContext
+) -> _StageWithMaps:
+    return _make(_CLIPPED_GAIN, numbers=(effect.red_gain, 1.0, effect.blue_gain))
+
+
+def _make_blooming(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    return _make(_BLOOM, numbers=(effect.overflow_fraction,), size=int(effect.length_px))
+
+
+def _make_fixed_pattern(
+    effect: Any, camera: RadialCamera, context: CaptureContext
+) -> _StageWithMaps:
+    seed = NoiseSeed(context.noise_seed.camera_key)
+    return _make(_PATTERN, *_pattern_planes(effect, seed, camera.height_px, camera.width_px))
+
+
+@lru_cache(maxsize=4)
+def _pattern_planes(
+    effect: FixedPattern, seed: NoiseSeed, height: int, width: int
+) -> tuple[npt.NDArray[np.float32], ...]:
+    """Gains and offsets, (3, h, w)."""
+    maps = gain_and_offset_maps(effect, seed, height, width)
+    return tuple(np.ascontiguousarray(np.moveaxis(one, -1, 0)) for one in maps)
+
+
+def _make_shot_noise(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    key = frame_noise_key(context.noise_seed, effect.name)
+    return _make(_SHOT_NOISE, numbers=(1.0 / effect.full_well_e,), key=key)
+
+
+def _make_read_noise(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    key = frame_noise_key(context.noise_seed, effect.name)
+    return _make(_READ_NOISE, numbers=(effect.standard_deviation,), key=key)
+
+
+def _make_quantisation(
+    effect: Any, camera: RadialCamera, context: CaptureContext
+) -> _StageWithMaps:
+    return _make(_QUANTISE, numbers=(effect.max_code,))
+
+
+def _make_bayer(effect: Any, camera: RadialCamera, context: CaptureContext) -> _StageWithMaps:
+    return _make(_BAYER)
+
+
+STAGE_MAKERS: Mapping[str, _StageMaker] = {
+    "Defocus": _make_defocus,
+    "DefocusByDepth": _make_defocus_by_depth,
+    "Misalignment": _make_misalignment,
+    "ChromaticAberration": _make_magnification,
+    "Diffraction": _make_diffraction,
+    "MirrorDust": _make_dust,
+    "MirrorReflectance": _make_reflectance,
+    "Vignetting": _make_vignetting,
+    "Exposure": _make_exposure,
+    "AutoExposure": _make_auto_exposure,
+    "Blooming": _make_blooming,
+    "FixedPattern": _make_fixed_pattern,
+    "ShotNoise": _make_shot_noise,
+    "ReadNoise": _make_read_noise,
+    "Quantisation": _make_quantisation,
+    "Bayer": _make_bayer,
+    "WhiteBalance": _make_white_balance,
+}

@@ -1,8 +1,9 @@
-"""The rays of one camera on a kernel device: frames, hits, labels and flow.
+"""The native engine: a scene on a kernel device, and the rays of cameras.
 
-The native engine: a scene on a kernel device, and the rays of cameras.
-
-A frame is one call, from the rays and the camera's pose to pixels. C code: `src/`.
+A frame is one call, from the rays and the camera's pose to pixels, without the interpreter and on
+the kernel's own threads. embreex calls Embree for single rays, and NumPy around it cost as much
+again, while half of all threads waited for the interpreter: a fifth to a half of this speed. What a
+frame computes, and in which file, is in README.md.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from catoptra_server.render.trace.kernel.library import (
     choose_instruction_set,
 )
 from catoptra_server.render.trace.kernel.scene_arrays import (
-    Owned,
+    OwningStruct,
     caster_arrays,
     encoded_table,
     hemisphere_struct,
@@ -88,7 +89,7 @@ class KernelRays:
 
     @property
     def memory_bytes(self) -> int:
-        """Size of the rays and of the beams around them."""
+        """Size of the rays and of their beams."""
         own = 0 if self._view is None else self._device.view_bytes(self._view)
         return self._table.memory_bytes + own
 
@@ -109,7 +110,7 @@ class KernelRays:
             inverse_range=inverse,
             labels=owned,
         )
-        # Frames are handed to other threads, which encode them while the next one is rendered.
+        # Other threads encode a frame while the next one is rendered.
         if not request.is_linear:
             image.setflags(write=False)
         counts, shutter = self.last_counts, first_state(exposure).shutter
@@ -139,15 +140,15 @@ class KernelRays:
         return RayHits(range_m, triangle, hit_object)
 
     def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
-        """Labels without an image; their agreement is that of these rays."""
+        """Labels without an image; the agreement is of these rays."""
         arrays, owned = label_arrays(self._match(request.centres), request)
         self._engine.render(self._require_view(), exposure, OUTPUT_LABELS, labels=owned)
         return arrays
 
     def _label_beside(
         self, request: LabelRequest | None
-    ) -> tuple[PixelLabels | None, Owned | None]:
-        """Channels to be found beside a picture; without any where these rays cannot find them."""
+    ) -> tuple[PixelLabels | None, OwningStruct | None]:
+        """Channels to be found with a picture; none where these rays cannot find any."""
         if request is None:
             return None, None
         try:
@@ -180,7 +181,7 @@ class KernelRays:
         *arrays: npt.NDArray[np.generic],
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
         inverse_range: Float32s | None = None,
-        labels: Owned | None = None,
+        labels: OwningStruct | None = None,
     ) -> None:
         self.last_counts = self._engine.render(
             self._require_view(),
@@ -243,7 +244,7 @@ class KernelEngine:
             world: Lights of dynamic objects, and background.
             threads: Threads, the calling one included.
             scene_lights: Lights of the static scene.
-            instruction_set: As Embree names it; "auto" for the processor's best.
+            instruction_set: Embree's name; "auto" for the processor's best.
             packet_width: Rays of a packet, 1, 4, 8 or 16; 0 for the instruction set's.
 
         Raises:
@@ -266,7 +267,7 @@ class KernelEngine:
         try:
             self._scene = self._make_scene()
         except BaseException:
-            # Nobody else knows the device: its threads would stay.
+            # Nobody else knows the device: the threads would stay.
             self._device.close()
             raise
 
@@ -286,6 +287,7 @@ class KernelEngine:
         scene = SceneStruct(
             mesh=self._commit(scene_arrays(self._mesh, self.centre)),
             sharp_radiance=radiance.ctypes.data,
+            # Read for shadows and hidden sky alone; until then the same table stands in.
             ambient_radiance=radiance.ctypes.data,
             encoded=encoded.ctypes.data,
             num_textures=len(self._mesh.textures),
@@ -308,12 +310,12 @@ class KernelEngine:
         self._owners.append(radiance)
         return radiance.ctypes.data
 
-    def _keep(self, owned: Owned) -> Any:
+    def _keep(self, owned: OwningStruct) -> Any:
         """Structure whose arrays live as long as the engine."""
         self._owners += [owned.struct, *owned.owners]
         return owned.struct
 
-    def _commit(self, owned: Owned) -> int:
+    def _commit(self, owned: OwningStruct) -> int:
         """Mesh of the device, released with the engine."""
         mesh = self._device.commit_mesh(self._keep(owned))
         self._meshes.append(mesh)
@@ -325,6 +327,7 @@ class KernelEngine:
             return
         if self._mesh.occlusion is None:
             self._scene.ambient_radiance = self._tabulate_ambient()
+        # Else the triangles that are seen occlude as well: no second hierarchy.
         if not self._mesh.casts_shadows.all():
             self._scene.casters = self._commit(caster_arrays(self._mesh, self.centre))
             casters = np.flatnonzero(self._mesh.casts_shadows).astype(np.int32)
@@ -345,8 +348,8 @@ class KernelEngine:
         *arrays: npt.NDArray[np.generic],
         thresholds: Mapping[str, float] = NO_THRESHOLDS,
         inverse_range: Float32s | None = None,
-        labels: Owned | None = None,
-        flow: Owned | None = None,
+        labels: OwningStruct | None = None,
+        flow: OwningStruct | None = None,
     ) -> FrameCounts:
         """Render an exposure into arrays: an image, hits, labels or flow."""
         if first_state(exposure).has_shadows:

@@ -1,7 +1,7 @@
 """Distances along rays in the static scene by the native kernel, for sensors that measure range.
 
 The twin of `ray_caster.EmbreeRayCaster`: single rays of the same Embree, so the same bits. The
-kernel commits a million triangles in 0.5 s, where embreex takes 2.6, most of them in one thread.
+kernel commits a million triangles in 0.5 s, where embreex takes 2.6, mostly in one thread.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.trace.kernel.library import AUTO, KernelDevice, choose_instruction_set
+from catoptra_server.render.renderer_kind import AUTO
+from catoptra_server.render.trace.kernel.library import KernelDevice, choose_instruction_set
 from catoptra_server.render.trace.kernel.scene_arrays import corner_arrays
 from catoptra_server.render.trace.trace_engine import scene_centre
 from catoptra_server.runtime.memory import count_processors
@@ -32,7 +33,7 @@ class KernelMeshCaster:
             corners: (n, 3, 3) metres.
             centre: (3,) origin of the kernel's float32 coordinates, near the triangles.
             instruction_set: Embree's name; "auto" for the processor's best. The last bits of
-                distances depend on it.
+                distances follow from the set.
             threads: Threads; 0 for one per processor that this process may use.
 
         Raises:
@@ -48,7 +49,7 @@ class KernelMeshCaster:
         except BaseException:
             self._device.close()
             raise
-        # No end of their own: the process's, or that of the last reference.
+        # Nobody closes a caster: the process ends, or the last reference.
         weakref.finalize(self, _close, self._device, self._mesh, self._arrays)
 
     def closest_triangles(
@@ -66,7 +67,7 @@ class KernelMeshCaster:
 class KernelRayCaster:
     """The triangles of a scene, committed for distance queries.
 
-    Not those of the renderer: one that fails is closed and made anew while sensors measure.
+    Committed apart from the renderer, which is made anew after a fault while sensors measure.
     """
 
     def __init__(self, scene: SceneMesh, instruction_set: str = AUTO) -> None:
@@ -92,6 +93,6 @@ class KernelRayCaster:
 
 
 def _close(device: KernelDevice, mesh: int, arrays: object) -> None:
-    """Free a mesh, and with it the device; its arrays live until here."""
+    """Free a mesh and the device; the arrays live until here."""
     device.release_mesh(mesh)
     device.close()

@@ -1,6 +1,6 @@
 """The kernel's structures in ctypes: twins of `src/kernel.h`, member by member.
 
-Pointers are plain addresses of NumPy arrays; whoever fills a structure keeps its arrays alive.
+Pointers are plain addresses of NumPy arrays; whoever fills a structure keeps the arrays alive.
 """
 
 from __future__ import annotations

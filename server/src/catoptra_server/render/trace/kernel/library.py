@@ -1,11 +1,10 @@
-"""Instruction sets of this processor that Embree has code for.
+"""The kernel's library: chosen for the processor, loaded, checked, and called.
 
-Files of the native libraries that trace: the kernel and Embree. Nothing is loaded here.
-
-Where one of them is missing the server traces with its reference, and `KernelUnavailableError` is
-the reason.
-
-The kernel's library, loaded and checked; its functions with Python's errors.
+An instruction set is one that both this processor and Embree have. The files are the kernel's own
+library and the copy of Embree in the package embreex; where one of them is missing, the server
+traces with its reference, and `KernelUnavailableError` is the reason. Packets are as wide as the
+vector registers: with AVX2, 8 rays take 1.5 times the rays per second of 4, and 2.5 times those of
+16 (`tests/measurements/packet_widths.py`).
 
 ctypes releases the GIL for the whole of a call: the other threads of the server run while a frame
 is rendered.
@@ -24,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_server.render.renderer_kind import AUTO, INSTRUCTION_SET_NAMES, INSTRUCTION_SETS
 from catoptra_server.render.trace.kernel.kernel_structs import (
     STRUCTURES,
     FrameCounts,
@@ -34,10 +34,6 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     SceneStruct,
 )
 
-AUTO = "auto"
-INSTRUCTION_SETS = ("avx512", "avx2", "sse4.2")
-"""Embree's names, best first."""
-
 _CPU_INFO = Path("/proc/cpuinfo")
 # What Embree requires of a processor, in the words of the kernel's list.
 _REQUIRED_FLAGS = {
@@ -45,43 +41,7 @@ _REQUIRED_FLAGS = {
     "avx2": {"avx2", "fma", "f16c", "bmi1", "bmi2"},
     "sse4.2": {"sse4_2"},
 }
-
-
-def choose_instruction_set(requested: str) -> str:
-    """Embree's name of an instruction set; "auto" for the best that the processor has.
-
-    Raises:
-        DomainError: No such instruction set, or not on this processor.
-    """
-    available = available_instruction_sets()
-    if requested == AUTO:
-        return available[0]
-    if requested not in INSTRUCTION_SETS:
-        names = ", ".join((AUTO, *INSTRUCTION_SETS))
-        raise DomainError(f"an instruction set is one of {names}, not {requested!r}")
-    if requested not in available:
-        raise DomainError(f"this processor has no {requested}; it has {', '.join(available)}")
-    return requested
-
-
-def available_instruction_sets(cpu_info: Path = _CPU_INFO) -> tuple[str, ...]:
-    """Instruction sets of the processor, best first; SSE4.2, which the kernel needs, is assumed."""
-    flags = _read_flags(cpu_info)
-    found = (name for name in INSTRUCTION_SETS if _REQUIRED_FLAGS[name] <= flags)
-    return tuple(found) or ("sse4.2",)
-
-
-def _read_flags(cpu_info: Path) -> set[str]:
-    """Flags of the first processor."""
-    try:
-        lines = cpu_info.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return set()
-    line = next((line for line in lines if line.startswith("flags")), "")
-    return set(line.partition(":")[2].split())
-
-
-# These names are those of build_kernel.py, which compiles the kernel once for each processor.
+# The same names as in build_kernel.py, which compiles the kernel once for each processor.
 LIBRARY_OF_INSTRUCTION_SET = {
     "sse4.2": "libcatoptra_trace.so",
     "avx2": "libcatoptra_trace_avx2.so",
@@ -89,7 +49,11 @@ LIBRARY_OF_INSTRUCTION_SET = {
 }
 REASON_NAME = "not_built.txt"
 # The wheels of embreex name their copy of Embree by a hash, which changes from version to version.
-EMBREE_PATTERN = "libembree4*.so*"
+_EMBREE_PATTERN = "libembree4*.so*"
+PACKET_WIDTHS = (1, 4, 8, 16)
+"""Rays of a packet; 1 for single rays."""
+_ERROR_BYTES = 256
+_Float32s = npt.NDArray[np.float32]
 
 
 class KernelUnavailableError(CatoptraError):
@@ -100,59 +64,8 @@ class KernelUnavailableError(CatoptraError):
         self.reason = reason
 
 
-def kernel_library_path(instruction_set: str) -> Path:
-    """Path of the kernel's library for an instruction set, as Embree names it.
-
-    Raises:
-        KernelUnavailableError: CATOPTRA_KERNEL=off, or the installation brought no library.
-    """
-    if os.environ.get("CATOPTRA_KERNEL") == "off":
-        raise KernelUnavailableError("CATOPTRA_KERNEL=off; unset it to trace with the kernel")
-    path = Path(__file__).parent / LIBRARY_OF_INSTRUCTION_SET[instruction_set]
-    if not path.is_file():
-        raise KernelUnavailableError(_missing_library(path))
-    return path
-
-
-def _missing_library(path: Path) -> str:
-    """Reason that the build left beside the place of the library, or its plain absence."""
-    try:
-        reason = (path.parent / REASON_NAME).read_text(encoding="utf-8").strip()
-    except OSError:
-        return f"{path} does not exist; install catoptra-server again"
-    return f"none was built at installation: {reason}"
-
-
-def embree_library_path() -> Path:
-    """Path of the Embree library that the package embreex brings along.
-
-    Raises:
-        KernelUnavailableError: embreex is not installed, or brought no such library.
-    """
-    package = importlib.util.find_spec("embreex")
-    if package is None or package.origin is None:
-        raise KernelUnavailableError("the package embreex is not installed")
-    # Where wheels keep the libraries that they bring along. Not by the wheel's list of files:
-    # importlib.metadata takes 0.02 s of every start.
-    folder = Path(package.origin).parents[1] / "embreex.libs"
-    found = next(folder.glob(EMBREE_PATTERN), None)
-    if found is None:
-        raise KernelUnavailableError(
-            f"{folder} has no file {EMBREE_PATTERN}; install a wheel of the package embreex again"
-        )
-    return found
-
-
-PACKET_WIDTHS = (1, 4, 8, 16)
-"""Rays of a packet; 1 for single rays."""
-
-_ERROR_BYTES = 256
-
-Float32s = npt.NDArray[np.float32]
-
-
 class KernelError(CatoptraError):
-    """The kernel failed, such as for lack of memory; the message has its reason."""
+    """The kernel failed, such as for lack of memory; the message has the reason."""
 
 
 class KernelDevice:
@@ -165,7 +78,7 @@ class KernelDevice:
         """Open a device.
 
         Args:
-            instruction_set: As Embree names it: sse4.2, avx2 or avx512.
+            instruction_set: Embree's name: sse4.2, avx2 or avx512.
             threads: Threads, the calling one included.
             packet_width: One of PACKET_WIDTHS; 0 for the widest that the instruction set has.
 
@@ -227,7 +140,7 @@ class KernelDevice:
             is_held: (t,) receives whether proofs about the view's tile hold for the centres' rays.
 
         Raises:
-            DomainError: The view lacks tiles of the centres.
+            DomainError: Tiles of the centres are missing in the view.
             KernelError: Memory is short.
         """
         addresses = (centre_tile.ctypes.data, is_held.ctypes.data)
@@ -240,9 +153,9 @@ class KernelDevice:
     def cast(
         self,
         mesh: int,
-        origins: Float32s,
-        directions: Float32s,
-        ranges: Float32s,
+        origins: _Float32s,
+        directions: _Float32s,
+        ranges: _Float32s,
         triangles: npt.NDArray[np.int32],
     ) -> None:
         """Write first hits of single rays; any threads may cast at once.
@@ -354,3 +267,80 @@ def _load_library(path: Path) -> ctypes.CDLL:
                 "install the server again"
             )
     return library
+
+
+def choose_instruction_set(requested: str) -> str:
+    """Embree's name of an instruction set; "auto" for the best that the processor has.
+
+    Raises:
+        DomainError: No such instruction set, or not on this processor.
+    """
+    available = available_instruction_sets()
+    if requested == AUTO:
+        return available[0]
+    if requested not in INSTRUCTION_SETS:
+        names = ", ".join(INSTRUCTION_SET_NAMES)
+        raise DomainError(f"an instruction set is one of {names}, not {requested!r}")
+    if requested not in available:
+        raise DomainError(f"this processor has no {requested}; it has {', '.join(available)}")
+    return requested
+
+
+def available_instruction_sets(cpu_info: Path = _CPU_INFO) -> tuple[str, ...]:
+    """Instruction sets of the processor, best first; SSE4.2, which the kernel needs, is assumed."""
+    flags = _read_flags(cpu_info)
+    found = (name for name in INSTRUCTION_SETS if _REQUIRED_FLAGS[name] <= flags)
+    return tuple(found) or ("sse4.2",)
+
+
+def _read_flags(cpu_info: Path) -> set[str]:
+    """Flags of the first processor."""
+    try:
+        lines = cpu_info.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return set()
+    line = next((line for line in lines if line.startswith("flags")), "")
+    return set(line.partition(":")[2].split())
+
+
+def kernel_library_path(instruction_set: str) -> Path:
+    """Path of the kernel's library for an instruction set of Embree.
+
+    Raises:
+        KernelUnavailableError: CATOPTRA_KERNEL=off, or the installation brought no library.
+    """
+    if os.environ.get("CATOPTRA_KERNEL") == "off":
+        raise KernelUnavailableError("CATOPTRA_KERNEL=off; unset it to trace with the kernel")
+    path = Path(__file__).parent / LIBRARY_OF_INSTRUCTION_SET[instruction_set]
+    if not path.is_file():
+        raise KernelUnavailableError(_missing_library(path))
+    return path
+
+
+def _missing_library(path: Path) -> str:
+    """Reason that the build left in place of the library, or the plain absence."""
+    try:
+        reason = (path.parent / REASON_NAME).read_text(encoding="utf-8").strip()
+    except OSError:
+        return f"{path} does not exist; install catoptra-server again"
+    return f"none was built at installation: {reason}"
+
+
+def embree_library_path() -> Path:
+    """Path of the Embree library that the package embreex brings along.
+
+    Raises:
+        KernelUnavailableError: embreex is not installed, or brought no such library.
+    """
+    package = importlib.util.find_spec("embreex")
+    if package is None or package.origin is None:
+        raise KernelUnavailableError("the package embreex is not installed")
+    # Wheels keep other libraries in this folder. Not by the wheel's list of files:
+    # importlib.metadata takes 0.02 s of every start.
+    folder = Path(package.origin).parents[1] / "embreex.libs"
+    found = next(folder.glob(_EMBREE_PATTERN), None)
+    if found is None:
+        raise KernelUnavailableError(
+            f"{folder} has no file {_EMBREE_PATTERN}; install a wheel of the package embreex again"
+        )
+    return found

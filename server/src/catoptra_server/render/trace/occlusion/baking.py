@@ -1,30 +1,18 @@
-"""The occlusion map of a scene: rays from the nodes of its surfaces' grids.
+"""The occlusion map of a scene: rays from the nodes of grids over its surfaces.
 
-Rays meet the triangles that occlude lights. A node inside a solid, which nobody sees, takes its
-neighbours' factors: a floor goes on below a crate, and interpolation would darken the floor beside
-it. Factors are bytes, so the last bits of rays hardly show.
+A point's factor is 1 less the mean weight over the hemisphere of its normal: 1 - (1 / pi) integral
+of cos(theta) weight(distance(direction)). An occluder at distance 0 has the weight 1, so a point at
+the foot of an infinite wall has the factor 1/2; weights fall to 0 at the radius, since in a closed
+room every direction ends on something. Source: Zhukov et al. 1998, "An ambient light illumination
+model".
 
-Directions to the sky, distributed by the cosine, and the weight of an occluder by its distance.
-
-A point's factor is 1 less the mean weight over the hemisphere of its normal:
-1 - (1 / pi) integral of cos(theta) weight(distance(direction)). An occluder at distance 0 has the
-weight 1, so a point at the foot of an infinite wall has the factor 1/2; weights fall to 0 at the
-radius, since in a closed room every direction ends on something. Source: Zhukov et al. 1998,
-"An ambient light illumination model".
-
-Grids of nodes over the flat surfaces of a scene, packed into one atlas.
-
-Nodes lie on a surface's bounding rectangle in its plane, the outermost on its border, so that two
-nodes a side are the least. Triangles that belong to no flat surface (of worlds with very many) have
-a grid of two by two nodes each, between their corners, if they are few enough.
-
-From the factors of nodes to the bytes of an atlas: nodes inside solids filled, rays' sets mixed.
-
-Neighbouring nodes use different sets of directions, in squares of two by two. A tent over three by
-three nodes weighs all four sets alike, so steps at the edges of occluders vanish; grids of fewer
-than four nodes along a side are left as they are in that direction.
-
-Nodes of surfaces' grids that something could occlude: those near boxes around the casters.
+Five steps, in the order of this file. Flat surfaces get grids of nodes over their bounding
+rectangles, the outermost nodes on the border; triangles of no flat surface get two by two nodes, if
+they are few enough. Only nodes near boxes around casters are measured. Neighbouring nodes use
+different sets of directions, in squares of two by two. A node inside a solid, which nobody sees,
+takes its neighbours' factors: a floor goes on below a crate, and interpolation would darken the
+floor beside it. A tent over three by three nodes then weighs all four sets alike, so that steps at
+the edges of occluders vanish. Factors are bytes, so the last bits of rays hardly show.
 """
 
 from __future__ import annotations
@@ -49,13 +37,359 @@ RADIUS_M = 0.5
 # Sets of directions, one for each node of a square of four nodes; a filter then mixes all of them.
 NUM_SETS = 4
 RAYS_PER_NODE = 32
+# Nodes near casters: 32 rays each take 0.1 to 0.2 s on two processors.
+_MAX_NEAR_NODES = 48_000
+_MAX_TEXELS = 2_000_000
+# Between nodes: fine enough for the foot of a goal post.
+_MIN_NODE_DISTANCE_M = 0.05
+# Nodes along a side, whatever the surface's size: OpenGL 3.3 guarantees textures of 1024 texels.
+_MAX_SIDE_NODES = 1000
+_MAX_SMALL_TRIANGLES = 8000
+# Lower things occlude nothing of a plane: markings lie on floors, posters on walls.
+_MIN_HEIGHT_M = 0.005
+# Boxes in all, at least; a scene of few triangles has one each.
+_NUM_BOXES = 500
+_SURFACES_AT_ONCE = 256
+# Rays start before their surface: above markings on a floor, which occlude nothing, and off the
+# border, where another surface begins.
+_BIAS_M = 0.003
+_INSET_M = 0.005
+# Rays of which more than this share meet back faces within the radius start inside a solid, or on
+# its side: at the foot of a wall half of a node's rays are inside.
+_INSIDE_SHARE = 0.1
+_NODES_AT_ONCE = 2000
+# Rows of nodes inside a solid that the filter or an interpolation near a visible node reaches.
+_NUM_FILLED = 2
+_MIN_FILTERED = 4
+_DIRECTIONS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
+_Indices = npt.NDArray[np.int32]
+_Numbers = npt.NDArray[np.intp]
 
 
-def occluder_weights(distances: Floats) -> Floats:
-    """Weights of occluders at distances, metres: 1 at distance 0, 0 from the radius on."""
-    nearness = np.maximum(1.0 - distances / RADIUS_M, 0.0)
-    weights: Floats = nearness * nearness
-    return weights
+class _TriangleCaster(Protocol):
+    """First hits of rays; `ray_caster.SceneRayCaster`."""
+
+    def closest_triangles(
+        self, origins: Floats, directions: Floats
+    ) -> tuple[Floats, npt.NDArray[np.int32]]:
+        """(n,) distances and triangles; infinite and -1 without a hit."""
+
+
+def bake_occlusion(
+    scene: SceneMesh, caster: _TriangleCaster, *, threads: int
+) -> OcclusionMap | None:
+    """Occlusion map of a scene; None where nothing is occluded.
+
+    Args:
+        scene: Triangles, fewer than `kernel/scene_arrays.py:MAX_TRIANGLES`.
+        caster: Rays in the same triangles; called from several threads at once.
+        threads: Threads; the result is the same for any number.
+    """
+    frames = frame_surfaces(scene, find_flat_surfaces(scene))
+    layout, near = _choose_layout(scene, frames)
+    nodes = _place_nodes(frames, layout, near)
+    factors, inside = _measure_all(scene, caster, nodes, threads)
+    texels = filter_factors(layout, near, factors, inside)
+    return _without_open_grids(frames, layout, texels)
+
+
+def _choose_layout(scene: SceneMesh, frames: _SurfaceFrames) -> tuple[_GridLayout, Bools]:
+    """Finest grids that are not too many nodes, and the nodes near casters."""
+    boxes = enclose_casters(scene.corners[scene.casts_shadows])
+    pairs = find_near_pairs(frames, boxes, RADIUS_M)
+    distance_m = _MIN_NODE_DISTANCE_M
+    while True:
+        layout = lay_out(frames, distance_m)
+        size = layout.width * layout.height
+        if size <= _MAX_TEXELS:
+            near = pairs.find_nodes(layout)
+            excess = float(np.count_nonzero(near)) / _MAX_NEAR_NODES
+            # Grids of two by two nodes get no coarser.
+            if excess <= 1.0 or distance_m > 100.0:
+                return layout, near
+        else:
+            excess = size / _MAX_TEXELS
+        # The number of nodes falls with the square of their distance.
+        distance_m *= max(1.1, float(np.sqrt(excess)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SurfaceFrames:
+    """Coordinate systems of m surfaces: point = origin + s side_x + t side_y, s and t in [0, 1]."""
+
+    patch_of: _Indices
+    """(n,) surface of each triangle, -1 for none."""
+    origin: Floats
+    """(m, 3) corner of the rectangle, world frame, metres."""
+    side_x: Floats
+    """(m, 3) one side of the rectangle."""
+    side_y: Floats
+    """(m, 3) the other."""
+    normal: Floats
+    """(m, 3) unit, outward."""
+
+    def take(self, surfaces: npt.NDArray[np.intp]) -> _SurfaceFrames:
+        """Some of the surfaces, numbered anew; triangles of the others have none."""
+        number = np.full(len(self.origin) + 1, -1, dtype=np.int32)
+        number[surfaces] = np.arange(len(surfaces), dtype=np.int32)
+        return replace(self.take_rows(surfaces), patch_of=number[self.patch_of])
+
+    def take_rows(self, surfaces: npt.NDArray[np.intp]) -> _SurfaceFrames:
+        """Rows of some surfaces, some perhaps repeated; triangles keep their numbers."""
+        return _SurfaceFrames(
+            self.patch_of,
+            self.origin[surfaces],
+            self.side_x[surfaces],
+            self.side_y[surfaces],
+            self.normal[surfaces],
+        )
+
+    def transpose(self) -> _SurfaceFrames:
+        """Surfaces with their sides exchanged."""
+        return replace(self, side_x=self.side_y, side_y=self.side_x)
+
+
+def frame_surfaces(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
+    """Coordinate systems of the lit surfaces of a scene."""
+    patch_of = np.full(len(scene), -1, dtype=np.int32)
+    patch_of[flat.triangles] = flat.surface
+    large = _frame_large(scene, flat)
+    small = np.flatnonzero((patch_of < 0) & ~scene.unlit)
+    if len(small) > _MAX_SMALL_TRIANGLES:
+        small = small[:0]
+    patch_of[small] = len(flat.representative) + np.arange(len(small), dtype=np.int32)
+    first, second, third = np.moveaxis(scene.corners[small], 1, 0)
+    frames = _SurfaceFrames(
+        patch_of,
+        np.concatenate((large.origin, first)),
+        np.concatenate((large.side_x, second - first)),
+        np.concatenate((large.side_y, third - first)),
+        np.concatenate((large.normal, scene.normals[small])),
+    )
+    # Unlit surfaces show their albedo; one without an area has no plane.
+    is_lit = np.concatenate((~scene.unlit[flat.representative], np.ones(len(small), dtype=bool)))
+    has_area = (_lengths(frames.side_x) > 0.0) & (_lengths(frames.side_y) > 0.0)
+    return frames.take(np.flatnonzero(is_lit & has_area & frames.normal.any(axis=-1)))
+
+
+def _frame_large(scene: SceneMesh, flat: FlatSurfaces) -> _SurfaceFrames:
+    """Bounding rectangles of flat surfaces along axes of their planes."""
+    normal = scene.normals[flat.representative]
+    # The horizontal tangent, so that rows of nodes follow floors along walls; on a floor, the
+    # world's x axis.
+    horizontal = np.cross(np.array([0.0, 0.0, 1.0]), normal)
+    is_level = _lengths(horizontal) < 1e-3
+    axis_x = np.where(is_level[:, None], np.array([1.0, 0.0, 0.0]), horizontal)
+    axis_x -= np.einsum("mi,mi->m", axis_x, normal)[:, None] * normal
+    axis_x /= np.maximum(_lengths(axis_x), 1e-12)[:, None]
+    axis_y = np.cross(normal, axis_x)
+    corners = scene.corners[flat.triangles]
+    anchor = scene.corners[flat.representative, 0]
+    low, high = _extents(corners, anchor, np.stack((axis_x, axis_y), axis=1), flat.surface)
+    return _SurfaceFrames(
+        flat.surface,
+        anchor + low[:, :1] * axis_x + low[:, 1:] * axis_y,
+        (high - low)[:, :1] * axis_x,
+        (high - low)[:, 1:] * axis_y,
+        normal,
+    )
+
+
+def _extents(
+    corners: Floats, anchor: Floats, axes: Floats, surface: _Indices
+) -> tuple[Floats, Floats]:
+    """(m, 2) least and largest coordinates of the triangles of each surface along its axes."""
+    from_anchor = corners - anchor[surface][:, None]
+    along = np.einsum("tci,tki->tck", from_anchor, axes[surface])
+    low, high = np.full((len(anchor), 2), np.inf), np.full((len(anchor), 2), -np.inf)
+    np.minimum.at(low, surface, along.min(axis=1))
+    np.maximum.at(high, surface, along.max(axis=1))
+    return low, high
+
+
+def _lengths(vectors: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _GridLayout:
+    """Places of m grids in an atlas."""
+
+    columns: _Indices
+    """(m,) nodes along side x, at least 2."""
+    rows: _Indices
+    """(m,) nodes along side y, at least 2."""
+    left: _Indices
+    """(m,) first column in the atlas."""
+    top: _Indices
+    """(m,) first row."""
+    width: int
+    """Columns of the atlas."""
+    height: int
+    """Rows of the atlas."""
+
+    def grid_at(self) -> _Indices:
+        """(h, w) number of the grid that each node of the atlas belongs to; -1 for none."""
+        grid = np.full((self.height, self.width), -1, dtype=np.int32)
+        corners = np.stack((self.left, self.top, self.columns, self.rows), axis=-1)
+        for number, (x, y, w, h) in enumerate(corners.tolist()):
+            grid[y : y + h, x : x + w] = number
+        return grid
+
+    def bounds(self) -> _Indices:
+        """(m, 4) first column, first row, last column, last row of each grid."""
+        last = self.left + self.columns - 1, self.top + self.rows - 1
+        return np.stack((self.left, self.top, *last), axis=-1).astype(np.int32)
+
+
+def lay_out(frames: _SurfaceFrames, node_distance_m: float) -> _GridLayout:
+    """Grids whose nodes are at most as far apart, packed into an atlas row by row."""
+    columns, rows = (
+        np.clip(np.ceil(_lengths(side) / node_distance_m) + 1, 2, _MAX_SIDE_NODES).astype(np.int32)
+        for side in (frames.side_x, frames.side_y)
+    )
+    wide, high = (-(-columns // BLOCK) * BLOCK).tolist(), (-(-rows // BLOCK) * BLOCK).tolist()
+    area = sum(w * h for w, h in zip(wide, high, strict=True))
+    width = max(max(wide, default=BLOCK), BLOCK * int(np.ceil(np.sqrt(area) / BLOCK)))
+    left, top = np.zeros_like(columns), np.zeros_like(rows)
+    x = y = shelf = 0
+    # Highest first: a shelf is as high as its first grid.
+    for number in np.argsort(-rows, kind="stable").tolist():
+        if x + wide[number] > width:
+            x, y, shelf = 0, y + shelf, 0
+        left[number], top[number] = x, y
+        x, shelf = x + wide[number], max(shelf, high[number])
+    return _GridLayout(columns, rows, left, top, width, max(y + shelf, BLOCK))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CasterBoxes:
+    """Boxes around all triangles that occlude light."""
+
+    centre: Floats
+    """(b, 3) metres."""
+    half: Floats
+    """(b, 3) half sizes."""
+
+    def take(self, boxes: _Numbers) -> _CasterBoxes:
+        """Rows of some boxes."""
+        return _CasterBoxes(self.centre[boxes], self.half[boxes])
+
+
+def enclose_casters(corners: Floats) -> _CasterBoxes:
+    """Boxes around (n, 3, 3) triangles: neighbours of like size share one."""
+    longest = np.ptp(corners, axis=1).max(axis=-1, initial=0.0)
+    # A floor shares no box with a crate on it.
+    size_class = np.log2(np.maximum(longest, 1e-3) * 1e3).astype(np.intp)
+    clusters = make_clusters(corners, size_class, size=max(1, len(corners) // _NUM_BOXES))
+    return _CasterBoxes(
+        0.5 * (clusters.box_min + clusters.box_max), 0.5 * (clusters.box_max - clusters.box_min)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _NearPairs:
+    """Surfaces, and the boxes of casters near each."""
+
+    surface: _Numbers
+    """(p,) surface of each pair."""
+    frames: _SurfaceFrames
+    """Coordinate system of that surface."""
+    boxes: _CasterBoxes
+    """The box of each pair."""
+    radius_m: float
+    """Farther nodes are not near."""
+
+    def find_nodes(self, layout: _GridLayout) -> Bools:
+        """(h, w) nodes of an atlas that have a box within the radius."""
+        x0, x1 = self._find_span(self.frames, layout.columns[self.surface])
+        y0, y1 = self._find_span(self.frames.transpose(), layout.rows[self.surface])
+        is_met = (x0 < x1) & (y0 < y1)
+        left, top = layout.left[self.surface], layout.top[self.surface]
+        x0, x1, y0, y1 = (a[is_met] for a in (left + x0, left + x1, top + y0, top + y1))
+        # Corners of rectangles, summed along both axes, count the rectangles over each node.
+        count = np.zeros((layout.height + 1, layout.width + 1), dtype=np.int32)
+        for rows, columns, sign in ((y0, x0, 1), (y0, x1, -1), (y1, x0, -1), (y1, x1, 1)):
+            np.add.at(count, (rows, columns), sign)
+        near: Bools = count.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
+        return near
+
+    def _find_span(
+        self, frames: _SurfaceFrames, num_nodes: npt.NDArray[np.int32]
+    ) -> tuple[_Numbers, _Numbers]:
+        """First node along side x within the radius of each box, and the one after the last."""
+        length = np.linalg.norm(frames.side_x, axis=-1)
+        axis = frames.side_x / length[:, None]
+        centre = np.einsum("pi,pi->p", self.boxes.centre - frames.origin, axis)
+        half = np.einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + self.radius_m
+        # The sides of small triangles' grids enclose any angle.
+        half += np.abs(np.einsum("pi,pi->p", frames.side_y, axis))
+        step = length / (num_nodes - 1)
+        # Whole steps outward: bilinear interpolation reaches there.
+        first = np.floor((centre - half) / step).astype(np.intp)
+        last = np.ceil((centre + half) / step).astype(np.intp)
+        return np.maximum(first, 0), np.minimum(last + 1, num_nodes)
+
+
+def find_near_pairs(frames: _SurfaceFrames, boxes: _CasterBoxes, radius_m: float) -> _NearPairs:
+    """Boxes that reach before the planes of surfaces and near their rectangles."""
+    middle = frames.origin + 0.5 * (frames.side_x + frames.side_y)
+    diagonals = np.stack((frames.side_x + frames.side_y, frames.side_x - frames.side_y))
+    limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + radius_m
+    pairs = []
+    # In parts: 4000 surfaces and 500 boxes would take 48 MB in each array of vectors.
+    for first in range(0, len(middle), _SURFACES_AT_ONCE):
+        part = slice(first, first + _SURFACES_AT_ONCE)
+        offset = boxes.centre - middle[part, None]
+        outside = np.maximum(np.abs(offset) - boxes.half, 0.0)
+        near = np.einsum("mbi,mbi->mb", outside, outside) < limit[part, None] ** 2
+        height = np.einsum("mbi,mi->mb", offset, frames.normal[part])
+        reach = np.abs(frames.normal[part]) @ boxes.half.T
+        near &= (height + reach > _MIN_HEIGHT_M) & (height - reach < radius_m)
+        surface, box = np.nonzero(near)
+        pairs.append((surface + first, box))
+    surface, box = (np.concatenate(found) for found in zip(*pairs, strict=True))
+    return _NearPairs(surface, frames.take_rows(surface), boxes.take(box), radius_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Nodes:
+    """Nodes to be measured."""
+
+    positions: Floats
+    """(k, 3) before their surfaces, metres."""
+    patch: npt.NDArray[np.intp]
+    """(k,) surface of each."""
+    ray_set: npt.NDArray[np.intp]
+    """(k,) set of directions."""
+    directions: npt.NDArray[np.float32]
+    """(m, sets, rays, 3) directions of each surface."""
+
+
+def _place_nodes(frames: _SurfaceFrames, layout: _GridLayout, near: Bools) -> _Nodes:
+    row, column = np.nonzero(near)
+    patch = layout.grid_at()[row, column].astype(np.intp)
+    column, row = column - layout.left[patch], row - layout.top[patch]
+    positions = frames.origin + _BIAS_M * frames.normal
+    positions = positions[patch]
+    for side, index, count in (
+        (frames.side_x, column, layout.columns),
+        (frames.side_y, row, layout.rows),
+    ):
+        inset = np.minimum(_INSET_M / np.linalg.norm(side, axis=-1), 0.1)[patch]
+        along = np.clip(index / (count[patch] - 1), inset, 1.0 - inset)
+        positions += along[:, None] * side[patch]
+    ray_set = (row % 2 * 2 + column % 2).astype(np.intp)
+    return _Nodes(positions, patch, ray_set, _turn_directions(frames))
+
+
+def _turn_directions(frames: _SurfaceFrames) -> npt.NDArray[np.float32]:
+    """(m, sets, rays, 3) directions around each surface's normal."""
+    axis_x = frames.side_x / np.linalg.norm(frames.side_x, axis=-1, keepdims=True)
+    axis_y = np.cross(frames.normal, axis_x)
+    axes = np.stack((axis_x, axis_y, frames.normal), axis=1).astype(np.float32)
+    directions = sky_directions().astype(np.float32)
+    return np.asarray(directions.reshape(1, -1, 3) @ axes).reshape(-1, *directions.shape)
 
 
 def sky_directions() -> Floats:
@@ -98,170 +432,44 @@ def _digital_sequence(count: int, columns: list[float]) -> Floats:
     return total / 65536.0
 
 
-Indices = npt.NDArray[np.int32]
+def _measure_all(
+    scene: SceneMesh, caster: _TriangleCaster, nodes: _Nodes, threads: int
+) -> tuple[Floats, Bools]:
+    """(k,) factors of nodes, and whether each lies inside a solid."""
+    count = len(nodes.patch)
+    factors, inside = np.ones(count), np.zeros(count, dtype=bool)
+    normals = scene.normals.astype(np.float32)
 
-# Nodes along a side, whatever the surface's size: OpenGL 3.3 guarantees textures of 1024 texels.
-_MAX_SIDE_NODES = 1000
-_MAX_SMALL_TRIANGLES = 8000
+    def measure(first: int) -> None:
+        part = slice(first, first + _NODES_AT_ONCE)
+        directions = nodes.directions[nodes.patch[part], nodes.ray_set[part]]
+        rays = directions.shape[:2]
+        origins = np.repeat(nodes.positions[part], rays[1], axis=0)
+        flat = directions.reshape(-1, 3)
+        distances, triangles = caster.closest_triangles(origins, flat.astype(np.float64))
+        is_hit = triangles >= 0
+        is_back = is_hit & (distances < RADIUS_M)
+        is_back &= np.einsum("ri,ri->r", normals[triangles], flat) > 0.0
+        # A thing that casts no shadow stops the ray and hides nothing.
+        weights = occluder_weights(distances) * (is_hit & scene.casts_shadows[triangles])
+        factors[part] = 1.0 - weights.reshape(rays).mean(axis=1)
+        inside[part] = is_back.reshape(rays).mean(axis=1) > _INSIDE_SHARE
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SurfaceFrames:
-    """Coordinate systems of m surfaces: point = origin + s side_x + t side_y, s and t in [0, 1]."""
-
-    patch_of: Indices
-    """(n,) surface of each triangle, -1 for none."""
-    origin: Floats
-    """(m, 3) corner of the rectangle, world frame, metres."""
-    side_x: Floats
-    """(m, 3) one side of it."""
-    side_y: Floats
-    """(m, 3) the other."""
-    normal: Floats
-    """(m, 3) unit, outward."""
-
-    def take(self, surfaces: npt.NDArray[np.intp]) -> SurfaceFrames:
-        """Some of the surfaces, numbered anew; triangles of the others have none."""
-        number = np.full(len(self.origin) + 1, -1, dtype=np.int32)
-        number[surfaces] = np.arange(len(surfaces), dtype=np.int32)
-        return replace(self.take_rows(surfaces), patch_of=number[self.patch_of])
-
-    def take_rows(self, surfaces: npt.NDArray[np.intp]) -> SurfaceFrames:
-        """Rows of some surfaces, some perhaps repeated; triangles keep their numbers."""
-        return SurfaceFrames(
-            self.patch_of,
-            self.origin[surfaces],
-            self.side_x[surfaces],
-            self.side_y[surfaces],
-            self.normal[surfaces],
-        )
-
-    def transpose(self) -> SurfaceFrames:
-        """Surfaces with their sides exchanged."""
-        return replace(self, side_x=self.side_y, side_y=self.side_x)
+    with ThreadPoolExecutor(max(1, threads), thread_name_prefix="occlusion") as pool:
+        # list() waits for all and raises the first error of any; no two write the same rows.
+        list(pool.map(measure, range(0, count, _NODES_AT_ONCE)))
+    return factors, inside
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GridLayout:
-    """Places of m grids in an atlas."""
-
-    columns: Indices
-    """(m,) nodes along side x, at least 2."""
-    rows: Indices
-    """(m,) nodes along side y, at least 2."""
-    left: Indices
-    """(m,) first column in the atlas."""
-    top: Indices
-    """(m,) first row."""
-    width: int
-    """Columns of the atlas."""
-    height: int
-    """Rows of the atlas."""
-
-    def grid_at(self) -> Indices:
-        """(h, w) number of the grid that each node of the atlas belongs to; -1 for none."""
-        grid = np.full((self.height, self.width), -1, dtype=np.int32)
-        corners = np.stack((self.left, self.top, self.columns, self.rows), axis=-1)
-        for number, (x, y, w, h) in enumerate(corners.tolist()):
-            grid[y : y + h, x : x + w] = number
-        return grid
-
-    def bounds(self) -> Indices:
-        """(m, 4) first column, first row, last column, last row of each grid."""
-        last = self.left + self.columns - 1, self.top + self.rows - 1
-        return np.stack((self.left, self.top, *last), axis=-1).astype(np.int32)
-
-
-def frame_surfaces(scene: SceneMesh, flat: FlatSurfaces) -> SurfaceFrames:
-    """Coordinate systems of the lit surfaces of a scene."""
-    patch_of = np.full(len(scene), -1, dtype=np.int32)
-    patch_of[flat.triangles] = flat.surface
-    large = _frame_large(scene, flat)
-    small = np.flatnonzero((patch_of < 0) & ~scene.unlit)
-    if len(small) > _MAX_SMALL_TRIANGLES:
-        small = small[:0]
-    patch_of[small] = len(flat.representative) + np.arange(len(small), dtype=np.int32)
-    first, second, third = np.moveaxis(scene.corners[small], 1, 0)
-    frames = SurfaceFrames(
-        patch_of,
-        np.concatenate((large.origin, first)),
-        np.concatenate((large.side_x, second - first)),
-        np.concatenate((large.side_y, third - first)),
-        np.concatenate((large.normal, scene.normals[small])),
-    )
-    # Unlit surfaces show their albedo; one without an area has no plane.
-    is_lit = np.concatenate((~scene.unlit[flat.representative], np.ones(len(small), dtype=bool)))
-    has_area = (_lengths(frames.side_x) > 0.0) & (_lengths(frames.side_y) > 0.0)
-    return frames.take(np.flatnonzero(is_lit & has_area & frames.normal.any(axis=-1)))
-
-
-def _frame_large(scene: SceneMesh, flat: FlatSurfaces) -> SurfaceFrames:
-    """Bounding rectangles of flat surfaces along axes of their planes."""
-    normal = scene.normals[flat.representative]
-    # The horizontal tangent, so that rows of nodes follow floors along walls; on a floor, the
-    # world's x axis.
-    horizontal = np.cross(np.array([0.0, 0.0, 1.0]), normal)
-    is_level = _lengths(horizontal) < 1e-3
-    axis_x = np.where(is_level[:, None], np.array([1.0, 0.0, 0.0]), horizontal)
-    axis_x -= np.einsum("mi,mi->m", axis_x, normal)[:, None] * normal
-    axis_x /= np.maximum(_lengths(axis_x), 1e-12)[:, None]
-    axis_y = np.cross(normal, axis_x)
-    corners = scene.corners[flat.triangles]
-    anchor = scene.corners[flat.representative, 0]
-    low, high = _extents(corners, anchor, np.stack((axis_x, axis_y), axis=1), flat.surface)
-    return SurfaceFrames(
-        flat.surface,
-        anchor + low[:, :1] * axis_x + low[:, 1:] * axis_y,
-        (high - low)[:, :1] * axis_x,
-        (high - low)[:, 1:] * axis_y,
-        normal,
-    )
-
-
-def _extents(
-    corners: Floats, anchor: Floats, axes: Floats, surface: Indices
-) -> tuple[Floats, Floats]:
-    """(m, 2) least and largest coordinates of the triangles of each surface along its axes."""
-    from_anchor = corners - anchor[surface][:, None]
-    along = np.einsum("tci,tki->tck", from_anchor, axes[surface])
-    low, high = np.full((len(anchor), 2), np.inf), np.full((len(anchor), 2), -np.inf)
-    np.minimum.at(low, surface, along.min(axis=1))
-    np.maximum.at(high, surface, along.max(axis=1))
-    return low, high
-
-
-def _lengths(vectors: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(vectors, axis=-1))
-
-
-def lay_out(frames: SurfaceFrames, node_distance_m: float) -> GridLayout:
-    """Grids whose nodes are at most as far apart, packed into an atlas row by row."""
-    columns, rows = (
-        np.clip(np.ceil(_lengths(side) / node_distance_m) + 1, 2, _MAX_SIDE_NODES).astype(np.int32)
-        for side in (frames.side_x, frames.side_y)
-    )
-    wide, high = (-(-columns // BLOCK) * BLOCK).tolist(), (-(-rows // BLOCK) * BLOCK).tolist()
-    area = sum(w * h for w, h in zip(wide, high, strict=True))
-    width = max(max(wide, default=BLOCK), BLOCK * int(np.ceil(np.sqrt(area) / BLOCK)))
-    left, top = np.zeros_like(columns), np.zeros_like(rows)
-    x = y = shelf = 0
-    # Highest first: a shelf is as high as its first grid.
-    for number in np.argsort(-rows, kind="stable").tolist():
-        if x + wide[number] > width:
-            x, y, shelf = 0, y + shelf, 0
-        left[number], top[number] = x, y
-        x, shelf = x + wide[number], max(shelf, high[number])
-    return GridLayout(columns, rows, left, top, width, max(y + shelf, BLOCK))
-
-
-# Rows of nodes inside a solid that the filter or an interpolation near a visible node reaches.
-_NUM_FILLED = 2
-_MIN_FILTERED = 4
-_DIRECTIONS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
+def occluder_weights(distances: Floats) -> Floats:
+    """Weights of occluders at distances, metres: 1 at distance 0, 0 from the radius on."""
+    nearness = np.maximum(1.0 - distances / RADIUS_M, 0.0)
+    weights: Floats = nearness * nearness
+    return weights
 
 
 def filter_factors(
-    layout: GridLayout, near: Bools, factors: Floats, inside: Bools
+    layout: _GridLayout, near: Bools, factors: Floats, inside: Bools
 ) -> npt.NDArray[np.uint8]:
     """(h, w) atlas of the factors of the nodes that are near casters, in their order; else open.
 
@@ -281,7 +489,7 @@ def filter_factors(
 
 
 def _fill(values: Floats, known: Bools, grid: npt.NDArray[np.int32]) -> Floats:
-    """Values with those of unknown nodes continued from known nodes of the grid, else 1."""
+    """Values, continued from known to unknown nodes of the grid, else 1."""
     for _ in range(_NUM_FILLED):
         row, column = np.nonzero(~known)
         total, count = np.zeros(len(row)), np.zeros(len(row))
@@ -306,7 +514,7 @@ def _look(
     at: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
     step: tuple[int, int],
 ) -> tuple[Floats, Bools]:
-    """(k,) values a step away from nodes, and whether they are known and of the same grid."""
+    """(k,) values a step away from nodes, and whether each is known and of the same grid."""
     y, x = (index + offset for index, offset in zip(at, step, strict=True))
     inside = (y >= 0) & (y < grid.shape[0]) & (x >= 0) & (x < grid.shape[1])
     y, x = np.where(inside, y, 0), np.where(inside, x, 0)
@@ -316,13 +524,13 @@ def _look(
 def _blur(values: Floats, grid: npt.NDArray[np.int32], *, axis: int, is_filtered: Bools) -> Floats:
     """Tent over three nodes along an axis of the grids; the outermost nodes count twice."""
     before, after = _shift(values, grid, axis, 1), _shift(values, grid, axis, -1)
-    # The last entry is that of nodes without a grid.
+    # The last entry is for nodes without a grid.
     is_kept = ~np.append(is_filtered, False)[grid]
     return np.where(is_kept, values, 0.25 * (before + after) + 0.5 * values)
 
 
 def _shift(values: Floats, grid: npt.NDArray[np.int32], axis: int, step: int) -> Floats:
-    """Values of the nodes a step before each; its own where that is not of the same grid."""
+    """Values of the nodes a step before each; the own value at the border of a grid."""
     is_same = np.roll(grid, step, axis=axis) == grid
     # Rolled round from the other border: a grid as wide as the atlas would meet itself.
     border = [slice(None), slice(None)]
@@ -331,235 +539,8 @@ def _shift(values: Floats, grid: npt.NDArray[np.int32], axis: int, step: int) ->
     return np.where(is_same, np.roll(values, step, axis=axis), values)
 
 
-Numbers = npt.NDArray[np.intp]
-
-# What rises less over a plane occludes nothing of it: markings lie on floors, posters on walls.
-MIN_HEIGHT_M = 0.005
-# Boxes in all, at least; a scene of few triangles has one each.
-_NUM_BOXES = 500
-_SURFACES_AT_ONCE = 256
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CasterBoxes:
-    """Boxes around all triangles that occlude light."""
-
-    centre: Floats
-    """(b, 3) metres."""
-    half: Floats
-    """(b, 3) half sizes."""
-
-    def take(self, boxes: Numbers) -> CasterBoxes:
-        """Rows of some boxes."""
-        return CasterBoxes(self.centre[boxes], self.half[boxes])
-
-
-def enclose_casters(corners: Floats) -> CasterBoxes:
-    """Boxes around (n, 3, 3) triangles: neighbours of like size share one."""
-    longest = np.ptp(corners, axis=1).max(axis=-1, initial=0.0)
-    # A floor shares no box with a crate on it.
-    size_class = np.log2(np.maximum(longest, 1e-3) * 1e3).astype(np.intp)
-    clusters = make_clusters(corners, size_class, size=max(1, len(corners) // _NUM_BOXES))
-    return CasterBoxes(
-        0.5 * (clusters.box_min + clusters.box_max), 0.5 * (clusters.box_max - clusters.box_min)
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NearPairs:
-    """Surfaces, and boxes of casters near them."""
-
-    surface: Numbers
-    """(p,) surface of each pair."""
-    frames: SurfaceFrames
-    """Its coordinate system."""
-    boxes: CasterBoxes
-    """The box of each pair."""
-    radius_m: float
-    """Farther nodes are not near."""
-
-    def find_nodes(self, layout: GridLayout) -> Bools:
-        """(h, w) nodes of an atlas that have a box within the radius."""
-        x0, x1 = self._find_span(self.frames, layout.columns[self.surface])
-        y0, y1 = self._find_span(self.frames.transpose(), layout.rows[self.surface])
-        is_met = (x0 < x1) & (y0 < y1)
-        left, top = layout.left[self.surface], layout.top[self.surface]
-        x0, x1, y0, y1 = (a[is_met] for a in (left + x0, left + x1, top + y0, top + y1))
-        # Corners of rectangles, summed along both axes, count the rectangles over each node.
-        count = np.zeros((layout.height + 1, layout.width + 1), dtype=np.int32)
-        for rows, columns, sign in ((y0, x0, 1), (y0, x1, -1), (y1, x0, -1), (y1, x1, 1)):
-            np.add.at(count, (rows, columns), sign)
-        near: Bools = count.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
-        return near
-
-    def _find_span(
-        self, frames: SurfaceFrames, num_nodes: npt.NDArray[np.int32]
-    ) -> tuple[Numbers, Numbers]:
-        """First node along side x within the radius of each box, and the one after the last."""
-        length = np.linalg.norm(frames.side_x, axis=-1)
-        axis = frames.side_x / length[:, None]
-        centre = np.einsum("pi,pi->p", self.boxes.centre - frames.origin, axis)
-        half = np.einsum("pi,pi->p", self.boxes.half, np.abs(axis)) + self.radius_m
-        # The sides of small triangles' grids enclose any angle.
-        half += np.abs(np.einsum("pi,pi->p", frames.side_y, axis))
-        step = length / (num_nodes - 1)
-        # Whole steps outward: bilinear interpolation reaches there.
-        first = np.floor((centre - half) / step).astype(np.intp)
-        last = np.ceil((centre + half) / step).astype(np.intp)
-        return np.maximum(first, 0), np.minimum(last + 1, num_nodes)
-
-
-def find_near_pairs(frames: SurfaceFrames, boxes: CasterBoxes, radius_m: float) -> NearPairs:
-    """Boxes that reach before the planes of surfaces and near their rectangles."""
-    middle = frames.origin + 0.5 * (frames.side_x + frames.side_y)
-    diagonals = np.stack((frames.side_x + frames.side_y, frames.side_x - frames.side_y))
-    limit = 0.5 * np.linalg.norm(diagonals, axis=-1).max(axis=0) + radius_m
-    pairs = []
-    for first in range(0, len(middle), _SURFACES_AT_ONCE):
-        part = slice(first, first + _SURFACES_AT_ONCE)
-        offset = boxes.centre - middle[part, None]
-        outside = np.maximum(np.abs(offset) - boxes.half, 0.0)
-        near = np.einsum("mbi,mbi->mb", outside, outside) < limit[part, None] ** 2
-        height = np.einsum("mbi,mi->mb", offset, frames.normal[part])
-        reach = np.abs(frames.normal[part]) @ boxes.half.T
-        near &= (height + reach > MIN_HEIGHT_M) & (height - reach < radius_m)
-        surface, box = np.nonzero(near)
-        pairs.append((surface + first, box))
-    surface, box = (np.concatenate(found) for found in zip(*pairs, strict=True))
-    return NearPairs(surface, frames.take_rows(surface), boxes.take(box), radius_m)
-
-
-# Nodes near casters: 32 rays each take 0.1 to 0.2 s on two processors.
-MAX_NEAR_NODES = 48_000
-MAX_TEXELS = 2_000_000
-# Between nodes: fine enough for the foot of a goal post.
-MIN_NODE_DISTANCE_M = 0.05
-# Rays start before their surface: above markings on a floor, which occlude nothing, and off the
-# border, where another surface begins.
-_BIAS_M = 0.003
-_INSET_M = 0.005
-# Rays of which more than this share meet back faces within the radius start inside a solid, or on
-# its side: a node at the foot of a wall sees half of its rays inside.
-_INSIDE_SHARE = 0.1
-_NODES_AT_ONCE = 2000
-
-
-class TriangleCaster(Protocol):
-    """First hits of rays; `ray_caster.SceneRayCaster`."""
-
-    def closest_triangles(
-        self, origins: Floats, directions: Floats
-    ) -> tuple[Floats, npt.NDArray[np.int32]]:
-        """(n,) distances and triangles; infinite and -1 without a hit."""
-
-
-def bake_occlusion(
-    scene: SceneMesh, caster: TriangleCaster, *, threads: int
-) -> OcclusionMap | None:
-    """Occlusion map of a scene; None where nothing is occluded.
-
-    Args:
-        scene: Triangles, fewer than flat_surfaces.MAX_TRIANGLES.
-        caster: Rays in the same triangles; called from several threads at once.
-        threads: Threads; the result is the same for any number.
-    """
-    frames = frame_surfaces(scene, find_flat_surfaces(scene))
-    layout, near = _choose_layout(scene, frames)
-    nodes = _place_nodes(frames, layout, near)
-    factors, inside = _measure_all(scene, caster, nodes, threads)
-    texels = filter_factors(layout, near, factors, inside)
-    return _without_open_grids(frames, layout, texels)
-
-
-def _choose_layout(scene: SceneMesh, frames: SurfaceFrames) -> tuple[GridLayout, Bools]:
-    """Finest grids that are not too many nodes, and the nodes near casters."""
-    boxes = enclose_casters(scene.corners[scene.casts_shadows])
-    pairs = find_near_pairs(frames, boxes, RADIUS_M)
-    distance_m = MIN_NODE_DISTANCE_M
-    while True:
-        layout = lay_out(frames, distance_m)
-        size = layout.width * layout.height
-        if size <= MAX_TEXELS:
-            near = pairs.find_nodes(layout)
-            excess = float(np.count_nonzero(near)) / MAX_NEAR_NODES
-            # Grids of two by two nodes get no coarser.
-            if excess <= 1.0 or distance_m > 100.0:
-                return layout, near
-        else:
-            excess = size / MAX_TEXELS
-        distance_m *= max(1.1, float(np.sqrt(excess)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Nodes:
-    """Nodes to be measured."""
-
-    positions: Floats
-    """(k, 3) before their surfaces, metres."""
-    patch: npt.NDArray[np.intp]
-    """(k,) surface of each."""
-    ray_set: npt.NDArray[np.intp]
-    """(k,) set of directions."""
-    directions: npt.NDArray[np.float32]
-    """(m, sets, rays, 3) directions of each surface."""
-
-
-def _place_nodes(frames: SurfaceFrames, layout: GridLayout, near: Bools) -> _Nodes:
-    row, column = np.nonzero(near)
-    patch = layout.grid_at()[row, column].astype(np.intp)
-    column, row = column - layout.left[patch], row - layout.top[patch]
-    positions = frames.origin + _BIAS_M * frames.normal
-    positions = positions[patch]
-    for side, index, count in (
-        (frames.side_x, column, layout.columns),
-        (frames.side_y, row, layout.rows),
-    ):
-        inset = np.minimum(_INSET_M / np.linalg.norm(side, axis=-1), 0.1)[patch]
-        along = np.clip(index / (count[patch] - 1), inset, 1.0 - inset)
-        positions += along[:, None] * side[patch]
-    ray_set = (row % 2 * 2 + column % 2).astype(np.intp)
-    return _Nodes(positions, patch, ray_set, _turn_directions(frames))
-
-
-def _turn_directions(frames: SurfaceFrames) -> npt.NDArray[np.float32]:
-    """(m, sets, rays, 3) directions around each surface's normal."""
-    axis_x = frames.side_x / np.linalg.norm(frames.side_x, axis=-1, keepdims=True)
-    axis_y = np.cross(frames.normal, axis_x)
-    axes = np.stack((axis_x, axis_y, frames.normal), axis=1).astype(np.float32)
-    directions = sky_directions().astype(np.float32)
-    return np.asarray(directions.reshape(1, -1, 3) @ axes).reshape(-1, *directions.shape)
-
-
-def _measure_all(
-    scene: SceneMesh, caster: TriangleCaster, nodes: _Nodes, threads: int
-) -> tuple[Floats, Bools]:
-    """(k,) factors of nodes, and whether each lies inside a solid."""
-    count = len(nodes.patch)
-    factors, inside = np.ones(count), np.zeros(count, dtype=bool)
-    normals = scene.normals.astype(np.float32)
-
-    def measure(first: int) -> None:
-        part = slice(first, first + _NODES_AT_ONCE)
-        directions = nodes.directions[nodes.patch[part], nodes.ray_set[part]]
-        rays = directions.shape[:2]
-        origins = np.repeat(nodes.positions[part], rays[1], axis=0)
-        flat = directions.reshape(-1, 3)
-        distances, triangles = caster.closest_triangles(origins, flat.astype(np.float64))
-        is_hit = triangles >= 0
-        is_back = is_hit & (distances < RADIUS_M)
-        is_back &= np.einsum("ri,ri->r", normals[triangles], flat) > 0.0
-        weights = occluder_weights(distances) * (is_hit & scene.casts_shadows[triangles])
-        factors[part] = 1.0 - weights.reshape(rays).mean(axis=1)
-        inside[part] = is_back.reshape(rays).mean(axis=1) > _INSIDE_SHARE
-
-    with ThreadPoolExecutor(max(1, threads), thread_name_prefix="occlusion") as pool:
-        # list() waits for all and raises the first error of any; each writes rows of its own.
-        list(pool.map(measure, range(0, count, _NODES_AT_ONCE)))
-    return factors, inside
-
-
 def _without_open_grids(
-    frames: SurfaceFrames, layout: GridLayout, texels: npt.NDArray[np.uint8]
+    frames: _SurfaceFrames, layout: _GridLayout, texels: npt.NDArray[np.uint8]
 ) -> OcclusionMap | None:
     """Map of the grids that some factor makes darker."""
     bounds = layout.bounds()
@@ -573,7 +554,7 @@ def _without_open_grids(
 
 
 def _find_atlas_rows(
-    frames: SurfaceFrames, first: npt.NDArray[np.int32], spans: npt.NDArray[np.int32]
+    frames: _SurfaceFrames, first: npt.NDArray[np.int32], spans: npt.NDArray[np.int32]
 ) -> tuple[Floats, Floats]:
     """(m, 4) rows that map world points to columns and to rows of the atlas."""
     sides = np.stack((frames.side_x, frames.side_y), axis=1)

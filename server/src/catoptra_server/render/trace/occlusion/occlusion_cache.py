@@ -1,7 +1,7 @@
 """Occlusion maps on disk: a restarted server does not cast the rays again.
 
-A file belongs to one content of a scene and one way to bake it. It begins with a digest of the
-rest: a file that is cut off, changed or of another program only means that the map is baked anew.
+A file belongs to one content of a scene and one way to bake it. A digest of the rest comes first: a
+file that is cut off, changed or of another program only means that the map is baked anew.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_server import __version__
-from catoptra_server.render.trace.kernel.library import AUTO
+from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.render.trace.kernel.scene_arrays import MAX_TRIANGLES
 from catoptra_server.render.trace.occlusion.baking import bake_occlusion
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 _FORMAT_VERSION = 1
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 _DIGEST_BYTES = 32
-# The largest atlas and the arrays of 200 000 triangles; what is larger is none of ours.
+# The largest atlas and the arrays of 200 000 triangles; a larger file was not written here.
 _MAX_BYTES = 32 * 2**20
 
 
@@ -74,6 +74,7 @@ def find_occlusion(
 
 def hash_scene(scene: SceneMesh) -> str:
     """Digest of all that an occlusion map depends on."""
+    # With the release: another one may bake the same scene otherwise.
     digest = hashlib.sha256(f"{_FORMAT_VERSION} {__version__}".encode())
     arrays = (scene.corners, scene.casts_shadows, scene.unlit, scene.albedo, scene.texture_index)
     for array in (*arrays, scene.uv if scene.textures else None, scene.corner_albedo):
@@ -100,7 +101,7 @@ def _read(file: Path, num_triangles: int) -> OcclusionMap | None:
 
 
 def _is_sound(occlusion: OcclusionMap, num_triangles: int) -> bool:
-    """Whether no index of a map leads out of its arrays: the kernel does not check them again."""
+    """Whether no index of a map leads out of its arrays: the kernel checks no index again."""
     count, (height, width) = len(occlusion.bounds), occlusion.texels.shape
     first, last = occlusion.bounds[:, :2], occlusion.bounds[:, 2:]
     types = [getattr(occlusion, name).dtype for name in _ARRAYS]

@@ -1,8 +1,8 @@
-"""Affine transforms of rays: one for all of them, or one for each ray's time in an exposure.
+"""Meshes in Embree with their materials, placed among the rays of an exposure; their first hits.
 
-A mesh in Embree, which finds the triangle; where the ray hits it is computed in float64.
-
-Meshes with their materials, placed among the rays of an exposure; their first hits.
+Embree finds the triangle; where the ray hits it is computed here in float64. Rays are moved into
+the frame of each mesh by an affine transform: one for all of them, or one for each ray's time in an
+exposure.
 """
 
 from __future__ import annotations
@@ -32,164 +32,65 @@ from catoptra_server.world.textures import (
 )
 from catoptra_server.world.world_description import Light
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Affine:
-    """Transform parent_from_child of (n, 3) points: one, or n of them."""
-
-    matrix: Floats
-    """(3, 3) or (n, 3, 3)."""
-    inverse: Floats
-    """Inverse of the matrix."""
-    offset: Floats
-    """(3,) or (n, 3)."""
-
-    def take(self, rays: npt.NDArray[np.intp]) -> Affine:
-        """Transforms of some of the rays."""
-        if self.matrix.ndim == 2:
-            return self
-        return Affine(self.matrix[rays], self.inverse[rays], self.offset[rays])
-
-    def points(self, in_child: Floats) -> Floats:
-        """(n, 3) points in the parent frame."""
-        return self.vectors(in_child) + self.offset
-
-    def vectors(self, in_child: Floats) -> Floats:
-        """(n, 3) vectors in the parent frame."""
-        return _apply(self.matrix, in_child)
-
-    def inverse_points(self, in_parent: Floats) -> Floats:
-        """(n, 3) points in the child frame."""
-        return _apply(self.inverse, in_parent - self.offset)
-
-    def inverse_vectors(self, in_parent: Floats) -> Floats:
-        """(n, 3) vectors in the child frame."""
-        return _apply(self.inverse, in_parent)
-
-    def normals(self, in_child: Floats) -> Floats:
-        """(n, 3) unit normals in the parent frame; zero where they are zero."""
-        # A matrix between two rotations is none itself: normals take its inverse transposed.
-        found = _apply(np.swapaxes(self.inverse, -1, -2), in_child)
-        length = np.linalg.norm(found, axis=-1, keepdims=True)
-        return np.asarray(found / np.where(length > 0.0, length, 1.0))
-
-
-def interpolate_poses(poses: Sequence[Pose], times: Floats | None) -> Affine:
-    """Transforms at (n,) times, linear between poses evenly spaced over [0, 1].
-
-    One pose, or no times: the first pose for all rays.
-    """
-    if len(poses) == 1 or times is None:
-        rotation = poses[0].rotation
-        return Affine(rotation, rotation.T, poses[0].translation)
-    position = np.clip(times, 0.0, 1.0) * (len(poses) - 1)
-    before = np.minimum(position.astype(np.intp), len(poses) - 2)
-    fraction = (position - before)[:, None]
-    rotations = np.stack([pose.rotation for pose in poses])
-    offsets = np.stack([pose.translation for pose in poses])
-    matrix = _interpolate(rotations, before, fraction[..., None])
-    # Inverted once for points, vectors and normals; between rotations it is well conditioned.
-    inverse = np.linalg.inv(matrix).astype(np.float64)
-    return Affine(matrix, inverse, _interpolate(offsets, before, fraction))
-
-
-def _interpolate(values: Floats, before: npt.NDArray[np.intp], fraction: Floats) -> Floats:
-    """Entries between two neighbours in a list of arrays."""
-    return np.asarray((1.0 - fraction) * values[before] + fraction * values[before + 1])
-
-
-def _apply(matrix: Floats, vectors: Floats) -> Floats:
-    """(n, 3) products of one matrix, or of n, with (n, 3) vectors."""
-    if matrix.ndim == 2:
-        return np.asarray(vectors @ matrix.T)
-    return np.asarray(np.einsum("nij,nj->ni", matrix, vectors))
-
-
-Triangles = npt.NDArray[np.int32]
+_Indices = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeshHits:
-    """First hits of n rays on a mesh."""
+class WorldRays:
+    """Rays in the world's axes, relative to the scene's centre."""
+
+    origins: Floats
+    """(n, 3) metres."""
+    directions: Floats
+    """(n, 3) unit."""
+    steps: Floats
+    """(n, 2, 3) from a direction to its neighbours to the right and below."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstHits:
+    """What each of n rays meets first."""
 
     distance: Floats
-    """(n,) distances in lengths of the direction; inf without a hit."""
-    triangle: Triangles
-    """(n,) triangles; -1 without a hit."""
+    """(n,) metres; inf for nothing."""
+    object: _Indices
+    """(n,) index of the mesh, or NOTHING."""
+    triangle: _Indices
+    """(n,) index of the triangle, or NOTHING."""
     weights: Floats
-    """(n, 2) barycentric weights of corners 1 and 2; zero without a hit."""
+    """(n, 2) barycentric weights of corners 1 and 2."""
 
 
-class EmbreeMesh:
-    """Triangles, committed for ray queries. Thread-safe once built: queries only read."""
-
-    def __init__(self, corners: Floats) -> None:
-        """Commit (n, 3, 3) corners. Float32 in Embree: their origin should be near."""
-        self._corners = corners
-        # Embree commits no empty scene.
-        self._scene = None if len(corners) == 0 else rtcore_scene.EmbreeScene()
-        if self._scene is not None:
-            TriangleMesh(self._scene, corners.astype(np.float32))
-            # Embree builds its hierarchy at the first query: now, not in a thread of many.
-            self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
-
-    def first_hits(self, origins: Floats, directions: Floats) -> MeshHits:
-        """First hits of rays from (n, 3) origins along (n, 3) directions of any length."""
-        triangle = self._run(origins, directions)
-        distance, weights = np.full(len(origins), np.inf), np.zeros((len(origins), 2))
-        rays = np.flatnonzero(triangle >= 0)
-        corners = self._corners.take(triangle[rays], axis=0)
-        distance[rays], weights[rays] = hit_triangles(origins[rays], directions[rays], corners)
-        return MeshHits(distance, triangle, weights)
-
-    def occludes(self, origins: Floats, directions: Floats, max_distance: Floats) -> Bools:
-        """(n,) whether a triangle lies before each ray's `max_distance`, as `first_hits` counts."""
-        limits = max_distance.astype(np.float32)
-        return np.asarray(self._run(origins, directions, query="OCCLUDED", dists=limits) >= 0)
-
-    def _run(self, origins: Floats, directions: Floats, **options: object) -> Triangles:
-        """Triangles that Embree reports, -1 for none."""
-        if self._scene is None:
-            return np.full(len(origins), -1, dtype=np.int32)
-        rays = origins.astype(np.float32), directions.astype(np.float32)
-        return np.asarray(self._scene.run(*rays, **options))
+def find_first_hits(meshes: Sequence[PlacedMesh], rays: WorldRays) -> FirstHits:
+    """First hits on any of the meshes; of equal distances the earlier mesh's."""
+    count = len(rays.origins)
+    nothing = np.full(count, NOTHING, dtype=np.int32)
+    first = FirstHits(np.full(count, np.inf), nothing, nothing.copy(), np.zeros((count, 2)))
+    for number, placed in enumerate(meshes):
+        # Rays are moved into the mesh's frame, and nothing is committed anew. Directions keep the
+        # length that the transform gives them: distances are then the world's.
+        transform = placed.world_from_mesh
+        hits = placed.mesh.surface.first_hits(
+            transform.inverse_points(rays.origins), transform.inverse_vectors(rays.directions)
+        )
+        nearer = np.flatnonzero(hits.distance < first.distance)
+        first.distance[nearer], first.object[nearer] = hits.distance[nearer], number
+        first.triangle[nearer], first.weights[nearer] = hits.triangle[nearer], hits.weights[nearer]
+    return first
 
 
-def hit_triangles(origins: Floats, directions: Floats, corners: Floats) -> tuple[Floats, Floats]:
-    """Where rays hit triangles that they are known to hit.
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedMesh:
+    """A mesh among the rays of a batch."""
 
-    Source: Moeller & Trumbore 1997. A ray that misses its triangle by Embree's rounding hits its
-    edge.
+    mesh: TracedMesh
+    """Geometry and materials."""
+    world_from_mesh: _Affine
+    """One transform, or one for each ray."""
 
-    Args:
-        origins: (n, 3).
-        directions: (n, 3), of any length.
-        corners: (n, 3, 3).
-
-    Returns:
-        (n,) distances in lengths of the direction, and (n, 2) barycentric weights of corners 1
-        and 2.
-    """
-    first = corners[:, 0]
-    edge1, edge2 = corners[:, 1] - first, corners[:, 2] - first
-    normal_to_edge2, from_first = np.cross(directions, edge2), origins - first
-    determinant = _dot(edge1, normal_to_edge2)
-    # Zero for a ray along the triangle's plane: the weights are then any in the triangle.
-    scale = 1.0 / np.where(determinant == 0.0, 1.0, determinant)
-    weight1 = np.clip(scale * _dot(from_first, normal_to_edge2), 0.0, 1.0)
-    weight2 = scale * _dot(directions, np.cross(from_first, edge1))
-    weight2 = np.clip(weight2, 0.0, 1.0 - weight1)
-    to_hit = weight1[:, None] * edge1 + weight2[:, None] * edge2 - from_first
-    distance = _dot(to_hit, directions) / _dot(directions, directions)
-    return np.maximum(distance, 0.0), np.stack((weight1, weight2), axis=-1)
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    """(n,) products of (n, 3) vectors."""
-    return np.asarray(np.einsum("ni,ni->n", a, b))
-
-
-Indices = npt.NDArray[np.int32]
+    def take(self, rays: npt.NDArray[np.intp]) -> PlacedMesh:
+        """The same mesh among some of the rays."""
+        return PlacedMesh(self.mesh, self.world_from_mesh.take(rays))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,7 +100,7 @@ class TracedMesh:
     surface: EmbreeMesh
     """Triangles that rays of the camera meet."""
     casters: EmbreeMesh
-    """Those of them that occlude lights."""
+    """Triangles that occlude lights."""
     facets: LitFacets
     """Normals and materials of all triangles, in the mesh's frame."""
     lights: tuple[Light, ...]
@@ -272,59 +173,154 @@ def trace_object(mesh: ObjectMesh, lights: tuple[Light, ...]) -> TracedMesh:
     return TracedMesh(surface, surface, mesh, lights)
 
 
+class EmbreeMesh:
+    """Triangles, committed for ray queries. Thread-safe once built: queries only read."""
+
+    def __init__(self, corners: Floats) -> None:
+        """Commit (n, 3, 3) corners. Float32 in Embree: their origin should be near."""
+        self._corners = corners
+        # Embree commits no empty scene.
+        self._scene = None if len(corners) == 0 else rtcore_scene.EmbreeScene()
+        if self._scene is not None:
+            TriangleMesh(self._scene, corners.astype(np.float32))
+            # Embree builds its hierarchy at the first query: now, not in a thread of many.
+            self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+
+    def first_hits(self, origins: Floats, directions: Floats) -> _MeshHits:
+        """First hits of rays from (n, 3) origins along (n, 3) directions of any length."""
+        triangle = self._run(origins, directions)
+        distance, weights = np.full(len(origins), np.inf), np.zeros((len(origins), 2))
+        rays = np.flatnonzero(triangle >= 0)
+        corners = self._corners.take(triangle[rays], axis=0)
+        distance[rays], weights[rays] = hit_triangles(origins[rays], directions[rays], corners)
+        return _MeshHits(distance, triangle, weights)
+
+    def occludes(self, origins: Floats, directions: Floats, max_distance: Floats) -> Bools:
+        """(n,) whether a triangle lies before each ray's `max_distance`, as `first_hits` counts."""
+        limits = max_distance.astype(np.float32)
+        return np.asarray(self._run(origins, directions, query="OCCLUDED", dists=limits) >= 0)
+
+    def _run(self, origins: Floats, directions: Floats, **options: object) -> _Indices:
+        """Triangles that Embree reports, -1 for none."""
+        if self._scene is None:
+            return np.full(len(origins), -1, dtype=np.int32)
+        rays = origins.astype(np.float32), directions.astype(np.float32)
+        return np.asarray(self._scene.run(*rays, **options))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class PlacedMesh:
-    """A mesh among the rays of a batch."""
-
-    mesh: TracedMesh
-    """Geometry and materials."""
-    world_from_mesh: Affine
-    """One transform, or one for each ray."""
-
-    def take(self, rays: npt.NDArray[np.intp]) -> PlacedMesh:
-        """The same mesh among some of the rays."""
-        return PlacedMesh(self.mesh, self.world_from_mesh.take(rays))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WorldRays:
-    """Rays in the world's axes, relative to the scene's centre."""
-
-    origins: Floats
-    """(n, 3) metres."""
-    directions: Floats
-    """(n, 3) unit."""
-    steps: Floats
-    """(n, 2, 3) from a direction to those of the samples to the right and below."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FirstHits:
-    """What each of n rays meets first."""
+class _MeshHits:
+    """First hits of n rays on a mesh."""
 
     distance: Floats
-    """(n,) metres; inf for nothing."""
-    object: Indices
-    """(n,) index of the mesh, or NOTHING."""
-    triangle: Indices
-    """(n,) index of the triangle, or NOTHING."""
+    """(n,) distances in lengths of the direction; inf without a hit."""
+    triangle: _Indices
+    """(n,) triangles; -1 without a hit."""
     weights: Floats
-    """(n, 2) barycentric weights of corners 1 and 2."""
+    """(n, 2) barycentric weights of corners 1 and 2; zero without a hit."""
 
 
-def find_first_hits(meshes: Sequence[PlacedMesh], rays: WorldRays) -> FirstHits:
-    """First hits on any of the meshes; of equal distances the earlier mesh's."""
-    count = len(rays.origins)
-    nothing = np.full(count, NOTHING, dtype=np.int32)
-    first = FirstHits(np.full(count, np.inf), nothing, nothing.copy(), np.zeros((count, 2)))
-    for number, placed in enumerate(meshes):
-        # Rays are moved into the mesh's frame, and nothing is committed anew. Directions keep the
-        # length that the transform gives them: distances are then those of the world.
-        transform = placed.world_from_mesh
-        hits = placed.mesh.surface.first_hits(
-            transform.inverse_points(rays.origins), transform.inverse_vectors(rays.directions)
-        )
-        nearer = np.flatnonzero(hits.distance < first.distance)
-        first.distance[nearer], first.object[nearer] = hits.distance[nearer], number
-        first.triangle[nearer], first.weights[nearer] = hits.triangle[nearer], hits.weights[nearer]
-    return first
+def hit_triangles(origins: Floats, directions: Floats, corners: Floats) -> tuple[Floats, Floats]:
+    """Where rays hit the triangles that Embree found.
+
+    Source: Moeller & Trumbore 1997. A ray that misses its triangle by Embree's rounding hits its
+    edge.
+
+    Args:
+        origins: (n, 3).
+        directions: (n, 3), of any length.
+        corners: (n, 3, 3).
+
+    Returns:
+        (n,) distances in lengths of the direction, and (n, 2) barycentric weights of corners 1
+        and 2.
+    """
+    first = corners[:, 0]
+    edge1, edge2 = corners[:, 1] - first, corners[:, 2] - first
+    normal_to_edge2, from_first = np.cross(directions, edge2), origins - first
+    determinant = _dot(edge1, normal_to_edge2)
+    # Zero for a ray along the triangle's plane: the weights are then any in the triangle.
+    scale = 1.0 / np.where(determinant == 0.0, 1.0, determinant)
+    weight1 = np.clip(scale * _dot(from_first, normal_to_edge2), 0.0, 1.0)
+    weight2 = scale * _dot(directions, np.cross(from_first, edge1))
+    weight2 = np.clip(weight2, 0.0, 1.0 - weight1)
+    to_hit = weight1[:, None] * edge1 + weight2[:, None] * edge2 - from_first
+    distance = _dot(to_hit, directions) / _dot(directions, directions)
+    return np.maximum(distance, 0.0), np.stack((weight1, weight2), axis=-1)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    """(n,) products of (n, 3) vectors."""
+    return np.asarray(np.einsum("ni,ni->n", a, b))
+
+
+def interpolate_poses(poses: Sequence[Pose], times: Floats | None) -> _Affine:
+    """Transforms at (n,) times, linear between poses evenly spaced over [0, 1].
+
+    One pose, or no times: the first pose for all rays.
+    """
+    if len(poses) == 1 or times is None:
+        rotation = poses[0].rotation
+        return _Affine(rotation, rotation.T, poses[0].translation)
+    position = np.clip(times, 0.0, 1.0) * (len(poses) - 1)
+    before = np.minimum(position.astype(np.intp), len(poses) - 2)
+    fraction = (position - before)[:, None]
+    rotations = np.stack([pose.rotation for pose in poses])
+    offsets = np.stack([pose.translation for pose in poses])
+    matrix = _interpolate(rotations, before, fraction[..., None])
+    # Inverted once for points, vectors and normals; well conditioned between rotations.
+    inverse = np.linalg.inv(matrix).astype(np.float64)
+    return _Affine(matrix, inverse, _interpolate(offsets, before, fraction))
+
+
+def _interpolate(values: Floats, before: npt.NDArray[np.intp], fraction: Floats) -> Floats:
+    """Entries between two neighbours in a list of arrays."""
+    return np.asarray((1.0 - fraction) * values[before] + fraction * values[before + 1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Affine:
+    """Transform parent_from_child of (n, 3) points: one, or n of them."""
+
+    matrix: Floats
+    """(3, 3) or (n, 3, 3)."""
+    inverse: Floats
+    """Inverse of the matrix."""
+    offset: Floats
+    """(3,) or (n, 3)."""
+
+    def take(self, rays: npt.NDArray[np.intp]) -> _Affine:
+        """Transforms of some of the rays."""
+        if self.matrix.ndim == 2:
+            return self
+        return _Affine(self.matrix[rays], self.inverse[rays], self.offset[rays])
+
+    def points(self, in_child: Floats) -> Floats:
+        """(n, 3) points in the parent frame."""
+        return self.vectors(in_child) + self.offset
+
+    def vectors(self, in_child: Floats) -> Floats:
+        """(n, 3) vectors in the parent frame."""
+        return _apply(self.matrix, in_child)
+
+    def inverse_points(self, in_parent: Floats) -> Floats:
+        """(n, 3) points in the child frame."""
+        return _apply(self.inverse, in_parent - self.offset)
+
+    def inverse_vectors(self, in_parent: Floats) -> Floats:
+        """(n, 3) vectors in the child frame."""
+        return _apply(self.inverse, in_parent)
+
+    def normals(self, in_child: Floats) -> Floats:
+        """(n, 3) unit normals in the parent frame; zero where they are zero."""
+        # A matrix between two rotations is none itself: normals take its inverse transposed.
+        found = _apply(np.swapaxes(self.inverse, -1, -2), in_child)
+        length = np.linalg.norm(found, axis=-1, keepdims=True)
+        return np.asarray(found / np.where(length > 0.0, length, 1.0))
+
+
+def _apply(matrix: Floats, vectors: Floats) -> Floats:
+    """(n, 3) products of one matrix, or of n, with (n, 3) vectors."""
+    if matrix.ndim == 2:
+        return np.asarray(vectors @ matrix.T)
+    return np.asarray(np.einsum("nij,nj->ni", matrix, vectors))

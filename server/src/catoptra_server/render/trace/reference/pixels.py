@@ -1,6 +1,7 @@
-"""Radiance of hits by `scene/shading`, with a ray to every light where there are shadows.
+"""Radiance and labels of hits, in NumPy.
 
-Channels of labels by the hits of the pixels' rays, in NumPy: the twin of `src/labels.c`.
+Radiance by the functions of `world/shading.py`, with a ray to every light where there are shadows.
+Labels are the twin of `src/labels.c`.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ from catoptra_server.world.world_description import Rgb
 # Distance of a shadow ray's origin in front of its facet, relative to the largest coordinate of
 # hit and camera: positions and corners are rounded to 2^-24 each, and a hit on a plane loses a few
 # times that. 40 um at 10 m. Without it the facet itself would occlude its lights.
-SHADOW_BIAS = 2.0**-18
+_SHADOW_BIAS = 2.0**-18
 
-RayIndices = npt.NDArray[np.intp]
+_RayIndices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +69,7 @@ class _Points:
     """(n,) distances of shadow rays from their facets."""
 
 
-Record = TypeVar("Record", WorldRays, FirstHits, _Points)
+_Record = TypeVar("_Record", WorldRays, FirstHits, _Points)
 
 
 def shade_hits(
@@ -86,7 +87,7 @@ def shade_hits(
     return radiance
 
 
-def _take(record: Record, rays: RayIndices) -> Record:
+def _take(record: _Record, rays: _RayIndices) -> _Record:
     """Some of the rows of a record of arrays."""
     rows = {field.name: getattr(record, field.name).take(rays, axis=0) for field in fields(record)}
     return replace(record, **rows)
@@ -112,7 +113,7 @@ def _lit_points(placed: PlacedMesh, rays: WorldRays, hits: FirstHits) -> _Points
     positions = rays.origins + hits.distance[:, None] * rays.directions
     normals = placed.world_from_mesh.normals(placed.mesh.facets.normals.take(hits.triangle, axis=0))
     largest = np.maximum(np.abs(positions), np.abs(rays.origins)).max(axis=-1)
-    return _Points(positions, normals, SHADOW_BIAS * largest)
+    return _Points(positions, normals, _SHADOW_BIAS * largest)
 
 
 def _irradiance(

@@ -1,6 +1,7 @@
-"""Batches of a ray table: its valid rays one by one, and the pixels of rays in its layout.
+"""The reference engine: every valid ray of a table on its own, in batches on a thread pool.
 
-The reference engine: every ray of a table on its own, in batches on a thread pool.
+Bytes depend on scene and rays alone, neither on batches nor on threads. A long exposure is the mean
+of sharp frames; effects are drawn everywhere and measured against a second frame.
 """
 
 from __future__ import annotations
@@ -68,124 +69,6 @@ from catoptra_server.world.world_description import Light, World, srgb_from_line
 _RAYS_PER_BATCH = 2**14
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RayBatch:
-    """The valid rays of some tiles, mirror frame."""
-
-    tiles: slice
-    """Tiles in the table."""
-    rays: npt.NDArray[np.intp]
-    """(n,) flat indices of the valid rays in (tiles, samples^2, 16)."""
-    directions: Floats
-    """(n, 3) unit."""
-    origins: Floats
-    """(n, 3) metres."""
-    steps: Floats
-    """(n, 2, 3) from a direction to those of the samples to the right and below; one mean step each
-    for the rays of a block."""
-    times: Floats | None
-    """(n,) times within the exposure, if the table has times."""
-
-
-def split_tiles(table: RayTable) -> Iterator[slice]:
-    """Yield all tiles of a table in parts of one batch each."""
-    step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * table.samples**2))
-    for first in range(0, len(table.tiles), step):
-        yield slice(first, first + step)
-
-
-def read_batch(table: RayTable, tiles: slice) -> RayBatch:
-    """The valid rays of some tiles."""
-    is_valid = (table.valid[tiles, :, None] >> np.arange(BLOCK_RAYS)) & 1
-    rays = np.flatnonzero(is_valid)
-    directions = _select_vectors(table.directions[tiles], rays)
-    origins = None if table.origins is None else _select_vectors(table.origins[tiles], rays)
-    times = None if table.times is None else table.times[tiles].reshape(-1)[rays]
-    return RayBatch(
-        tiles,
-        rays,
-        # Unit in float32 only.
-        directions / np.linalg.norm(directions, axis=-1, keepdims=True),
-        np.zeros_like(directions) if origins is None else origins,
-        _mean_steps(table.directions[tiles], is_valid)[rays // BLOCK_RAYS],
-        None if times is None else times.astype(np.float64),
-    )
-
-
-def _select_vectors(blocks: npt.NDArray[np.float32], rays: npt.NDArray[np.intp]) -> Floats:
-    """(n, 3) vectors of some rays in (t, samples^2, 3, 16) blocks."""
-    return blocks.swapaxes(-1, -2).reshape(-1, 3)[rays].astype(np.float64)
-
-
-def _mean_steps(directions: npt.NDArray[np.float32], is_valid: npt.NDArray[np.integer]) -> Floats:
-    """(blocks, 2, 3) mean steps to the right and down between valid rays; zero where are none.
-
-    Args:
-        directions: (t, samples^2, 3, 16).
-        is_valid: (t, samples^2, 16) of zeros and ones.
-    """
-    grid = directions.astype(np.float64).reshape(-1, 3, TILE_PX, TILE_PX)
-    valid = is_valid.reshape(-1, 1, TILE_PX, TILE_PX).astype(np.float64)
-    steps = []
-    for axis in (3, 2):
-        before = [slice(None)] * 4
-        after = [slice(None)] * 4
-        before[axis], after[axis] = slice(0, -1), slice(1, None)
-        pairs = valid[tuple(before)] * valid[tuple(after)]
-        total = ((grid[tuple(after)] - grid[tuple(before)]) * pairs).sum(axis=(2, 3))
-        steps.append(total / np.maximum(pairs.sum(axis=(2, 3)), 1.0))
-    return np.stack(steps, axis=1)
-
-
-def mean_pixels(values: Floats, samples: int) -> Floats:
-    """(t, 4, 4, k) means over the samples of each pixel, of (t, samples^2, 16, k) rays."""
-    depth = values.shape[-1]
-    blocks = values.reshape(-1, samples, samples, TILE_PX, TILE_PX, depth)
-    # Axes: tile, block row, ray row, block column, ray column; rows of the grid are both together.
-    grid = blocks.swapaxes(2, 3).reshape(-1, TILE_PX, samples, TILE_PX, samples, depth)
-    means: Floats = grid.mean(axis=(2, 4))
-    return means
-
-
-def encode_pixels(radiance: Floats, samples: int) -> npt.NDArray[np.uint8]:
-    """(t, 4, 4, 3) sRGB of the means of (t, samples^2, 16, 3) rays, each clipped as on a sensor."""
-    means = mean_pixels(np.clip(radiance, 0.0, 1.0), samples)
-    return np.rint(255.0 * srgb_from_linear(means)).astype(np.uint8)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Frame:
-    """An exposure, with its meshes in Embree. All poses relative to the scene's centre."""
-
-    mirror_poses: tuple[Pose, ...]
-    """World from mirror, one of each state."""
-    meshes: tuple[tuple[TracedMesh, tuple[Pose, ...]], ...]
-    """Static scene and dynamic objects, with their poses."""
-    lighting: Lighting
-    """Background and shadows."""
-    fog: FogMedium | None
-    """Air between camera and surfaces."""
-
-    def trace(self, batch: RayBatch) -> tuple[tuple[PlacedMesh, ...], WorldRays, FirstHits]:
-        """First hits of a batch, with its rays and the meshes at their times."""
-        camera = interpolate_poses(self.mirror_poses, batch.times)
-        directions = camera.vectors(batch.directions)
-        # Between two poses a rotation's entries shorten: distances are metres of unit directions.
-        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-        steps = np.stack([camera.vectors(batch.steps[:, i]) for i in range(2)], axis=1)
-        rays = WorldRays(camera.points(batch.origins), directions, steps)
-        meshes = tuple(
-            PlacedMesh(mesh, interpolate_poses(poses, batch.times)) for mesh, poses in self.meshes
-        )
-        return meshes, rays, find_first_hits(meshes, rays)
-
-    def shade(self, batch: RayBatch) -> Floats:
-        """(n, 3) linear radiance of a batch."""
-        meshes, rays, hits = self.trace(batch)
-        radiance = shade_hits(meshes, rays, hits, self.lighting)
-        return radiance if self.fog is None else self.fog.mix(radiance, hits.distance)
-
-
 class ReferenceEngine:
     """A scene in Embree, shaded in float64."""
 
@@ -213,9 +96,9 @@ class ReferenceEngine:
         """Number of object meshes committed so far."""
         return len(self._objects)
 
-    def prepare(self, rays: RayTable) -> ReferenceRays:
+    def prepare(self, rays: RayTable) -> _ReferenceRays:
         """Keep the rays of a camera."""
-        return ReferenceRays(rays, self._make_frame, self._pool)
+        return _ReferenceRays(rays, self._make_frame, self._pool)
 
     def _make_frame(self, exposure: TracedExposure) -> _Frame:
         """Meshes and poses of an exposure; meshes are committed at their first use."""
@@ -239,7 +122,7 @@ class ReferenceEngine:
         return Pose(pose.rotation, pose.translation - self._centre)
 
     def _find_object(self, mesh: ObjectMesh) -> TracedMesh:
-        """An object's mesh with all lights: it moves towards those that the scene culls."""
+        """An object's mesh with all lights: objects move towards lights that the scene culls."""
         if mesh not in self._objects:
             self._objects[mesh] = trace_object(mesh, self._world.lights)
         return self._objects[mesh]
@@ -249,7 +132,40 @@ class ReferenceEngine:
         self._pool.shutdown()
 
 
-class ReferenceRays:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frame:
+    """An exposure, with its meshes in Embree. All poses relative to the scene's centre."""
+
+    mirror_poses: tuple[Pose, ...]
+    """World from mirror, one of each state."""
+    meshes: tuple[tuple[TracedMesh, tuple[Pose, ...]], ...]
+    """Static scene and dynamic objects, with their poses."""
+    lighting: Lighting
+    """Background and shadows."""
+    fog: FogMedium | None
+    """Air between camera and surfaces."""
+
+    def trace(self, batch: _RayBatch) -> tuple[tuple[PlacedMesh, ...], WorldRays, FirstHits]:
+        """First hits of a batch, with its rays and the meshes at their times."""
+        camera = interpolate_poses(self.mirror_poses, batch.times)
+        directions = camera.vectors(batch.directions)
+        # Between two poses a rotation's entries shorten: distances are metres of unit directions.
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        steps = np.stack([camera.vectors(batch.steps[:, i]) for i in range(2)], axis=1)
+        rays = WorldRays(camera.points(batch.origins), directions, steps)
+        meshes = tuple(
+            PlacedMesh(mesh, interpolate_poses(poses, batch.times)) for mesh, poses in self.meshes
+        )
+        return meshes, rays, find_first_hits(meshes, rays)
+
+    def shade(self, batch: _RayBatch) -> Floats:
+        """(n, 3) linear radiance of a batch."""
+        meshes, rays, hits = self.trace(batch)
+        radiance = shade_hits(meshes, rays, hits, self.lighting)
+        return radiance if self.fog is None else self.fog.mix(radiance, hits.distance)
+
+
+class _ReferenceRays:
     """The rays of one camera."""
 
     def __init__(
@@ -268,6 +184,7 @@ class ReferenceRays:
     def render(self, exposure: TracedExposure, request: TraceRequest) -> TracedFrame:
         """A frame and all other outputs that are wanted; effects are drawn everywhere."""
         image = self.render_linear(exposure) if request.is_linear else self.render_srgb(exposure)
+        # Changes and ranges are of the middle of the exposure, as the kernel's.
         sharp = exposure if isinstance(exposure, MovingExposure) else advance(exposure, 0.0)
         changes = {}
         if "Shadows" in request.thresholds and first_state(exposure).has_shadows:
@@ -320,7 +237,7 @@ class ReferenceRays:
             image = encode_srgb(self.render_linear(exposure))
         else:
             image = self._render(exposure, encode_pixels, np.uint8(0))
-        # Frames are handed to other threads, which encode them while the next one is rendered.
+        # Other threads encode a frame while the next one is rendered.
         image.setflags(write=False)
         return image
 
@@ -344,7 +261,7 @@ class ReferenceRays:
         table, frame = self._table, self._make_frame(exposure)
         tiles = np.full((len(table.tiles), TILE_PX, TILE_PX, 3), black)
 
-        def render(batch: RayBatch) -> None:
+        def render(batch: _RayBatch) -> None:
             part = tiles[batch.tiles]
             # Rays that do not see the mirror are black.
             radiance = np.zeros((len(part), table.samples**2, BLOCK_RAYS, 3))
@@ -360,7 +277,7 @@ class ReferenceRays:
         nothing = np.full(shape, NOTHING, dtype=np.int32)
         found = RayHits(np.full(shape, np.inf, dtype=np.float32), nothing, nothing.copy())
 
-        def trace(batch: RayBatch) -> None:
+        def trace(batch: _RayBatch) -> None:
             _, _, hits = frame.trace(batch)
             found.range_m[batch.tiles].reshape(-1)[batch.rays] = hits.distance
             found.triangle[batch.tiles].reshape(-1)[batch.rays] = hits.triangle
@@ -370,9 +287,9 @@ class ReferenceRays:
         return found
 
     def label_pixels(self, exposure: TracedExposure, request: LabelRequest) -> PixelLabels:
-        """Labels without an image; their agreement is that of these rays."""
+        """Labels without an image; the agreement is of these rays."""
         static, _ = self._make_frame(exposure).meshes[0]
-        centres = ReferenceRays(request.centres, self._make_frame, self._pool)
+        centres = _ReferenceRays(request.centres, self._make_frame, self._pool)
         hits = centres.find_hits(exposure)
         needed = {*request.channels, "ids"}
         table, tables = request.centres, request.tables
@@ -382,18 +299,103 @@ class ReferenceRays:
             found |= count_agreement(self._table, numbers, found["ids"])
         return {name: found[name] for name in found if name in request.channels}
 
-    def _for_all_batches(self, work: Callable[[RayBatch], None]) -> None:
-        """Work on all batches; each writes tiles of its own, so the threads share no element."""
+    def _for_all_batches(self, work: Callable[[_RayBatch], None]) -> None:
+        """Work on all batches; no two write the same tiles, so the threads share no element."""
 
         def work_on(tiles: slice) -> None:
             work(read_batch(self._table, tiles))
 
-        # list() waits for all of them and raises the first error of any. Embree and NumPy release
+        # list() waits for all batches and raises the first error of any. Embree and NumPy release
         # the GIL.
         list(self._pool.map(work_on, split_tiles(self._table)))
 
     def close(self) -> None:
         """Do nothing: threads and scene belong to the engine."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RayBatch:
+    """The valid rays of some tiles, mirror frame."""
+
+    tiles: slice
+    """Tiles in the table."""
+    rays: npt.NDArray[np.intp]
+    """(n,) flat indices of the valid rays in (tiles, samples^2, 16)."""
+    directions: Floats
+    """(n, 3) unit."""
+    origins: Floats
+    """(n, 3) metres."""
+    steps: Floats
+    """(n, 2, 3) from a direction to its neighbours to the right and below; one mean step each
+    for the rays of a block."""
+    times: Floats | None
+    """(n,) times within the exposure, if the table has times."""
+
+
+def split_tiles(table: RayTable) -> Iterator[slice]:
+    """Yield all tiles of a table in parts of one batch each."""
+    step = max(1, _RAYS_PER_BATCH // (BLOCK_RAYS * table.samples**2))
+    for first in range(0, len(table.tiles), step):
+        yield slice(first, first + step)
+
+
+def read_batch(table: RayTable, tiles: slice) -> _RayBatch:
+    """The valid rays of some tiles."""
+    is_valid = (table.valid[tiles, :, None] >> np.arange(BLOCK_RAYS)) & 1
+    rays = np.flatnonzero(is_valid)
+    directions = _select_vectors(table.directions[tiles], rays)
+    origins = None if table.origins is None else _select_vectors(table.origins[tiles], rays)
+    times = None if table.times is None else table.times[tiles].reshape(-1)[rays]
+    return _RayBatch(
+        tiles,
+        rays,
+        # Unit in float32 only.
+        directions / np.linalg.norm(directions, axis=-1, keepdims=True),
+        np.zeros_like(directions) if origins is None else origins,
+        _mean_steps(table.directions[tiles], is_valid)[rays // BLOCK_RAYS],
+        None if times is None else times.astype(np.float64),
+    )
+
+
+def _select_vectors(blocks: npt.NDArray[np.float32], rays: npt.NDArray[np.intp]) -> Floats:
+    """(n, 3) vectors of some rays in (t, samples^2, 3, 16) blocks."""
+    return blocks.swapaxes(-1, -2).reshape(-1, 3)[rays].astype(np.float64)
+
+
+def _mean_steps(directions: npt.NDArray[np.float32], is_valid: npt.NDArray[np.integer]) -> Floats:
+    """(blocks, 2, 3) mean steps to the right and down between valid rays; zero where are none.
+
+    Args:
+        directions: (t, samples^2, 3, 16).
+        is_valid: (t, samples^2, 16) of zeros and ones.
+    """
+    grid = directions.astype(np.float64).reshape(-1, 3, TILE_PX, TILE_PX)
+    valid = is_valid.reshape(-1, 1, TILE_PX, TILE_PX).astype(np.float64)
+    steps = []
+    for axis in (3, 2):
+        before = [slice(None)] * 4
+        after = [slice(None)] * 4
+        before[axis], after[axis] = slice(0, -1), slice(1, None)
+        pairs = valid[tuple(before)] * valid[tuple(after)]
+        total = ((grid[tuple(after)] - grid[tuple(before)]) * pairs).sum(axis=(2, 3))
+        steps.append(total / np.maximum(pairs.sum(axis=(2, 3)), 1.0))
+    return np.stack(steps, axis=1)
+
+
+def mean_pixels(values: Floats, samples: int) -> Floats:
+    """(t, 4, 4, k) means over the samples of each pixel, of (t, samples^2, 16, k) rays."""
+    depth = values.shape[-1]
+    blocks = values.reshape(-1, samples, samples, TILE_PX, TILE_PX, depth)
+    # Axes: tile, block row, ray row, block column, ray column; rows of the grid are both together.
+    grid = blocks.swapaxes(2, 3).reshape(-1, TILE_PX, samples, TILE_PX, samples, depth)
+    means: Floats = grid.mean(axis=(2, 4))
+    return means
+
+
+def encode_pixels(radiance: Floats, samples: int) -> npt.NDArray[np.uint8]:
+    """(t, 4, 4, 3) sRGB of the means of (t, samples^2, 16, 3) rays, each clipped as on a sensor."""
+    means = mean_pixels(np.clip(radiance, 0.0, 1.0), samples)
+    return np.rint(255.0 * srgb_from_linear(means)).astype(np.uint8)
 
 
 def _mean_clipped_pixels(radiance: Floats, samples: int) -> Floats:

@@ -1,3 +1,6 @@
+/* Provides beam_origins.h: apexes of beams whose rays have origins.
+ * No twin: conservative bounds. Owns nothing: beams.c has the memory.
+ * Threads: the thread that prepares or renders; nothing is shared while it writes. */
 #include "beam_origins.h"
 
 #include <math.h>

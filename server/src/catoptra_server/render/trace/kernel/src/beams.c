@@ -1,4 +1,8 @@
-/* Construction of a view's beams: tiles from their rays, larger parts from four smaller ones. */
+/* Provides catoptra_prepare and the beams of a view: tiles from their rays, larger parts from four
+ * smaller ones.
+ * No twin: conservative bounds. The view owns tables and beams until catoptra_release_view; the
+ * rays stay Python's.
+ * Threads: the calling thread alone; a prepared view is only read. */
 #include "beams.h"
 
 #include "beam_origins.h"

@@ -1,3 +1,7 @@
+/* Provides blur.h: tiles at several instants of their exposure, averaged.
+ * Float64 twin: render/renderer.py:sample_shutter and reference/reference_engine.py, the mean of
+ * sharp frames. Owns nothing: sums are on the stack, means are the plan's.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "blur.h"
 
 #include "blur_plan.h"

@@ -1,3 +1,7 @@
+/* Provides blur_intervals.h: a whole exposure of a few pixels by bits of time.
+ * Float64 twin: reference/reference_engine.py, the mean of sharp frames. Owns nothing: sets of
+ * triangles are on the stack of the tile.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "blur_intervals.h"
 
 #include "measures.h"

@@ -1,3 +1,8 @@
+/* Provides blur_plan.h: which tiles a frame's motion changes, and at how many instants these are
+ * drawn.
+ * No twin: conservative bounds. The plan owns its arrays, from create_plan to release_plan.
+ * Threads: notes: any thread, each for tiles of its own. Creation and choice: the calling thread,
+ * between the passes. */
 #include "blur_plan.h"
 
 #include "facet_plane.h"

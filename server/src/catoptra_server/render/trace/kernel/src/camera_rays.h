@@ -5,7 +5,7 @@
 #include "frame_state.h"
 
 /* Steps from a ray to its neighbours to the right and below, in the world; means over a block, zero
- * where no two neighbours are valid. Twin: reference/ray_batches.RayBatch.steps. */
+ * where no two neighbours are valid. Twin: `steps` of reference_engine.py's batches. */
 typedef struct {
     Vec3 step[2];
 } RaySteps;

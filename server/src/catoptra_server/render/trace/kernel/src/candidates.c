@@ -1,3 +1,7 @@
+/* Provides candidates.h: lists of what a part of the image may show, kept by beam.
+ * No twin: conservative bounds. A list owns one block of floats, from candidates_allocate to
+ * candidates_free.
+ * Threads: the thread that has the list; the frame's first list is only read by the others. */
 #include "candidates.h"
 
 #include <math.h>

@@ -1,4 +1,7 @@
-/* Distances along single rays, for sensors. */
+/* Provides catoptra_cast: distances along single rays, for sensors.
+ * Float64 twin: none; render/trace/ray_caster.py:EmbreeRayCaster gives the same bits. Owns
+ * nothing: all arrays are Python's.
+ * Threads: any threads at once: no pool, no state. */
 #include "device.h"
 
 #include <math.h>

@@ -1,5 +1,8 @@
-/* Which tiles of a view have the pixels' centres of another table of the same image, and whether the
- * view's beams hold these rays, too: so that its proofs are proofs about them. */
+/* Provides catoptra_match_centres: which tiles of a view have the pixels' centres of another table
+ * of the same image, and whether the view's beams hold these rays, too, so that its proofs are
+ * proofs about them.
+ * No twin. The caller has the results; the index is freed at the end.
+ * Threads: the calling thread alone. */
 #include "beam_origins.h"
 #include "vectors.h"
 

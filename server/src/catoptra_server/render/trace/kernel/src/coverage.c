@@ -1,3 +1,8 @@
+/* Provides coverage.h, where the proof is stated: the search for parts of the image that one
+ * surface fills, from the coarsest parts to tiles.
+ * No twin: every proof is about the exact rays. A search owns its lists, one for each thread, from
+ * create_search to release_search.
+ * Threads: one search a thread; parts are drawn from a shared counter. */
 #include "coverage.h"
 
 #include "blur.h"

@@ -1,4 +1,8 @@
-/* Device, meshes, and the numbers that Python checks before it calls anything else. */
+/* Provides Embree's device, meshes, and the sizes that Python checks before it calls anything
+ * else.
+ * No twin. The device owns the pool and Embree's handles, a mesh its scene; Python keeps the
+ * mesh's arrays alive until it is released.
+ * Threads: the calling thread; a mesh is only read afterwards. */
 #include "device.h"
 
 #include "image.h"

@@ -1,3 +1,8 @@
+/* Provides direct_light.h: light of directional and point lights, with a ray to each where no
+ * height map decides.
+ * Float64 twin: world/shading.py:unshadowed_irradiance, reference/pixels.py. Owns nothing: writes
+ * what its caller passes.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "direct_light.h"
 
 #include <math.h>

@@ -1,4 +1,7 @@
-/* Look-up of Embree's functions in the library that the Python package embreex brings along. */
+/* Provides embree.h: look-up of Embree's functions in the library that the Python package embreex
+ * brings along.
+ * No twin. The handle of the library stays open for the life of the process.
+ * Threads: the thread that opens the device. */
 #include "embree.h"
 
 #include <dlfcn.h>

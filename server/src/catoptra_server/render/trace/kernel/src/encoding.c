@@ -1,3 +1,6 @@
+/* Provides encoding.h: grey levels of linear light by a table.
+ * Float64 twin: world/world_description.py:srgb_from_linear. The table is static, filled once.
+ * Threads: prepare_encoding: the calling thread, before the pool starts. encode_level: any. */
 #include "encoding.h"
 
 #include <math.h>

@@ -1,3 +1,7 @@
+/* Provides facet_plane.h: blocks of rays that all meet one facet's plane.
+ * Float64 twin: reference/meshes.py:hit_triangles, world/textures.py:sample_levels. Owns nothing:
+ * writes what its caller passes.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "facet_plane.h"
 
 #include "texture_levels.h"

@@ -1,3 +1,6 @@
+/* Provides flow.h: displacement of the points that pixels show.
+ * Float64 twin: frames/labels/label_renderer.py. Owns nothing: tables and the flow are Python's.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "flow.h"
 
 #include "packets.h"

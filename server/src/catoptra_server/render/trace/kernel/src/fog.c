@@ -1,3 +1,6 @@
+/* Provides fog.h: Koschmieder's law on samples.
+ * Float64 twin: world/camera_state.py:FogMedium. Owns nothing: writes what its caller passes.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "fog.h"
 
 #include "camera_rays.h"

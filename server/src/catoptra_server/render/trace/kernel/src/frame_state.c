@@ -1,3 +1,7 @@
+/* Provides frame_state.h: poses at a time, and the frame's objects in Embree.
+ * Float64 twin: reference/meshes.py:interpolate_poses. render.c releases the scene that
+ * commit_objects returns.
+ * Threads: commit_objects: the calling thread. Poses: any. */
 #include "frame_state.h"
 
 #include <math.h>

@@ -1,4 +1,6 @@
-/* Construction of the height maps: every cell holds the highest casters that reach into it. */
+/* Provides catoptra_build_light_maps: every cell holds the highest casters that reach into it.
+ * No twin: conservative bounds. The maps own their cells until catoptra_release_light_maps.
+ * Threads: the calling thread, at the first frame with shadows; only read afterwards. */
 #include "height_map.h"
 
 #include "device.h"

@@ -1,3 +1,6 @@
+/* Provides hit_textures.h: texture colours of a block's hits.
+ * Float64 twin: world/textures.py:sample_levels. Owns nothing: writes what its caller passes.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "hit_textures.h"
 
 #include "camera_rays.h"

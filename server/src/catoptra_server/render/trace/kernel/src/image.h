@@ -1,6 +1,6 @@
 /* Image effects: a linear image changed stage by stage, and encoded.
  *
- * Python twins: image_stages.py fills the stages, effects/ has the formulas in float64. Maps are
+ * Python twins: kernel/image.py fills the stages, effects/ has the formulas in float64. Maps are
  * arrays of the image's size, row by row.
  */
 #ifndef CATOPTRA_IMAGE_H

@@ -1,4 +1,7 @@
-/* Blur by symmetric kernels: one for each colour, or one for each pixel from a table of discs.
+/* Provides blur of image_spread.h, by symmetric kernels: one for each colour, or one for each
+ * pixel from a table of discs.
+ * Float64 twin: effects/kernels/convolution.py. Owns nothing: planes are the job's scratch memory.
+ * Threads: any thread of the pool, each for cells of its own.
  *
  * A kernel has one weight for each pair (i, j), 0 <= j <= i, of offsets: the (up to eight) pixels
  * that are i and j away along the axes share it. maps[0] has the weights: (3, pairs) where num_rows

@@ -1,4 +1,8 @@
-/* The chain of an image's stages: one pass after the other, each by all threads. */
+/* Provides catoptra_change_image: the chain of an image's stages, one pass after the other, each
+ * by all threads.
+ * Float64 twin: the formulas of effects/, in their order. Owns nothing: Python lends the scratch
+ * memory of catoptra_image_scratch bytes.
+ * Threads: the calling thread begins each pass, the pool runs it. */
 #define _GNU_SOURCE
 #include "image_change.h"
 #include "image_points.h"

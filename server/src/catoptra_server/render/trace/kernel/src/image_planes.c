@@ -1,3 +1,6 @@
+/* Provides image_planes.h: cells of an image, their extremes and its border.
+ * No twin. Owns nothing: planes are the job's scratch memory.
+ * Threads: any thread of the pool, each for cells of its own; maxima are atomic. */
 #include "image_planes.h"
 
 #include <string.h>

@@ -1,4 +1,7 @@
-/* Stages that change each pixel by itself: gains, dust, fixed pattern, converter, noise. */
+/* Provides image_points.h: gains, dust, fixed pattern, converter and noise.
+ * Float64 twins: `apply` of the effects in effects/, one for each kind. Owns nothing: planes are
+ * the job's, maps Python's.
+ * Threads: any thread of the pool, each for cells of its own. */
 #include "image_points.h"
 
 #include "image_change.h"

@@ -1,4 +1,8 @@
-/* Warp, lateral colour, overflow and mosaic: stages that read a few neighbours. */
+/* Provides the other stages of image_spread.h: warp, lateral colour, overflow and mosaic, which
+ * read a few neighbours.
+ * Float64 twins: effects/kernels/warp.py, and `apply` of the effects. Owns nothing: planes are the
+ * job's, maps Python's.
+ * Threads: any thread of the pool, each for cells of its own. */
 #include "image_spread.h"
 
 #include "image_change.h"

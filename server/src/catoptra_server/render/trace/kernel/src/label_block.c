@@ -1,3 +1,6 @@
+/* Provides label_block.h: a tile's labels into the channels.
+ * Float64 twin: reference/pixels.py:label_pixels. Owns nothing: channels are Python's.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "label_block.h"
 
 #include <math.h>

@@ -1,3 +1,7 @@
+/* Provides labels.h: what the pixels' centres meet, and the agreement of samples.
+ * Float64 twin: reference/pixels.py:label_pixels, count_agreement. Owns nothing: channels are
+ * Python's.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "labels.h"
 
 #include "camera_rays.h"

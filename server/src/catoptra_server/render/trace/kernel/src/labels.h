@@ -2,7 +2,7 @@
  *
  * Found beside an image whose samples are traced anyway, or alone. A tile that a proof has filled
  * with one plane takes no ray: its number is that of the plane, its ranges are those of the plane.
- * Twin: reference/pixel_labels.py.
+ * Twin: reference/pixels.py.
  */
 #ifndef CATOPTRA_LABELS_H
 #define CATOPTRA_LABELS_H

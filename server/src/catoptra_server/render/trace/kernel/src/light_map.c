@@ -1,3 +1,7 @@
+/* Provides light_map.h: proofs by the height maps that a light is seen or hidden.
+ * No twin: conservative bounds. Heights of objects belong to the frame; the maps to the scene
+ * (height_map.c).
+ * Threads: raise_objects: the calling thread. Proofs: any. */
 #include "light_map.h"
 
 #include "height_map.h"

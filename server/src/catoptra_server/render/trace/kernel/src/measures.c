@@ -1,3 +1,7 @@
+/* Provides measures.h: maxima of the changes that effects make.
+ * Float64 twin: reference/reference_engine.py, the difference of two frames. Owns nothing: the
+ * measures are the frame's.
+ * Threads: any thread at once: maxima are atomic. */
 #include "measures.h"
 
 #include "encoding.h"

@@ -1,3 +1,7 @@
+/* Provides packets.h: a block's queries to Embree in packets of the device's width.
+ * Float64 twin: none; which triangle is met comes from Embree in both engines. Owns nothing:
+ * writes what its caller passes.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "packets.h"
 
 #include <string.h>

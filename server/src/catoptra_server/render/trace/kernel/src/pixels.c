@@ -1,3 +1,7 @@
+/* Provides pixels.h: sums of samples, and their means into the image.
+ * Float64 twin: reference/reference_engine.py:mean_pixels, encode_pixels. Owns nothing: the image
+ * is Python's.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "pixels.h"
 
 #include "tile_place.h"

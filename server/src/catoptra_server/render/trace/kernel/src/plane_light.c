@@ -1,3 +1,6 @@
+/* Provides plane_light.h: facets of one radiance over a part of the image.
+ * Float64 twin: world/shading.py:facet_radiance. Owns nothing: writes what its caller passes.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "plane_light.h"
 
 /* Cosine to a directional light, or the height of a point light above the facet's plane: above zero

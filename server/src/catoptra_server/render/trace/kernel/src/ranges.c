@@ -1,3 +1,6 @@
+/* Provides ranges.h: mean inverse ranges of pixels.
+ * Float64 twin: reference/reference_engine.py. Owns nothing: ranges are Python's.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "ranges.h"
 
 #include "camera_rays.h"

@@ -1,3 +1,6 @@
+/* Provides ray_order.h: rays of a tile by rows or by squares of pixels.
+ * No twin. The caller frees an order's table: the view has both.
+ * Threads: the thread that prepares the view; only read afterwards. */
 #include "ray_order.h"
 
 #include <stdlib.h>

@@ -1,4 +1,9 @@
-/* A frame: the work is handed out tile by tile, or part by part, to the device's threads. */
+/* Provides catoptra_render and catoptra_trace: a frame, handed out tile by tile, or part by part,
+ * to the device's threads.
+ * Float64 twin: reference/reference_engine.py. The frame owns its state, plan and lists of
+ * candidates, freed before the call returns; outputs are Python's.
+ * Threads: the calling thread, which takes part in the pool's work. One frame at a time on a
+ * device. */
 #define _GNU_SOURCE
 #include "beam_origins.h"
 #include "beams.h"

@@ -1,3 +1,6 @@
+/* Provides shading.h: linear radiance of the hits of a block.
+ * Float64 twin: world/shading.py. render.c frees the table of light_objects.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "shading.h"
 
 #include "direct_light.h"

@@ -1,4 +1,4 @@
-/* Which level of a texture a sample reads. Float64 twin: scene/texture_levels.
+/* Which level of a texture a sample reads. Float64 twin: world/textures.py.
  *
  * The steps of rays to their neighbours, on the plane of a facet and in texels, span the footprint
  * of a sample. A block has one pair of steps in space; on the plane each ray has its own. In a
@@ -11,7 +11,7 @@
 #include "facet_plane.h"
 #include "textures.h"
 
-/* Twin: scene/texture_levels.MAX_STRETCH. */
+/* Twin: world/textures.py:MAX_STRETCH. */
 #define MAX_STRETCH 3.0f
 
 /* A block's steps to the right and down, along a facet's normal and texture coordinates. */

@@ -1,4 +1,4 @@
-/* Bilinear look-up in linear light. Float64 twin: scene/shading.sample_texture.
+/* Bilinear look-up in linear light. Float64 twin: world/shading.py:sample_texture.
  *
  * Texels are 16-bit linear light: textured frames wait for memory, of which floats take twice as
  * much, and sRGB bytes would have to be decoded one by one. A step is a 40th of a grey level where

@@ -1,3 +1,8 @@
+/* Provides tiles.h: the ways to render a tile, from the one that needs no ray to the one that
+ * traces every sample.
+ * Float64 twin: reference/reference_engine.py. Owns nothing: blocks are on the stack, outputs are
+ * Python's.
+ * Threads: any thread of the pool, each for tiles of its own. */
 #include "tiles.h"
 
 #include "blur_plan.h"

@@ -1,3 +1,6 @@
+/* Provides workers.h: the pool of threads.
+ * No twin. The pool owns its threads, from workers_create to workers_destroy.
+ * Threads: jobs of several calling threads follow one another. */
 #define _GNU_SOURCE
 #include "workers.h"
 
