@@ -4,7 +4,7 @@ Run: .venv/bin/python tests/measurements/texture_aliasing.py
 
 A checkerboard, a bundled texture and noise on a floor, seen from 0.6 m above it by the paper's
 camera at 200 px; the rms difference, in grey levels, between images of 1 or 2 samples along a
-pixel's side and one of 16, for values of scene/texture_levels.MAX_STRETCH (0: the image itself,
+pixel's side and one of 16, for values of world/textures.MAX_STRETCH (0: the image itself,
 without levels). The reference engine renders, which reads the constant at each frame. Decision:
 MAX_STRETCH.
 """

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 
 from catoptra_server.runtime.faults import Termination
 
-EXIT_USAGE = 2
+_EXIT_USAGE = 2
 COMMANDS: Mapping[str, str] = {
     "explain": "report the effects that a robot's camera needs in a world, with their cost",
     "doctor": "check whether the server can run on this machine",
@@ -66,7 +66,7 @@ def _run(words: Sequence[str], termination: Termination) -> int:
             return 0
         case [word, *_] if not word.startswith("-"):
             print(f"catoptra-server: {_describe_unknown(word)}", file=sys.stderr)
-            return EXIT_USAGE
+            return _EXIT_USAGE
         case _:
             return _serve(words, termination)
 

@@ -1,4 +1,4 @@
-"""Mirror meshes of scene/mirror_mesh against an independent reference table.
+"""Mirror meshes of world/mirror_mesh against an independent reference table.
 
 The table was made in float64 and again in OpenGL, for 360 x 360 pixels with the rim at 120 degrees.
 Tolerances are the table's own: UV 15 % (which face a polygon uses is free), position rms 3 %, max

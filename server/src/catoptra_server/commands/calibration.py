@@ -19,7 +19,7 @@ from catoptra_server.config.robot_file import read_robot
 from catoptra_server.runtime.options import CommandParser
 from catoptra_server.simulation.robot_description import OmniCameraDescription, RobotDescription
 
-EXIT_FAILURE = 2
+_EXIT_FAILURE = 2
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str]) -> int:
         )
     except (CatoptraError, OSError) as error:
         print(f"catoptra-server calibration: {error}", file=sys.stderr)
-        return EXIT_FAILURE
+        return _EXIT_FAILURE
     for line in written:
         print(line)
     return 0

@@ -91,7 +91,7 @@ def measure_effect_times(
         clock: Clock in seconds.
     """
     view = render(request)
-    drawn = [one.effect for one in view.effect_decisions if acts_on_frame(one)]
+    drawn = [one.effect for one in view.effect_decisions if _acts_on_frame(one)]
     staged = [name for name in drawn if name in view.image.stage_ms]
     unstaged = [name for name in drawn if name not in view.image.stage_ms]
     # From none of them to all: each kind of frame has one more.
@@ -119,7 +119,7 @@ def measure_effect_times(
     return EffectTimes(view, {name: effect_ms[name] for name in drawn}, cumulative[0])
 
 
-def acts_on_frame(decision: EffectDecision) -> bool:
+def _acts_on_frame(decision: EffectDecision) -> bool:
     """Whether a frame draws an effect: where it is on, and where the frame itself decided."""
     return decision.enabled or decision.basis is DecisionBasis.MEASURED
 
@@ -150,7 +150,7 @@ def _limit_by_later(times_ms: Sequence[float]) -> list[float]:
     return limited[::-1]
 
 
-EXIT_FAILURE = 2
+_EXIT_FAILURE = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ ZERO_VELOCITY = PlanarVelocity()
 
 
 @dataclass(frozen=True, slots=True)
-class CameraEffectReport:
+class _CameraEffectReport:
     """Decisions about the effects of one camera, and the time of a frame."""
 
     robot: str
@@ -212,13 +212,13 @@ def main(arguments: Sequence[str]) -> int:
             [find_configuration("robots", parsed.robot)], find_configuration("worlds", parsed.world)
         )
         reports = [
-            *explain_cameras(
+            *_explain_cameras(
                 startup, renderer=parsed.renderer, pose=parsed.pose, velocity=parsed.velocity
             )
         ]
     except CatoptraError as error:
         print(f"catoptra-server explain: {error}", file=sys.stderr)
-        return EXIT_FAILURE
+        return _EXIT_FAILURE
     if parsed.json:
         print(json.dumps([asdict(report) for report in reports], indent=2))
     else:
@@ -226,13 +226,13 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def explain_cameras(
+def _explain_cameras(
     startup: StartupConfig,
     *,
     renderer: str,
     pose: PlanarPose | None = None,
     velocity: PlanarVelocity = ZERO_VELOCITY,
-) -> Iterator[CameraEffectReport]:
+) -> Iterator[_CameraEffectReport]:
     """Yield the report of each camera of the robot classes, the omnidirectional one first.
 
     Args:
@@ -289,7 +289,7 @@ def _explain_views(
     robot: RobotDescription,
     requests: Mapping[str, ViewRequest],
     renderer: str,
-) -> Iterator[CameraEffectReport]:
+) -> Iterator[_CameraEffectReport]:
     choice = choose_renderer(renderer, startup.scene, startup.world)
     # With the frame times that servers on this machine have kept, as a server's own choice.
     cache = CostCache(default_cache_folder(), startup.scene)
@@ -298,7 +298,7 @@ def _explain_views(
     try:
         for name, request in requests.items():
             times = measure_effect_times(views.render, request)
-            yield CameraEffectReport(
+            yield _CameraEffectReport(
                 robot.class_name,
                 name,
                 times.view.frame_plan.plan_text,

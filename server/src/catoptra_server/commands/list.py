@@ -39,7 +39,7 @@ _SENTENCE = re.compile(r"(.*?\.)(?:\s|$)")
 
 
 @dataclass(frozen=True, slots=True)
-class ListEntry:
+class _ListEntry:
     """One name that a command or a client's INIT accepts."""
 
     kind: str
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _print_entries(entries: Sequence[ListEntry]) -> None:
+def _print_entries(entries: Sequence[_ListEntry]) -> None:
     """Print entries, with a heading for each kind."""
     kind = ""
     for entry in entries:
@@ -88,7 +88,7 @@ def _print_entries(entries: Sequence[ListEntry]) -> None:
         print(entry)
 
 
-def list_entries(kinds: Sequence[str]) -> Iterator[ListEntry]:
+def list_entries(kinds: Sequence[str]) -> Iterator[_ListEntry]:
     """Yield the entries of each kind, sorted by name."""
     for kind in kinds:
         match kind:
@@ -111,27 +111,27 @@ def read_first_sentence(path: Path) -> str:
     return sentence[1] if sentence else words
 
 
-def _describe_file(kind: str, path: Path) -> ListEntry:
-    return ListEntry(kind, path.stem, read_first_sentence(path), str(path))
+def _describe_file(kind: str, path: Path) -> _ListEntry:
+    return _ListEntry(kind, path.stem, read_first_sentence(path), str(path))
 
 
-def _describe_camera(file: CameraFile) -> ListEntry:
-    return ListEntry("cameras", file.name, f"{file.title}. {file.source}", str(file.path))
+def _describe_camera(file: CameraFile) -> _ListEntry:
+    return _ListEntry("cameras", file.name, f"{file.title}. {file.source}", str(file.path))
 
 
-def _list_classes() -> Iterator[ListEntry]:
+def _list_classes() -> Iterator[_ListEntry]:
     for path in bundled_files("robots"):
         robots, _ = read_robots(path)
         for robot in robots:
-            yield ListEntry(
+            yield _ListEntry(
                 "classes",
                 robot.class_name,
-                f"--robot {path.stem}: {describe_equipment(robot)}",
+                f"--robot {path.stem}: {_describe_equipment(robot)}",
                 str(path),
             )
 
 
-def describe_equipment(robot: RobotDescription) -> str:
+def _describe_equipment(robot: RobotDescription) -> str:
     """Cameras with their sizes, and sensors by kind with their number."""
     cameras = [
         f"camera {camera.name} {camera.width_px} x {camera.height_px} px"

@@ -226,8 +226,8 @@ def _parse_image_type(text: str) -> ImageType:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-EXIT_FAULT = 1
-EXIT_CANNOT_START = 2
+_EXIT_FAULT = 1
+_EXIT_CANNOT_START = 2
 # With the grace of `termination`, less than the promised second.
 _FLUSH_TIMEOUT_S = 0.1
 # A thread that needs the interpreter waits this long for one that computes. Under all attacks of
@@ -258,16 +258,16 @@ def main(arguments: Sequence[str], termination: Termination) -> int:
             asyncio.run(_serve_until_signal(options, termination, writer))
         except ThreadFailedError as error:
             # The log has the traceback.
-            return _report(writer, error, EXIT_FAULT)
+            return _report(writer, error, _EXIT_FAULT)
         except CatoptraError as error:
-            return _report(writer, error, EXIT_CANNOT_START)
+            return _report(writer, error, _EXIT_CANNOT_START)
         # UnicodeError: a host name that cannot be one, such as a..b.
         except (OSError, UnicodeError) as error:
-            return _report(writer, _describe_listen_error(error), EXIT_CANNOT_START)
+            return _report(writer, _describe_listen_error(error), _EXIT_CANNOT_START)
         except Exception:
             # Not left to the interpreter, whose print waits for standard error.
             log.critical("the server ends: a bug", exc_info=True)
-            return EXIT_FAULT
+            return _EXIT_FAULT
         return 0
 
 

@@ -129,7 +129,7 @@ _MAX_CALIBRATION_STATES = 4
 # Rendering uses all processors at times; the threads of reports and sockets, which mostly wait,
 # come first. Under all attacks of tests/load at once 4 to 12 % of the reports were over 20 % late
 # without.
-RENDER_NICENESS = 5
+_RENDER_NICENESS = 5
 
 
 class ServerThreads:
@@ -193,7 +193,7 @@ class ServerThreads:
     def _render(self, on_ready: Callable[[], None]) -> None:
         """Main function of the render thread."""
         # Threads that this one starts, such as those of the trace renderer, have its priority.
-        lower_thread_priority(RENDER_NICENESS)
+        lower_thread_priority(_RENDER_NICENESS)
         self.render_thread.run(self._create_view_cache, on_ready)
 
     def _create_view_cache(self) -> ViewCache | None:
@@ -302,7 +302,7 @@ def load_view_modules() -> None:
     importlib.import_module("catoptra_server.commands.web_port")
 
 
-STREAM_PORT = 5005
+_STREAM_PORT = 5005
 VIEW_PORT = 5080
 # A program that waits for the line of the ports has its first frame 0.05 s later, or 0.1 s where
 # modules are loaded meanwhile.
@@ -479,7 +479,7 @@ def _create_stream_listener(server: ServerThreads) -> Listener:
     # Scripts of USARSim's time know two ports: with --control-port 0 a second server on the machine
     # would still collide at 5005.
     if port is None:
-        port = STREAM_PORT if settings.control_port and settings.image_port else 0
+        port = _STREAM_PORT if settings.control_port and settings.image_port else 0
     return create_listener(server.options.host, port, name="stream")
 
 

@@ -18,7 +18,7 @@ from catoptra_server.config.robot_file import read_robot
 from catoptra_server.simulation.robot_description import OmniCameraDescription
 
 # The robot of the paper's simulated drive.
-BASE_ROBOT = "p2at_omni_sim"
+_BASE_ROBOT = "p2at_omni_sim"
 # Section of the capture camera of a robot with a mirror.
 _CAPTURE_CLASS = "Catoptra.OmniCaptureCamera"
 
@@ -84,7 +84,7 @@ def read_camera_files(names: Sequence[str]) -> tuple[CameraFile, ...]:
 
 
 def carry_camera(
-    camera: CameraFile, path: Path, *, size_px: int | None = None, base_robot: str = BASE_ROBOT
+    camera: CameraFile, path: Path, *, size_px: int | None = None, base_robot: str = _BASE_ROBOT
 ) -> OmniCameraDescription:
     """Write a robot file in which a robot carries the camera in place of its mirror.
 

@@ -40,7 +40,7 @@ log = logging.getLogger(__name__)
 
 
 # The largest body that a file may describe.
-MAX_OFFSET_M = 100.0
+_MAX_OFFSET_M = 100.0
 
 
 def read_mount(robot: SectionReader, item: SectionReader, key: str = "Position") -> Mount:
@@ -72,10 +72,10 @@ def require_on_robot(item: SectionReader, key: str, position_m: Vector) -> None:
     """Check that a position is near the robot that has it.
 
     Raises:
-        ConfigError: The position is more than MAX_OFFSET_M away in some direction.
+        ConfigError: The position is more than _MAX_OFFSET_M away in some direction.
     """
-    if max(map(abs, position_m)) > MAX_OFFSET_M:
-        raise item.make_error(key, expected=f"a position within {MAX_OFFSET_M:g} m of its parent")
+    if max(map(abs, position_m)) > _MAX_OFFSET_M:
+        raise item.make_error(key, expected=f"a position within {_MAX_OFFSET_M:g} m of its parent")
 
 
 MAX_SIDE_PX = 8192
@@ -138,10 +138,6 @@ def reserve_view(omni: OmniCameraDescription, section: SectionReader, memory: Me
     )
 
 
-# Of a face; as of an image.
-_MAX_SIDE_PX = 8192
-
-
 def read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
     """Texture clients N, E, S, W, C, as USARSim spawns them, and U where the file has one."""
     names = {face: f"USARBot.USARCameraTextureClient{face.name}" for face in Face}
@@ -167,7 +163,7 @@ def read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
                 face=face,
                 texture=section.get_str("DestTexture", f"OmniCam{face.name}"),
                 fov_rad=math.radians(fov),
-                size_px=section.get_int("TextureSize", 0, max_value=_MAX_SIDE_PX),
+                size_px=section.get_int("TextureSize", 0, max_value=MAX_SIDE_PX),
             )
         )
     return tuple(clients)

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 _OWN_PACKAGE = "catoptra"
 # Ratio of equal characters, of difflib: one wrong letter of four, two swapped ones of seven.
-MIN_SIMILARITY = 0.7
+_MIN_SIMILARITY = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def is_own_section(name: str) -> bool:
     return name.partition(".")[0].lower() == _OWN_PACKAGE
 
 
-def suggest_name(name: str, known: Iterable[str], min_similarity: float = MIN_SIMILARITY) -> str:
+def suggest_name(name: str, known: Iterable[str], min_similarity: float = _MIN_SIMILARITY) -> str:
     """Known name that is most similar to a misspelt one, regardless of case; empty for none."""
     by_lower_case = {one.lower(): one for one in known}
     found = difflib.get_close_matches(name.lower(), by_lower_case, 1, min_similarity)
@@ -100,7 +100,7 @@ def report_unknown_names(names: Iterable[UnknownName], *, is_strict: bool = Fals
 BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
 
 # Files of a folder share their suffix: none.glb (0.71) is no misspelt ok.glb.
-_MIN_SIMILARITY = 0.8
+_MIN_FILE_SIMILARITY = 0.8
 
 FileKind = Literal["robots", "worlds", "landmarks", "cameras", "datasets"]
 _SUFFIXES = {
@@ -133,7 +133,9 @@ def describe_missing_file(path: Path, kind: FileKind | None) -> str:
     bundled = [file.stem for file in bundled_files(kind)] if kind else []
     or_name = f", or one of the bundled {kind}: {', '.join(bundled)}" if kind else ""
     problem = f"{path} is a folder" if path.is_dir() else f"there is no {path}"
-    suggestion = suggest_name(path.name, [*bundled, *_list_files(path.parent)], _MIN_SIMILARITY)
+    suggestion = suggest_name(
+        path.name, [*bundled, *_list_files(path.parent)], _MIN_FILE_SIMILARITY
+    )
     hint = f"; did you mean {suggestion}?" if suggestion else ""
     return f"a file that exists{or_name}; {problem}{hint}"
 

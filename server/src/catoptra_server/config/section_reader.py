@@ -33,7 +33,7 @@ from catoptra_server.config.unreal_ini import Entry, SectionEntries, parse_struc
 
 # Bound of all numbers: squares and products of a few stay finite in float32, too. A
 # robot's battery of 30 years has 1e9 s; no length, mass or angle of a real file is near.
-MAX_NUMBER = 1e9
+_MAX_NUMBER = 1e9
 
 
 def parse_number(text: str) -> float | None:
@@ -199,7 +199,7 @@ class SectionReader:
         min_value: float = -math.inf,
         max_value: float = math.inf,
     ) -> float:
-        """Number within bounds, none beyond MAX_NUMBER.
+        """Number within bounds, none beyond _MAX_NUMBER.
 
         Args:
             key: the key, in any case.
@@ -212,22 +212,22 @@ class SectionReader:
         expected = describe_range("a number", min_value, max_value)
         entry = self._last_entry(key, expected)
         value = parse_number(entry.value)
-        if value is not None and abs(value) > MAX_NUMBER:
-            expected += f", not beyond {MAX_NUMBER:g}"
+        if value is not None and abs(value) > _MAX_NUMBER:
+            expected += f", not beyond {_MAX_NUMBER:g}"
             raise self._value_error(entry, expected)
         if value is None or not min_value <= value <= max_value:
             raise self._value_error(entry, expected)
         return value
 
     def get_floats(self, key: str, *, max_count: int = 4096) -> tuple[float, ...]:
-        """Numbers with commas between, at least one; none beyond MAX_NUMBER."""
+        """Numbers with commas between, at least one; none beyond _MAX_NUMBER."""
         expected = f"numbers with commas between, at most {max_count}"
         entry = self._last_entry(key, expected)
         parts = unquote(entry.value).strip("()").split(",")
         if len(parts) > max_count:
             raise self._value_error(entry, expected)
         values = tuple(parse_number(part.strip()) for part in parts)
-        if any(value is None or abs(value) > MAX_NUMBER for value in values):
+        if any(value is None or abs(value) > _MAX_NUMBER for value in values):
             raise self._value_error(entry, expected)
         return tuple(value for value in values if value is not None)
 

@@ -26,8 +26,8 @@ from catoptra_server.runtime.faults import Termination
 from catoptra_server.runtime.memory import count_processors
 from catoptra_server.runtime.options import CommandParser
 
-EXIT_FAILURE = 2
-EXIT_INTERRUPTED = 130
+_EXIT_FAILURE = 2
+_EXIT_INTERRUPTED = 130
 _MAX_WORKERS = 1024
 
 
@@ -49,10 +49,10 @@ def main(arguments: Sequence[str], termination: Termination) -> int:
             return _run(parsed, own)
         except DatasetInterruptedError:
             _report("finished shards are kept: the same command goes on")
-            return EXIT_INTERRUPTED
+            return _EXIT_INTERRUPTED
         except (CatoptraError, OSError) as error:
             _report(str(error))
-            return EXIT_FAILURE
+            return _EXIT_FAILURE
 
 
 def _report(text: str) -> None:

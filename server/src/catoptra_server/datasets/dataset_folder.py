@@ -52,8 +52,8 @@ from catoptra_server.datasets.shards import (
     write_whole,
 )
 
-INDEX_NAME = "index.parquet"
-REMEDY = "pip install 'catoptra-server[parquet]', or leave parquet out of the recipe's Formats"
+_INDEX_NAME = "index.parquet"
+_REMEDY = "pip install 'catoptra-server[parquet]', or leave parquet out of the recipe's Formats"
 
 _COLUMNS = ("key", "index", "sequence", "step", "time_s", "world", "camera", "robot", "brightness")
 
@@ -63,7 +63,7 @@ def require_pyarrow() -> None:
     try:
         import pyarrow.parquet  # noqa: F401 - asks whether it can be imported
     except ImportError as error:
-        raise CatoptraError(f"a Parquet index needs pyarrow: {REMEDY}") from error
+        raise CatoptraError(f"a Parquet index needs pyarrow: {_REMEDY}") from error
 
 
 def write_parquet_index(folder: Path, metadata: Iterable[Mapping[str, Any]]) -> None:
@@ -80,7 +80,7 @@ def write_parquet_index(folder: Path, metadata: Iterable[Mapping[str, Any]]) -> 
     rows = [_row(one) for one in metadata]
     file = io.BytesIO()
     pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), file)
-    write_whole(folder / INDEX_NAME, [file.getvalue()])
+    write_whole(folder / _INDEX_NAME, [file.getvalue()])
 
 
 def _row(metadata: Mapping[str, Any]) -> dict[str, Any]:
@@ -91,9 +91,9 @@ def _row(metadata: Mapping[str, Any]) -> dict[str, Any]:
     return row | dict(zip(names, values, strict=True))
 
 
-CALIBRATION_FOLDER = "calibration"
-COCO_NAME = "annotations.json"
-TRAJECTORY_FOLDER = "trajectories"
+_CALIBRATION_FOLDER = "calibration"
+_COCO_NAME = "annotations.json"
+_TRAJECTORY_FOLDER = "trajectories"
 
 # Members of an annotation that a COCO file has.
 _COCO_MEMBERS = (
@@ -125,7 +125,7 @@ def write_summaries(folder: Path, stage: DatasetStage) -> None:
     """
     recipe = stage.recipe
     for camera in stage.cameras:
-        calibration = folder / CALIBRATION_FOLDER / camera.name
+        calibration = folder / _CALIBRATION_FOLDER / camera.name
         try:
             write_calibration(
                 camera.spec.camera,
@@ -138,7 +138,7 @@ def write_summaries(folder: Path, stage: DatasetStage) -> None:
             raise CatoptraError(f"{calibration} cannot be written: {error.strerror}") from error
     if "coco" in recipe.formats:
         content = coco_from_images([_coco_image(one) for one in iterate_metadata(folder, recipe)])
-        write_whole(folder / COCO_NAME, [json.dumps(content, sort_keys=True).encode()])
+        write_whole(folder / _COCO_NAME, [json.dumps(content, sort_keys=True).encode()])
     if "tum" in recipe.formats:
         _write_trajectories(folder, recipe)
     if "parquet" in recipe.formats:
@@ -158,7 +158,7 @@ def describe_cameras(folder: Path, stage: DatasetStage) -> dict[str, Any]:
             ],
             "calibration": sorted(
                 path.relative_to(folder).as_posix()
-                for path in (folder / CALIBRATION_FOLDER / camera.name).iterdir()
+                for path in (folder / _CALIBRATION_FOLDER / camera.name).iterdir()
             ),
         }
         for camera in stage.cameras
@@ -185,7 +185,7 @@ def _write_trajectories(folder: Path, recipe: Recipe) -> None:
 
 
 def _write_trajectory(folder: Path, sequence: int, lines: list[str]) -> None:
-    path = folder / TRAJECTORY_FOLDER / f"{sequence:06d}.txt"
+    path = folder / _TRAJECTORY_FOLDER / f"{sequence:06d}.txt"
     write_whole(path, ["".join(lines).encode()])
 
 

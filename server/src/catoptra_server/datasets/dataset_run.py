@@ -110,7 +110,7 @@ def format_duration(seconds: float) -> str:
 
 
 # Draws shards by number, and yields their records in any order.
-DrawShards = Callable[[ShardJob, Sequence[int]], Iterator[ShardRecord]]
+_DrawShards = Callable[[ShardJob, Sequence[int]], Iterator[ShardRecord]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +150,7 @@ def prepare_run(recipe_path: Path, folder: Path) -> PreparedRun:
         require_pyarrow()
     stage = DatasetStage(recipe)
     check_given_poses(stage)
-    digest = run_in_pinned_process(recipe.instruction_set, digest_recipe, recipe_path)
+    digest = run_in_pinned_process(recipe.instruction_set, _digest_recipe, recipe_path)
     identity = DatasetIdentity(
         recipe.name, digest, describe_environment(recipe.instruction_set), recipe.text
     )
@@ -169,12 +169,12 @@ def prepare_run(recipe_path: Path, folder: Path) -> PreparedRun:
     return run
 
 
-def digest_recipe(recipe_path: Path) -> str:
+def _digest_recipe(recipe_path: Path) -> str:
     """Digest of a recipe and its files, as this process understands them."""
     return DatasetStage(read_recipe(recipe_path)).digest
 
 
-def complete_run(run: PreparedRun, draw: DrawShards) -> None:
+def complete_run(run: PreparedRun, draw: _DrawShards) -> None:
     """Draw the missing shards, write the files beside them, and the manifest last.
 
     Raises:

@@ -27,10 +27,10 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.sample_renderer import pinning_variables
 from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, start_artist
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
-def start_pinned_process(
+def _start_pinned_process(
     instruction_set: str, target: Callable[..., None], *args: object
 ) -> tuple[Any, Connection]:
     """Start a process that gets a connection as its last argument.
@@ -64,7 +64,7 @@ def _set_environment(variables: Mapping[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def run_in_pinned_process(instruction_set: str, function: Callable[..., T], *args: object) -> T:
+def run_in_pinned_process(instruction_set: str, function: Callable[..., _T], *args: object) -> _T:
     """Result of a function, called in a process of its own.
 
     Args:
@@ -75,7 +75,7 @@ def run_in_pinned_process(instruction_set: str, function: Callable[..., T], *arg
     Raises:
         CatoptraError: As the function does, or the process has ended without a result.
     """
-    process, connection = start_pinned_process(instruction_set, _answer, function, args)
+    process, connection = _start_pinned_process(instruction_set, _answer, function, args)
     try:
         result, error = connection.recv()
     except EOFError:
@@ -88,11 +88,11 @@ def run_in_pinned_process(instruction_set: str, function: Callable[..., T], *arg
     process.join()
     if error:
         raise CatoptraError(error)
-    answer: T = result
+    answer: _T = result
     return answer
 
 
-def _answer(function: Callable[..., T], args: tuple[object, ...], connection: Connection) -> None:
+def _answer(function: Callable[..., _T], args: tuple[object, ...], connection: Connection) -> None:
     try:
         connection.send((function(*args), ""))
     except CatoptraError as error:
@@ -112,26 +112,26 @@ class DatasetInterruptedError(CatoptraError):
 
 # Words of workers to their driver.
 @dataclass(frozen=True, slots=True)
-class WorkerReady:
+class _WorkerReady:
     """The worker has loaded the recipe."""
 
 
 @dataclass(frozen=True, slots=True)
-class SampleStarted:
+class _SampleStarted:
     """The worker begins a sample."""
 
     index: int
 
 
 @dataclass(frozen=True, slots=True)
-class WorkerFailed:
+class _WorkerFailed:
     """The worker cannot go on; another one could not either."""
 
     reason: str
 
 
 # Called when a sample is begun (index, True), and with (number, False) for samples lost.
-CountSamples = Callable[[int, bool], None]
+_CountSamples = Callable[[int, bool], None]
 
 
 @dataclass(slots=True, eq=False)
@@ -151,7 +151,7 @@ class LocalWorkers:
         job: ShardJob,
         num_workers: int,
         *,
-        count: CountSamples = lambda number, is_begun: None,
+        count: _CountSamples = lambda number, is_begun: None,
         interrupt: Connection | None = None,
     ) -> None:
         """Prepare; `draw` starts the processes.
@@ -196,8 +196,8 @@ class LocalWorkers:
 
     def _start_workers(self, number: int) -> None:
         while len(self._workers) < number:
-            process, connection = start_pinned_process(
-                self._job.instruction_set, run_worker, self._job
+            process, connection = _start_pinned_process(
+                self._job.instruction_set, _run_worker, self._job
             )
             self._workers.append(_Worker(process, connection))
 
@@ -225,13 +225,13 @@ class LocalWorkers:
 
     def _note(self, worker: _Worker, word: object) -> None:
         match word:
-            case SampleStarted(index):
+            case _SampleStarted(index):
                 worker.sample = index
                 worker.num_begun += 1
                 self._count(1, True)
-            case WorkerFailed(reason):
+            case _WorkerFailed(reason):
                 raise CatoptraError(reason)
-            case WorkerReady() | ShardRecord():
+            case _WorkerReady() | ShardRecord():
                 worker.shard, worker.sample, worker.num_begun = None, None, 0
                 if self._queue:
                     worker.shard = self._queue.popleft()
@@ -275,16 +275,16 @@ def _describe_exit(code: int | None) -> str:
     return f"ended by {name}{hint}"
 
 
-def run_worker(job: ShardJob, connection: Connection) -> None:
+def _run_worker(job: ShardJob, connection: Connection) -> None:
     """Main function of a worker process: draw the shards that the driver names."""
     # Ctrl-C reaches all processes of a terminal; the driver decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         artist = start_artist(job)
-        connection.send(WorkerReady())
+        connection.send(_WorkerReady())
         _draw_shards(artist, Path(job.folder), connection)
     except CatoptraError as error:
-        _send_last_word(connection, WorkerFailed(str(error)))
+        _send_last_word(connection, _WorkerFailed(str(error)))
     # The driver is gone, or wants no more.
     except (EOFError, OSError):
         pass
@@ -293,7 +293,7 @@ def run_worker(job: ShardJob, connection: Connection) -> None:
 def _draw_shards(artist: ShardArtist, folder: Path, connection: Connection) -> None:
     def report(index: int) -> None:
         try:
-            connection.send(SampleStarted(index))
+            connection.send(_SampleStarted(index))
         except OSError:
             # Nobody waits for this shard. No OSError, which would read as one of the disk.
             raise SystemExit from None
@@ -305,7 +305,7 @@ def _draw_shards(artist: ShardArtist, folder: Path, connection: Connection) -> N
         artist.close()
 
 
-def _send_last_word(connection: Connection, word: WorkerFailed) -> None:
+def _send_last_word(connection: Connection, word: _WorkerFailed) -> None:
     try:
         connection.send(word)
     except OSError:

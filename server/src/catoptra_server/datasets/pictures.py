@@ -26,7 +26,7 @@ from catoptra_server.datasets.png_files import encode_png
 from catoptra_server.datasets.shards import write_whole
 from catoptra_server.runtime.random_sources import RandomSource
 
-Pixels = npt.NDArray[np.uint8]
+_Pixels = npt.NDArray[np.uint8]
 
 # Turns of the golden ratio: neighbouring numbers get far colours.
 _GOLDEN = 0.6180339887498949
@@ -34,7 +34,7 @@ _GOLDEN = 0.6180339887498949
 _HALF_RANGE_M = 2.0
 
 
-def colour_channel(name: str, array: npt.NDArray[Any]) -> Pixels:
+def colour_channel(name: str, array: npt.NDArray[Any]) -> _Pixels:
     """(h, w, 3) picture of a channel; black where there is nothing."""
     match name:
         case "range":
@@ -62,7 +62,7 @@ def colour_of_number(number: int) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def draw_boxes(rgb: Pixels, objects: Sequence[dict[str, Any]]) -> Pixels:
+def draw_boxes(rgb: _Pixels, objects: Sequence[dict[str, Any]]) -> _Pixels:
     """Picture with the box of each object, in the colour that the object has in `ids`."""
     picture = rgb.copy()
     height, width = picture.shape[:2]
@@ -75,13 +75,13 @@ def draw_boxes(rgb: Pixels, objects: Sequence[dict[str, Any]]) -> Pixels:
     return picture
 
 
-def _colour_numbers(array: npt.NDArray[Any]) -> Pixels:
+def _colour_numbers(array: npt.NDArray[Any]) -> _Pixels:
     hue = array.astype(float) * _GOLDEN % 1.0
     colours = _rgb_from_hue(hue, np.ones_like(hue))
     return np.where((array == 0)[..., None], np.uint8(0), colours).astype(np.uint8)
 
 
-def _colour_flow(array: npt.NDArray[Any]) -> Pixels:
+def _colour_flow(array: npt.NDArray[Any]) -> _Pixels:
     is_known = np.isfinite(array).all(axis=-1)
     u, v = (np.where(is_known, array[..., axis], 0.0).astype(float) for axis in (0, 1))
     length = np.hypot(u, v)
@@ -89,19 +89,19 @@ def _colour_flow(array: npt.NDArray[Any]) -> Pixels:
     limit = float(np.percentile(length[is_known], 95.0)) if is_known.any() else 1.0
     brightness = np.minimum(length / (limit or 1.0), 1.0)
     hue = np.arctan2(v, u) / (2.0 * math.pi) % 1.0
-    # Pixels that stand still are grey, unlike those without a flow.
+    # _Pixels that stand still are grey, unlike those without a flow.
     grey = np.where(is_known, 40, 0).astype(np.uint8)[..., None]
     return np.maximum(_rgb_from_hue(hue, brightness), grey)
 
 
-def _rgb_from_hue(hue: npt.NDArray[Any], value: npt.NDArray[Any]) -> Pixels:
+def _rgb_from_hue(hue: npt.NDArray[Any], value: npt.NDArray[Any]) -> _Pixels:
     """(..., 3) colours of hues in turns, fully saturated."""
     offsets = np.array((0.0, 2.0 / 3.0, 1.0 / 3.0))
     ramps = np.abs(((hue[..., None] + offsets) % 1.0) * 6.0 - 3.0) - 1.0
     return _to_pixels(np.clip(ramps, 0.0, 1.0) * value[..., None])
 
 
-def _to_pixels(colours: npt.NDArray[Any]) -> Pixels:
+def _to_pixels(colours: npt.NDArray[Any]) -> _Pixels:
     return np.asarray(np.round(255.0 * np.clip(colours, 0.0, 1.0)), dtype=np.uint8)
 
 
@@ -178,7 +178,7 @@ def _describe_sample(sample: StoredSample) -> str:
     )
 
 
-def _list_pictures(sample: StoredSample, metadata: dict[str, Any]) -> Iterator[tuple[str, Pixels]]:
+def _list_pictures(sample: StoredSample, metadata: dict[str, Any]) -> Iterator[tuple[str, _Pixels]]:
     """Yield name and pixels of picture, boxes and channels."""
     rgb = decode_array(PICTURE, sample.files[PICTURE])
     yield "picture", rgb
@@ -196,7 +196,7 @@ def _describe_objects(objects: Sequence[dict[str, Any]]) -> str:
     return ", ".join(texts[:_MAX_OBJECTS]) + more
 
 
-def _make_figure(name: str, pixels: Pixels) -> str:
+def _make_figure(name: str, pixels: _Pixels) -> str:
     while pixels.shape[1] > 2 * _SHOWN_PX:
         pixels = pixels[::2, ::2]
     content = base64.b64encode(encode_png(np.ascontiguousarray(pixels))).decode()

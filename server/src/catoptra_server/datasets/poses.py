@@ -164,7 +164,7 @@ def draw_free_pose(
 
 
 POSE_KINDS = ("random", "grid", "path", "drive")
-TICK_S = 0.02
+_TICK_S = 0.02
 """Tick of drives, that of a server by default."""
 
 _FULL_TURN = ValueRange(0.0, 2.0 * math.pi)
@@ -268,10 +268,10 @@ def _read_path(section: SectionReader) -> GivenPoses:
 
 
 def _read_drive(section: SectionReader) -> DrivePoses:
-    interval_s = section.get_float("Interval", 0.2, min_value=TICK_S, max_value=3600.0)
-    ticks = round(interval_s / TICK_S)
-    if abs(ticks * TICK_S - interval_s) > 1e-9:
-        raise section.make_error("Interval", expected=f"a multiple of the tick of {TICK_S} s")
+    interval_s = section.get_float("Interval", 0.2, min_value=_TICK_S, max_value=3600.0)
+    ticks = round(interval_s / _TICK_S)
+    if abs(ticks * _TICK_S - interval_s) > 1e-9:
+        raise section.make_error("Interval", expected=f"a multiple of the tick of {_TICK_S} s")
     return DrivePoses(
         start=_read_random(section),
         num_samples=section.get_int("Samples", 50, min_value=1, max_value=100_000),
@@ -280,7 +280,7 @@ def _read_drive(section: SectionReader) -> DrivePoses:
             section, "WheelSpeed", ValueRange(-1.0, 5.0), min_value=-1000.0, max_value=1000.0
         ),
         hold_s=read_range(
-            section, "Hold", ValueRange(0.5, 2.0), min_value=TICK_S, max_value=3600.0
+            section, "Hold", ValueRange(0.5, 2.0), min_value=_TICK_S, max_value=3600.0
         ),
     )
 
@@ -297,7 +297,7 @@ class RobotMotion:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SampleMotion:
+class _SampleMotion:
     """Robot now and at the next sample of the sequence."""
 
     now: RobotMotion
@@ -314,7 +314,7 @@ class PoseSource:
         self._drive: tuple[int, list[RobotMotion]] = (-1, [])
         """Number of the last drive's sequence, and its motions."""
 
-    def find_motion(self, place: SamplePlace) -> SampleMotion:
+    def find_motion(self, place: SamplePlace) -> _SampleMotion:
         """Robot of a sample.
 
         Raises:
@@ -324,18 +324,18 @@ class PoseSource:
         if isinstance(poses, GivenPoses):
             return self._given_motion(poses, place)
         if isinstance(poses, RandomPoses):
-            return SampleMotion(self._random_motion(poses, place), None)
+            return _SampleMotion(self._random_motion(poses, place), None)
         if self._drive[0] != place.sequence:
             self._drive = (place.sequence, self._simulate_drive(poses, place))
         motions = self._drive[1]
-        return SampleMotion(motions[place.step], motions[place.step + 1])
+        return _SampleMotion(motions[place.step], motions[place.step + 1])
 
-    def _given_motion(self, poses: GivenPoses, place: SamplePlace) -> SampleMotion:
+    def _given_motion(self, poses: GivenPoses, place: SamplePlace) -> _SampleMotion:
         camera = self._stage.cameras[place.camera]
         steps = [place.step, place.step + 1]
         motions = [_given_robot(camera, poses, step) for step in steps if step < len(poses.poses)]
         has_next = poses.is_path and len(motions) > 1
-        return SampleMotion(motions[0], motions[1] if has_next else None)
+        return _SampleMotion(motions[0], motions[1] if has_next else None)
 
     def _random_motion(self, poses: RandomPoses, place: SamplePlace) -> RobotMotion:
         world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
@@ -355,17 +355,17 @@ class PoseSource:
         robot = Robot(camera.robot, start, name=f"drive {sequence}", seed=recipe.seed, time_s=0.0)
         speeds = random_source(recipe, "wheel speeds").generator(sequence)
         motions: list[RobotMotion] = []
-        ticks_a_sample, hold_ticks = round(poses.interval_s / TICK_S), 0
+        ticks_a_sample, hold_ticks = round(poses.interval_s / _TICK_S), 0
         for tick in range(poses.num_samples * ticks_a_sample + 1):
-            time_s = tick * TICK_S
+            time_s = tick * _TICK_S
             if tick % ticks_a_sample == 0:
                 motions.append(RobotMotion(time_s, robot.world_from_robot, robot.twist))
             if hold_ticks == 0:
                 left, right = (poses.wheel_speed_rad_s.draw(speeds) for _ in range(2))
-                hold_ticks = max(1, round(poses.hold_s.draw(speeds) / TICK_S))
+                hold_ticks = max(1, round(poses.hold_s.draw(speeds) / _TICK_S))
                 robot.drive_wheels(Drive(left=left, right=right), time_s)
             hold_ticks -= 1
-            robot.step(TICK_S, time_s + TICK_S, world.obstacles.obstacles_near(robot, ()))
+            robot.step(_TICK_S, time_s + _TICK_S, world.obstacles.obstacles_near(robot, ()))
         return motions
 
 

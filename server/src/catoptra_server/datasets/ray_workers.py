@@ -17,9 +17,9 @@ from catoptra_server.datasets.local_workers import DatasetInterruptedError
 from catoptra_server.datasets.sample_renderer import pinning_variables
 from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, start_artist
 
-LOCAL = "local"
+_LOCAL = "local"
 """Address of a cluster that is started on this machine, for this run."""
-REMEDY = "pip install 'catoptra-server[ray]' on all machines, or draw with --workers"
+_REMEDY = "pip install 'catoptra-server[ray]' on all machines, or draw with --workers"
 
 # Times that Ray repeats a shard whose worker or machine is lost.
 _MAX_RETRIES = 3
@@ -30,7 +30,7 @@ _TASKS_A_PROCESSOR = 4
 _INTERRUPT_INTERVAL_S = 0.1
 
 # Called with the number of samples of each finished shard.
-CountShard = Callable[[int], None]
+_CountShard = Callable[[int], None]
 
 
 def require_ray() -> Any:
@@ -42,7 +42,7 @@ def require_ray() -> Any:
     try:
         import ray
     except ImportError as error:
-        raise CatoptraError(f"--ray needs the package ray: {REMEDY}") from error
+        raise CatoptraError(f"--ray needs the package ray: {_REMEDY}") from error
     return ray
 
 
@@ -51,7 +51,7 @@ def draw_by_ray(
     shards: Sequence[int],
     address: str,
     *,
-    count: CountShard = lambda number: None,
+    count: _CountShard = lambda number: None,
     interrupt: Connection | None = None,
 ) -> Iterator[ShardRecord]:
     """Draw shards, and yield the record of each as it is finished, in any order.
@@ -81,9 +81,9 @@ def _connect(ray: Any, address: str, instruction_set: str) -> None:
     environment = {"env_vars": pinning_variables(instruction_set)}
     try:
         ray.init(
-            address=None if address == LOCAL else address,
+            address=None if address == _LOCAL else address,
             runtime_env=environment,
-            include_dashboard=False if address == LOCAL else None,
+            include_dashboard=False if address == _LOCAL else None,
             configure_logging=False,
             log_to_driver=False,
         )
@@ -96,7 +96,7 @@ def _draw_tasks(
     ray: Any,
     job: ShardJob,
     shards: Sequence[int],
-    count: CountShard,
+    count: _CountShard,
     interrupt: Connection | None,
 ) -> Iterator[ShardRecord]:
     task = ray.remote(num_cpus=1, max_retries=_MAX_RETRIES)(draw_shard_of_job)

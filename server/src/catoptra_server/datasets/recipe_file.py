@@ -36,7 +36,7 @@ from catoptra_server.datasets.recipe import (
 )
 from catoptra_server.render.renderer_kind import INSTRUCTION_SETS, RendererKind
 
-FORMATS = ("coco", "tum", "parquet")
+_FORMATS = ("coco", "tum", "parquet")
 """Files that a recipe may have beside its shards."""
 
 _SECTION = "Catoptra.Dataset"
@@ -82,7 +82,7 @@ def read_recipe(path: Path) -> Recipe:
         brightness=_read_brightness(file.get_section(_LIGHTS)),
         effects=read_effects(file.get_section(EFFECTS)),
         channels=_read_channels(section, poses),
-        formats=read_words(section, "Formats", FORMATS, ()),
+        formats=read_words(section, "Formats", _FORMATS, ()),
         renderer=section.get_choice("Renderer", _RENDERERS, _DEFAULT_RENDERER),
         instruction_set=section.get_choice("InstructionSet", INSTRUCTION_SETS, "avx2"),
     )

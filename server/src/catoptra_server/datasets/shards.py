@@ -32,7 +32,7 @@ from catoptra_server.datasets.sample_renderer import SampleRenderer, find_enviro
 PART_SUFFIX = ".part"
 """Ending of files that are not whole."""
 
-OpenFile = Callable[[Path], BinaryIO]
+_OpenFile = Callable[[Path], BinaryIO]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,9 @@ def open_for_writing(path: Path) -> BinaryIO:
     return path.open("xb")
 
 
-def write_whole(path: Path, parts: Iterable[bytes], open_file: OpenFile = open_for_writing) -> None:
+def write_whole(
+    path: Path, parts: Iterable[bytes], open_file: _OpenFile = open_for_writing
+) -> None:
     """Write a file that appears under its name once it is whole and on disk.
 
     Args:
@@ -116,7 +118,7 @@ def write_shard(
     folder: Path,
     number: int,
     samples: Iterable[tuple[str, Mapping[str, bytes]]],
-    open_file: OpenFile = open_for_writing,
+    open_file: _OpenFile = open_for_writing,
 ) -> ShardRecord:
     """Write a shard and its record.
 
@@ -195,7 +197,7 @@ class ShardJob:
 
 
 # Called with the index of each sample before it is drawn.
-ReportSample = Callable[[int], None]
+_ReportSample = Callable[[int], None]
 
 
 class ShardArtist:
@@ -210,8 +212,8 @@ class ShardArtist:
         self,
         folder: Path,
         number: int,
-        report: ReportSample = lambda index: None,
-        open_file: OpenFile = open_for_writing,
+        report: _ReportSample = lambda index: None,
+        open_file: _OpenFile = open_for_writing,
     ) -> ShardRecord:
         """Draw and write one shard.
 
@@ -221,7 +223,7 @@ class ShardArtist:
         return write_shard(folder, number, self._draw_samples(number, report), open_file)
 
     def _draw_samples(
-        self, number: int, report: ReportSample
+        self, number: int, report: _ReportSample
     ) -> Iterator[tuple[str, Mapping[str, bytes]]]:
         for index in self._recipe.shard_samples(number):
             report(index)

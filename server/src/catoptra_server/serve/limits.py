@@ -236,7 +236,7 @@ _VANISHED_OPTIONS = {
 }
 
 # Receives an accepted socket and the address of the peer. An OSError closes the socket.
-AcceptCallback = Callable[[socket.socket, str], None]
+_AcceptCallback = Callable[[socket.socket, str], None]
 
 Listener = socket.socket
 
@@ -294,7 +294,7 @@ async def wait_for_connection(listener: Listener) -> None:
 class AcceptLoop:
     """Hands over each connection of a listening socket until it is closed."""
 
-    def __init__(self, listener: socket.socket, accept: AcceptCallback, *, name: str) -> None:
+    def __init__(self, listener: socket.socket, accept: _AcceptCallback, *, name: str) -> None:
         """Begin to accept; to be called from the event loop.
 
         Args:

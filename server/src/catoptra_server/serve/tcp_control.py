@@ -41,10 +41,10 @@ _PERIODIC_WORDS = ("SEN", "STA", "MISSTA")
 # Time for the work of a client that has closed its sending side: replies to its last commands.
 _END_GRACE_S = 5.0
 
-PostEvent = Callable[[SimulationEvent], bool]
+_PostEvent = Callable[[SimulationEvent], bool]
 
 
-class ControlPeer:
+class _ControlPeer:
     """One connection as a client of the simulation."""
 
     def __init__(
@@ -52,7 +52,7 @@ class ControlPeer:
         connection: TcpConnection,
         protocol: ControlServer,
         *,
-        post: PostEvent,
+        post: _PostEvent,
         account: LoopAccount,
         loop_calls: LoopCalls,
     ) -> None:
@@ -167,7 +167,7 @@ def serve_control(
     port: int,
     *,
     greeting: Greeting,
-    post: PostEvent,
+    post: _PostEvent,
     dialect: Dialect = Dialect.UT2004,
     limits: ConnectionLimits | None = None,
 ) -> AbstractAsyncContextManager[TcpServer]:
@@ -190,7 +190,7 @@ def serve_control(
 
     async def handle_connection(connection: TcpConnection) -> None:
         protocol = ControlServer(dialect)
-        client = ControlPeer(
+        client = _ControlPeer(
             connection,
             protocol,
             post=post,

@@ -27,7 +27,7 @@ from catoptra_server.commands.doctor.machine import Finding, fault, ok, warning
 from catoptra_server.render.renderer_kind import EMBREEX_PACKAGE, has_embreex
 
 # The slowest check, a self-test on two busy processors, takes some seconds.
-TIMEOUT_S = 60.0
+_TIMEOUT_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ def run_command(
     command: Sequence[str],
     *,
     environment: Mapping[str, str] | None = None,
-    timeout_s: float = TIMEOUT_S,
+    timeout_s: float = _TIMEOUT_S,
 ) -> CheckResult:
     """Run a command that prints its result; a failure of any kind becomes CheckResult.error."""
     try:
@@ -103,17 +103,17 @@ def _signal_name(number: int) -> str:
         return f"signal {number}"
 
 
-OPENGL_PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
+_OPENGL_PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
 # Folders in which libglvnd, the dispatching libEGL, searches for drivers.
-VENDOR_FOLDERS = (Path("/etc/glvnd/egl_vendor.d"), Path("/usr/share/glvnd/egl_vendor.d"))
+_VENDOR_FOLDERS = (Path("/etc/glvnd/egl_vendor.d"), Path("/usr/share/glvnd/egl_vendor.d"))
 _VENDOR_VARIABLES = ("__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS")
-_INSTALL_REMEDY = f"install {OPENGL_PACKAGES} (Debian, Ubuntu); or start with --renderer trace"
+_INSTALL_REMEDY = f"install {_OPENGL_PACKAGES} (Debian, Ubuntu); or start with --renderer trace"
 
-RunCheck = Callable[..., CheckResult]
-MakeFinding = Callable[[str, str, str], Finding]
+_RunCheck = Callable[..., CheckResult]
+_MakeFinding = Callable[[str, str, str], Finding]
 
 
-def check_renderers(renderer: str, run_check: RunCheck = run_in_subprocess) -> Iterator[Finding]:
+def check_renderers(renderer: str, run_check: _RunCheck = run_in_subprocess) -> Iterator[Finding]:
     """Yield the results of the self-tests.
 
     Args:
@@ -146,7 +146,7 @@ def _make_warning(topic: str, message: str, remedy: str) -> Finding:
     return warning(topic, message, remedy=remedy)
 
 
-def _check_opengl(run_check: RunCheck, make_finding: MakeFinding) -> Iterator[Finding]:
+def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[Finding]:
     """Yield the devices of EGL, and the self-test of each. The server uses the first device."""
     listed = run_check("egl-devices")
     if listed.error:
@@ -178,12 +178,12 @@ def _describe_drivers() -> str:
         # A variable set for another program is a frequent cause of `no device`.
         if variable in os.environ:
             return f"drivers are those of {variable}={os.environ[variable]}"
-    names = [path.stem for folder in VENDOR_FOLDERS for path in sorted(folder.glob("*.json"))]
+    names = [path.stem for folder in _VENDOR_FOLDERS for path in sorted(folder.glob("*.json"))]
     return f"drivers: {', '.join(names) or 'none'}"
 
 
 def _make_self_test_finding(
-    renderer: str, topic: str, result: CheckResult, make_finding: MakeFinding, remedy: str
+    renderer: str, topic: str, result: CheckResult, make_finding: _MakeFinding, remedy: str
 ) -> Finding:
     """Finding of a self-test: its error, a displacement beyond the bound, or the measurement."""
     if result.error:

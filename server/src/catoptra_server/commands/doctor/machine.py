@@ -80,7 +80,7 @@ def exit_status(findings: Iterable[Finding]) -> int:
     return 2 if Level.FAULT in levels else 1 if Level.WARNING in levels else 0
 
 
-DISTRIBUTION = "catoptra-server"
+_DISTRIBUTION = "catoptra-server"
 _MIN_PYTHON = (3, 11)
 _TOPIC = "packages"
 # By optional package.
@@ -153,7 +153,7 @@ def check_system(
         yield warning("system", message, remedy="Linux on x86_64 has all that is described")
 
 
-def check_packages(distribution: str = DISTRIBUTION) -> Iterator[Finding]:
+def check_packages(distribution: str = _DISTRIBUTION) -> Iterator[Finding]:
     """Yield the installed packages in one line, and each missing or outdated one."""
     try:
         requirements = read_requirements(distribution)
@@ -288,11 +288,11 @@ def _error_text(error: Exception) -> str:
 
 # cgroup v2, by which container engines limit processor time. The affinity mask, which gives trace
 # the number of its threads, does not show this limit.
-CPU_LIMIT_FILE = Path("/sys/fs/cgroup/cpu.max")
+_CPU_LIMIT_FILE = Path("/sys/fs/cgroup/cpu.max")
 
 
 def check_processors(
-    count: int | None = None, limit_file: Path = CPU_LIMIT_FILE
+    count: int | None = None, limit_file: Path = _CPU_LIMIT_FILE
 ) -> Iterator[Finding]:
     """Yield the number of processors, or a warning where more threads than processors would run.
 

@@ -95,7 +95,7 @@ MAX_OBJECT_RECORDS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EncodedLabels:
+class _EncodedLabels:
     """Labels, ready to be sent."""
 
     record: LabelsRecord | None = None
@@ -104,10 +104,10 @@ class EncodedLabels:
     """Channels in the order of the record."""
 
 
-async def encode_labels(labels: FrameLabels | None, encoding: ChannelEncoding) -> EncodedLabels:
+async def encode_labels(labels: FrameLabels | None, encoding: ChannelEncoding) -> _EncodedLabels:
     """Encode the labels of a frame, once for all clients."""
     if labels is None:
-        return EncodedLabels()
+        return _EncodedLabels()
     parts = await labels.encode(encoding)
     channels = tuple(
         ChannelRecord(
@@ -123,7 +123,7 @@ async def encode_labels(labels: FrameLabels | None, encoding: ChannelEncoding) -
         labels.is_displaced,
         labels.flow_to_time_s,
     )
-    return EncodedLabels(record, tuple(parts.values()))
+    return _EncodedLabels(record, tuple(parts.values()))
 
 
 def _record_from_object(labelled: LabelledObject) -> ObjectRecord:
@@ -267,7 +267,7 @@ class FrameSender:
         frame: Frame,
         request: GetFrameRequest,
         payload: Payload,
-        labels: EncodedLabels,
+        labels: _EncodedLabels,
         *,
         last: int,
     ) -> None:

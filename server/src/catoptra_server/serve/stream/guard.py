@@ -38,8 +38,8 @@ from catoptra_server.serve.tcp_server import ConnectionLimits
 log = logging.getLogger(__name__)
 
 
-GREETING_BYTES = 64
-LONG, COMMAND = 2, 4
+_GREETING_BYTES = 64
+_LONG, _COMMAND = 2, 4
 _READY = b"\x05READY"
 _IDENTITY = b"identity"
 # As long as the name it replaces; names with X- are for applications, and libzmq ignores them.
@@ -52,7 +52,7 @@ class IdentityFilter:
     """The bytes of one connection with the identity made a property that nothing reads."""
 
     def __init__(self) -> None:
-        self._greeting_bytes_left = GREETING_BYTES
+        self._greeting_bytes_left = _GREETING_BYTES
         self._ready = bytearray()
         self._is_done = False
 
@@ -79,7 +79,7 @@ class IdentityFilter:
 
 def _frame_end(data: bytes | bytearray) -> int:
     """Length of the frame that the bytes begin with, head included; 0 if its head is incomplete."""
-    head_bytes = 9 if data and data[0] & LONG else 2
+    head_bytes = 9 if data and data[0] & _LONG else 2
     if len(data) < head_bytes:
         return 0
     return head_bytes + int.from_bytes(data[1:head_bytes], "big")
@@ -87,8 +87,8 @@ def _frame_end(data: bytes | bytearray) -> int:
 
 def _replace_identity(frame: bytes) -> bytes:
     """The first frame with another name of its identity, if it is READY with one."""
-    position = (9 if frame[0] & LONG else 2) + len(_READY)
-    if not frame[0] & COMMAND or frame[position - len(_READY) : position] != _READY:
+    position = (9 if frame[0] & _LONG else 2) + len(_READY)
+    if not frame[0] & _COMMAND or frame[position - len(_READY) : position] != _READY:
         return frame  # libzmq ends this connection
     while position < len(frame):
         name_begin, name_end = position + 1, position + 1 + frame[position]
@@ -114,7 +114,7 @@ class ZmtpPartCounter:
     def __init__(self) -> None:
         # Of the greeting or of a frame, as far as received.
         self._head = bytearray()
-        self._head_bytes = GREETING_BYTES
+        self._head_bytes = _GREETING_BYTES
         self._parse_head = self._read_greeting
         self._remaining_body_bytes = 0
         self._num_parts_of_message = 0  # of the one that has not ended
@@ -158,7 +158,7 @@ class ZmtpPartCounter:
 
     def _read_frame(self) -> None:
         flags = self._head[0]
-        if flags & LONG and self._head_bytes == _SHORT_HEAD_BYTES:
+        if flags & _LONG and self._head_bytes == _SHORT_HEAD_BYTES:
             # The other seven bytes of the length are still to come.
             self._head_bytes = _LONG_HEAD_BYTES
             return
@@ -176,7 +176,7 @@ class ZmtpPartCounter:
     def _count_part(self, flags: int) -> None:
         """Count a part. A command may stand between two parts; it ends no message."""
         self.num_parts += 1
-        if flags & COMMAND:
+        if flags & _COMMAND:
             if flags & _MORE:
                 raise RemoteProtocolError("a ZMTP command with more parts to follow")
             return
@@ -192,7 +192,7 @@ class ZmtpPartCounter:
 # Receives the bytes of a read; returns those to relay, and the time in seconds until the next read.
 # A RemoteProtocolError ends the connection.
 InspectBytes = Callable[[bytes], tuple[bytes, float]]
-EndCallback = Callable[[Exception | None], None]
+_EndCallback = Callable[[Exception | None], None]
 
 
 class Relay:
@@ -205,7 +205,7 @@ class Relay:
         *,
         read_bytes: int,
         inspect: InspectBytes,
-        on_end: EndCallback,
+        on_end: _EndCallback,
     ) -> None:
         """Begin to relay.
 

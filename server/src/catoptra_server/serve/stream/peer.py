@@ -75,13 +75,13 @@ _NO_ROBOT = "this client has no robot: spawn one first (a lost connection remove
 # its queue is full. Linux ends the connection itself then (TCP_USER_TIMEOUT of the guard).
 _MAX_BLOCKED_S = 6.0
 
-EncodeReply = Callable[[Reply], bytes]
+_EncodeReply = Callable[[Reply], bytes]
 
 
 class StreamPeer:
     """One client, from its first request to the end of its connection."""
 
-    def __init__(self, outbox: Outbox, context: StreamContext, *, encode: EncodeReply) -> None:
+    def __init__(self, outbox: Outbox, context: StreamContext, *, encode: _EncodeReply) -> None:
         """Begin without a robot.
 
         Args:

@@ -77,7 +77,7 @@ from catoptra_server.simulation.spawning import find_class
 from catoptra_server.world.world_description import World
 
 # Class of the robot, name of the camera.
-CameraKey = tuple[str, str]
+_CameraKey = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +104,7 @@ class ServerInfo:
     """Robot classes that can be spawned."""
     clock: str
     """`realtime` or `lockstep`."""
-    cameras: dict[CameraKey, CameraInfo]
+    cameras: dict[_CameraKey, CameraInfo]
     """Cameras by class of the robot and name of the camera, the omnidirectional one of a class
     first."""
     landmarks: tuple[Landmark, ...]
@@ -115,7 +115,7 @@ class ServerInfo:
         """Names of the robot classes."""
         return tuple(robot.class_name for robot in self.robots)
 
-    def find_camera(self, name: str, *, spawned_as: str) -> tuple[CameraKey, CameraInfo] | None:
+    def find_camera(self, name: str, *, spawned_as: str) -> tuple[_CameraKey, CameraInfo] | None:
         """Camera of a name in any case, of the class of a robot or else of the first that has it.
 
         Args:
@@ -134,7 +134,7 @@ class ServerInfo:
 
 
 def build_server_info(
-    robots: Sequence[RobotDescription], world: World, *, clock: str, plans: Mapping[CameraKey, str]
+    robots: Sequence[RobotDescription], world: World, *, clock: str, plans: Mapping[_CameraKey, str]
 ) -> ServerInfo:
     """Collect the information about a server.
 
@@ -144,7 +144,7 @@ def build_server_info(
         clock: `realtime` or `lockstep`.
         plans: Description of the rendering plan by camera.
     """
-    cameras: dict[CameraKey, CameraInfo] = {}
+    cameras: dict[_CameraKey, CameraInfo] = {}
     # Cameras of classes and not of robots, so that clients can read a model before any robot
     # exists.
     for robot in robots:
@@ -163,9 +163,9 @@ def build_server_info(
 
 
 def _cameras_of_class(
-    robot: RobotDescription, plans: Mapping[CameraKey, str]
-) -> dict[CameraKey, CameraInfo]:
-    cameras: dict[CameraKey, CameraInfo] = {}
+    robot: RobotDescription, plans: Mapping[_CameraKey, str]
+) -> dict[_CameraKey, CameraInfo]:
+    cameras: dict[_CameraKey, CameraInfo] = {}
     for omni in robot.omni_cameras:
         pairs = pairs_from_omni_camera(omni.camera, robot.viewpoint_height_m(omni))
         mount = robot.robot_from_omni(omni, {})
@@ -297,14 +297,14 @@ def _pixel_reply(request: GetPixelRequest, time_s: float, view: PixelView | Faul
 
 
 # Client, camera, and the callback with the camera's plan, called by any thread.
-QueryPlan = Callable[[Hashable, OmniCameraSpec, PlanCallback], None]
+_QueryPlan = Callable[[Hashable, OmniCameraSpec, PlanCallback], None]
 
 
 def request_plan(
     request: SetAccuracyRequest,
     pending: PendingRequest,
     session: RobotSession,
-    query_plan: QueryPlan,
+    query_plan: _QueryPlan,
 ) -> None:
     """Reply once the simulation has set the target and the render thread has planned.
 
@@ -439,7 +439,7 @@ class StreamContext:
     """Hands an event to the simulation; thread-safe."""
     server_info: ServerInfo
     """Constant part of the replies."""
-    query_plan: QueryPlan
+    query_plan: _QueryPlan
     """Hands a camera to the render thread, for its plan."""
     report_lines: ReportLines = field(default_factory=ReportLines)
     """Lines of the reports that several clients read."""

@@ -50,7 +50,7 @@ class SendResult(Enum):
     DISCONNECTED = auto()
 
 
-SendMessage = Callable[[list[Payload]], SendResult]
+_SendMessage = Callable[[list[Payload]], SendResult]
 
 # Twice the pending requests of a client: a program that reads at all stays far below.
 _MAX_MESSAGES = 128
@@ -63,7 +63,7 @@ class Outbox:
 
     def __init__(
         self,
-        send: SendMessage,
+        send: _SendMessage,
         *,
         on_blocked: Callable[[], object],
         on_overflow: Callable[[], object],
@@ -151,9 +151,9 @@ class Outbox:
 
 _PREFIX = "catoptra-"
 _LOCK_NAME = "lock"
-SOCKET_NAME = "stream"
+_SOCKET_NAME = "stream"
 # All that a server puts there; a folder with other contents is none of ours.
-_CONTENTS = {_LOCK_NAME, SOCKET_NAME}
+_CONTENTS = {_LOCK_NAME, _SOCKET_NAME}
 
 
 @contextmanager
@@ -232,7 +232,7 @@ _RECEIVE_HIGH_WATER_MARK = 16
 _MAX_MESSAGES_PER_READ = 32
 _MONITOR_ENDPOINT = "inproc://monitor"
 
-MessageHandler = Callable[[bytes, list[bytes]], None]
+_MessageHandler = Callable[[bytes, list[bytes]], None]
 
 
 class RouterSocket:
@@ -243,7 +243,7 @@ class RouterSocket:
         listener: socket.socket,
         *,
         limits: ConnectionLimits,
-        on_message: MessageHandler,
+        on_message: _MessageHandler,
         on_disconnect: Callable[[bytes], None],
     ) -> None:
         """Accept connections.
@@ -264,7 +264,7 @@ class RouterSocket:
         with ExitStack() as resources:
             resources.enter_context(listener)
             self.port: int = listener.getsockname()[1]
-            path = str(resources.enter_context(create_private_folder()) / SOCKET_NAME)
+            path = str(resources.enter_context(create_private_folder()) / _SOCKET_NAME)
             context = zmq.Context(io_threads=1)
             resources.callback(context.destroy, linger=0)
             self._monitor = context.socket(zmq.PAIR)

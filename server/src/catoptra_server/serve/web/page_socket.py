@@ -87,20 +87,20 @@ def document_response(document: Document, *, known_tags: str) -> web.Response:
 DRIVE_TIMEOUT_S = 0.25
 
 
-class Timer(Protocol):
+class _Timer(Protocol):
     """A pending call."""
 
     def cancel(self) -> None:
         """Cancel the call."""
 
 
-CallLater = Callable[[float, Callable[[], None]], Timer]
+_CallLater = Callable[[float, Callable[[], None]], _Timer]
 
 
 class DeadManSwitch:
     """The robots that one page drives at present, by name; its own has the empty name."""
 
-    def __init__(self, stop: Callable[[str], None], *, call_later: CallLater) -> None:
+    def __init__(self, stop: Callable[[str], None], *, call_later: _CallLater) -> None:
         """Start without a robot.
 
         Args:
@@ -111,7 +111,7 @@ class DeadManSwitch:
         self._call_later = call_later
         # Robots that stand are not listed: a page cannot fill the dict with names.
         self._speeds: dict[str, tuple[float, float]] = {}
-        self._timers: dict[str, Timer] = {}
+        self._timers: dict[str, _Timer] = {}
 
     def record_drive(self, request: DriveRequest) -> None:
         """Record a request to drive; after the last one the robot stops in time."""

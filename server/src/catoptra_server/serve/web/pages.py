@@ -46,7 +46,7 @@ from catoptra_server.simulation.sensors.sonar import SonarDescription
 from catoptra_server.world.scene_mesh import SceneMesh
 
 STATIC_FOLDER = Path(__file__).with_name("static")
-INDEX = "index.html"
+_INDEX = "index.html"
 # Browsers run no script of another type, since the type is not to be guessed (nosniff).
 _CONTENT_TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -81,12 +81,12 @@ def read_page_files(folder: Path = STATIC_FOLDER) -> dict[str, Document]:
         if content_type is not None and file.is_file():
             document = create_document(content_type, file.read_bytes())
             documents[f"/static/{file.relative_to(folder).as_posix()}"] = document
-    index = documents.pop(f"/static/{INDEX}", None)
+    index = documents.pop(f"/static/{_INDEX}", None)
     return documents if index is None else {"/": index, **documents}
 
 
 # Interpolated linearly, 4096 entries miss 3e-5 px at 640 px and a rim of 120 degrees.
-NUM_ENTRIES = 4096
+_NUM_ENTRIES = 4096
 _DIAGONAL = math.sqrt(0.5)
 
 
@@ -94,7 +94,7 @@ def camera_table(camera: OmniCamera) -> dict[str, object]:
     """Table of a camera as a JSON object; pixels and radians."""
     # A cone shows nothing nearer to its axis than its apex does.
     lowest_t = camera.projection.t_min
-    theta_rad = np.linspace(0.0, camera.rim_rad, NUM_ENTRIES)
+    theta_rad = np.linspace(0.0, camera.rim_rad, _NUM_ENTRIES)
     t = np.maximum(np.tan(0.5 * theta_rad), lowest_t)
     # The matrices are read from the model itself, hand and stretch included, at one angle.
     middle_t = math.tan(0.25 * (2.0 * math.atan(lowest_t) + camera.rim_rad))
@@ -151,15 +151,15 @@ def _surface(camera: OmniCamera, t: Floats) -> dict[str, object]:
 
 
 # Height of a robot's sensors: walls, furniture and landmarks are cut, floors and carpets are not.
-HEIGHT_M = 0.3
-MAX_SEGMENTS = 4000
+_HEIGHT_M = 0.3
+_MAX_SEGMENTS = 4000
 # Triangles that are cut at once: 20 MB of temporary arrays.
 _BLOCK = 65536
 # A millimetre: shorter ones are invisible on any map.
 _MIN_LENGTH_M = 1e-3
 
 
-def floor_plan(scene: SceneMesh, height_m: float = HEIGHT_M) -> dict[str, object]:
+def floor_plan(scene: SceneMesh, height_m: float = _HEIGHT_M) -> dict[str, object]:
     """Section as a JSON object: segments [x1, y1, x2, y2] and bounds, metres in the world frame.
 
     Args:
@@ -176,7 +176,7 @@ def floor_plan(scene: SceneMesh, height_m: float = HEIGHT_M) -> dict[str, object
     }
 
 
-def section_segments(corners: Floats, z_m: float, *, max_segments: int = MAX_SEGMENTS) -> Floats:
+def section_segments(corners: Floats, z_m: float, *, max_segments: int = _MAX_SEGMENTS) -> Floats:
     """Segments (m, 4) in which a level plane cuts triangles, the longest ones, sorted by length.
 
     Args:
@@ -234,10 +234,10 @@ def _scene_bounds(scene: SceneMesh) -> tuple[Floats, Floats]:
     return scene.box_min[:2], scene.box_max[:2]
 
 
-Json = dict[str, object]
+_JsonObject = dict[str, object]
 
 
-def describe_server(info: ServerInfo) -> Json:
+def describe_server(info: ServerInfo) -> _JsonObject:
     """Description as a JSON object; lengths in metres, angles in radians."""
     landmarks = landmarks_reply(0, info.landmarks).landmarks
     return {
@@ -252,7 +252,7 @@ def describe_server(info: ServerInfo) -> Json:
     }
 
 
-def _describe_class(robot: RobotDescription) -> Json:
+def _describe_class(robot: RobotDescription) -> _JsonObject:
     drive = robot.drive
     return {
         "class_name": robot.class_name,
@@ -269,8 +269,8 @@ def _describe_class(robot: RobotDescription) -> Json:
     }
 
 
-def _describe_cameras(robot: RobotDescription) -> list[Json]:
-    cameras: list[Json] = []
+def _describe_cameras(robot: RobotDescription) -> list[_JsonObject]:
+    cameras: list[_JsonObject] = []
     for omni in robot.omni_cameras:
         cameras.append(
             {
@@ -295,7 +295,7 @@ def _describe_cameras(robot: RobotDescription) -> list[Json]:
     return cameras
 
 
-def _describe_sensor(robot: RobotDescription, sensor: SensorDescription) -> Json | None:
+def _describe_sensor(robot: RobotDescription, sensor: SensorDescription) -> _JsonObject | None:
     """Place and reach of a sensor that measures ranges, with all joints at 0; None for others."""
     match sensor:
         case RangeScannerDescription():

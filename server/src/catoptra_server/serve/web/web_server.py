@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 
 
 MAX_WEBSOCKETS = 64
-SOCKET_PATH = "/socket"
+_SOCKET_PATH = "/socket"
 # Of a connection that is no WebSocket: loading the page takes less than a second.
 _MAX_LIFETIME_S = 30.0
 _CHECK_INTERVAL_S = 0.25
@@ -182,7 +182,7 @@ class WebServer:
             response = text_response(413, "a request has no body here")
             response.force_close()
             return response
-        if request.path == SOCKET_PATH:
+        if request.path == _SOCKET_PATH:
             return await self._serve_socket(request, connection)
         try:
             document = await self._pages.find(request.path, request.query)
@@ -199,7 +199,7 @@ class WebServer:
         hosts, origins = headers.getall("Host", []), headers.getall("Origin", [])
         if len(hosts) != 1 or len(origins) > 1 or not request.raw_path.startswith("/"):
             return "a request has one Host header, one Origin at most, and a path"
-        needs_origin = request.path == SOCKET_PATH
+        needs_origin = request.path == _SOCKET_PATH
         refusal = access.find_refusal(
             hosts[0], origins[0] if origins else None, needs_origin=needs_origin
         )
