@@ -71,7 +71,7 @@ _Numbers = npt.NDArray[np.intp]
 
 
 class _TriangleCaster(Protocol):
-    """First hits of rays; `ray_caster.SceneRayCaster`."""
+    """First hits of rays; what `ray_caster.py:commit_ray_caster` returns."""
 
     def closest_triangles(
         self, origins: Floats, directions: Floats
