@@ -32,7 +32,7 @@ from catoptra_protocol.usarsim.reports import REPORT_PARSERS, report_from_messag
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import EffectType
 from catoptra_server.effects.medium.vignetting import Vignetting
-from catoptra_server.frames.plan.renderers import RENDERER_FACTORIES
+from catoptra_server.frames.renderers import RENDERER_FACTORIES
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.kernel.image import STAGE_MAKERS
 from catoptra_server.simulation import Fleet
@@ -325,7 +325,7 @@ def models_without_parameters(names: Iterable[str], table: Mapping[str, object])
 
 def mirrors_not_configurable(names: Iterable[str]) -> list[str]:
     """Mirrors that no robot file can name."""
-    section = text_of(SERVER / "config/mirrors_and_lenses.py")
+    section = text_of(SERVER / "config/mirror_camera.py")
     return [name for name in names if f'"{name.replace("_", "")}mirror"' not in section]
 
 

@@ -30,7 +30,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.startup import StartupConfig, read_startup_config
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import RendererChoice, choose_renderer
+from catoptra_server.frames.renderers import RendererChoice, choose_renderer
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState
 

@@ -11,7 +11,7 @@ import numpy as np
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import RendererChoice, choose_renderer
+from catoptra_server.frames.renderers import RendererChoice, choose_renderer
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import Image, RenderPlan, View
 from catoptra_server.world.camera_state import CameraState

@@ -13,7 +13,7 @@ from catoptra_protocol.usarsim.commands import Init
 from catoptra_server.config.startup import read_startup_config
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.frames.renderers import RendererChoice, RendererPool
 from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer

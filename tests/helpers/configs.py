@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.config.unreal_ini import parse_sections
+
 REPOSITORY = Path(__file__).parents[2]
 CAMERAS = REPOSITORY / "configs/cameras"
 ROBOTS = REPOSITORY / "configs/robots"
@@ -48,3 +51,9 @@ def write_small_world(folder: Path, *lines: str) -> Path:
     box = "Boxes=(Size=(X=1,Y=1,Z=1),Position=(X=3,Y=0,Z=-0.5))"
     path.write_text("\n".join(("[Catoptra.World]", box, *lines)) + "\n", encoding="utf-8")
     return path
+
+
+def make_section(*lines: str, name: str = "A.B") -> SectionReader:
+    """Reader of a section with some lines; its file is called x.ini, and its name is line 1."""
+    (section,) = parse_sections("\n".join((f"[{name}]", *lines)), file="x.ini")
+    return SectionReader(section.name, section.where, section.entries)

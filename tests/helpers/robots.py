@@ -18,7 +18,6 @@ from catoptra_server.frames.frame import IMAGE_PORT, Channel, Frame, FrameReques
 from catoptra_server.frames.frame_plan import CameraPlan, FramePlan, ViewState
 from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import ErrorBound, error_bound
-from catoptra_server.frames.plan.planner import BudgetMonitor
 from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
 from catoptra_server.frames.render_thread import render_frame
 from catoptra_server.frames.views import RenderedView
@@ -194,7 +193,7 @@ def make_rendered_view(
     """An image as drawn by a plan with some bounds."""
     plan = plan_perspective_view(1, kind=RendererKind.TRACE, reason="fake")
     camera, state = request.camera, request.camera_state
-    camera_plan = CameraPlan(camera, plan, BudgetMonitor(0.0))
+    camera_plan = CameraPlan(camera, plan)
     frame_plan = FramePlan(
         camera,
         camera,

@@ -32,7 +32,7 @@ from catoptra_server.effects.effect import (
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.world.camera_state import CameraState

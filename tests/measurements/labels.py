@@ -24,7 +24,7 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.labels.label_renderer import LabelRenderer
-from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import NO_THRESHOLDS
@@ -70,10 +70,10 @@ def main() -> None:
         settings = RenderSettings(samples=2)
         plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="measured")
         view = renderer.prepare(camera, plan)
-        drawn = DrawnExposure(camera, CAMERA_STATE, samples=2)
+        drawn = LabelledImage(camera, CAMERA_STATE, samples=2)
 
         def draw_labelled(
-            channels: tuple[str, ...], view: TraceView = view, drawn: DrawnExposure = drawn
+            channels: tuple[str, ...], view: TraceView = view, drawn: LabelledImage = drawn
         ) -> None:
             request = labels.request(drawn, channels)
             found = view.render_with_labels(CAMERA_STATE, (), NO_THRESHOLDS, request)[1]

@@ -15,7 +15,7 @@ import statistics
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import create_renderer
+from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind

@@ -26,7 +26,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.candidates import measure_costs
 from catoptra_server.frames.plan.costs import fit_cost_model
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import create_renderer
+from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import Renderer, RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind

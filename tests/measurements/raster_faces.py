@@ -21,7 +21,7 @@ from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_server.frames.plan.faces import regions_of_size
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import create_renderer
+from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster import open_device, scene_buffers
 from catoptra_server.render.raster.device import ShaderPrograms

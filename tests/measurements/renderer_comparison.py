@@ -6,7 +6,7 @@ Scenes with few, many and a million triangles, with textures, with point lights;
 px; 1 to 4 samples along a pixel's side. For each the median time of a frame with read-back by the
 kernel, by the reference where that is bearable, and by raster, rendered in turns: half the
 processor time of all threads. On two cores that is the wall time of a frame that keeps both at
-work, and it is comparable on a machine with other load. Decision: frames/plan/renderers.py,
+work, and it is comparable on a machine with other load. Decision: frames/renderers.py,
 which takes the kernel wherever no graphics processor is.
 """
 

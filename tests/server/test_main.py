@@ -39,10 +39,10 @@ def test_doctor_when_it_starts_has_loaded_no_library_of_the_server() -> None:
 @pytest.mark.parametrize(
     ("module", "words"),
     [
-        ("cli", []),
-        ("doctor.doctor_cli", ["doctor"]),
-        ("explain", ["explain"]),
-        ("list_command", ["list"]),
+        ("commands.serve", []),
+        ("commands.doctor.command", ["doctor"]),
+        ("commands.explain", ["explain"]),
+        ("commands.list", ["list"]),
     ],
 )
 def test_signals_are_handled_for_every_command(

@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.frames.plan.faces import regions_by_density, regions_of_size
+from catoptra_server.frames.plan.faces import face_regions, regions_of_size
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.mirror_pass import atlas_definitions
 from helpers.shaders import evaluate_shader
@@ -56,7 +56,7 @@ def test_coordinates_in_regions_of_their_own_density_equal_the_cube(
     context: moderngl.Context, rim_deg: float
 ) -> None:
     camera = make_omni_camera(width_px=640, rim_deg=rim_deg)
-    parts = regions_by_density(camera, camera.rim_rad, texels_per_px=1.0)
+    parts = face_regions(camera, camera.rim_rad, size_px=0, texels_per_px=1.0)
     atlas = pack_atlas(parts, guard_texels=GUARD_TEXELS, max_texels=4096)
     directions = random_directions(20_000)
     seen = np.arccos(directions[:, 2] / np.linalg.norm(directions, axis=-1)) < camera.rim_rad

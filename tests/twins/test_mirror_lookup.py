@@ -19,7 +19,7 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_server.frames.plan.faces import regions_by_density, regions_of_size
+from catoptra_server.frames.plan.faces import face_regions, regions_of_size
 from catoptra_server.render.projection.atlas import (
     GUARD_TEXELS,
     Atlas,
@@ -47,7 +47,7 @@ CASES = [pytest.param(mirror, rim, id=name) for name, mirror, rim in MIRRORS]
 
 
 def atlas_by_density(camera: OmniCamera) -> Atlas:
-    parts = regions_by_density(camera, camera.rim_rad, texels_per_px=1.0)
+    parts = face_regions(camera, camera.rim_rad, size_px=0, texels_per_px=1.0)
     return pack_atlas(parts, guard_texels=GUARD_TEXELS, max_texels=MAX_TEXELS)
 
 

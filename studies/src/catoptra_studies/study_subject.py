@@ -20,7 +20,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import choose_renderer
+from catoptra_server.frames.renderers import choose_renderer
 from catoptra_server.render.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.render.renderer import FaceCamera, Renderer, RenderPlan, View
 from catoptra_server.render.renderer_kind import RendererKind

@@ -1,6 +1,4 @@
-"""The list of names: every bundled file is described, every class can be spawned from its file.
-
-The line of --version names the kernel's instruction set, or why there is no kernel."""
+"""The list of names, each described and usable; the line of --version."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Words of the command line to options: wrong ones are rejected in plain words, with status 2.
-
-The command line in this process: a failed start ends with status 2 and the reason."""
+"""Words of the command line to options, and starts that fail with status 2 and the reason."""
 
 from __future__ import annotations
 

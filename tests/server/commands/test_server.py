@@ -1,8 +1,4 @@
-"""The two threads without any port: which is started, what is prepared, and their end.
-
-The server in this process: start, end, and the failure of a thread.
-
-Modules that are loaded once the ports listen: none before the first frame, all afterwards."""
+"""The server in this process: threads, start, end, and what is loaded when."""
 
 from __future__ import annotations
 
@@ -28,7 +24,7 @@ from catoptra_server.commands.server import ListeningAddress, Options, ServerThr
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.config.startup import read_startup_config
 from catoptra_server.frames.frame import CameraChannel
-from catoptra_server.frames.plan.renderers import RendererChoice
+from catoptra_server.frames.renderers import RendererChoice
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.runtime.worker_thread import ThreadFailedError
 from catoptra_server.simulation import ClockMode, CommandReceived, Simulation

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.ini_file import MAX_BASE_FILES, IniFile
+from catoptra_server.config.ini_file import IniFile
+
+MAX_BASE_FILES = 16
 
 
 def write_file(folder: Path, name: str, *lines: str) -> Path:

@@ -1,6 +1,4 @@
-"""Configurations by name: every bundled file is found, and a wrong name lists them all.
-
-Unknown names: errors in our sections, warnings in others, each with what was probably meant."""
+"""Unknown names with what was probably meant; bundled files by name, and lists of them."""
 
 from __future__ import annotations
 

@@ -1,10 +1,4 @@
-"""Keys that all sensors of a file share: period, bounds, time stamps.
-
-Sensors of robot files: the real lines, and each kind's defaults and keys.
-
-Joints of robot files: hinges of JointParts.
-
-Mission packages of robot files."""
+"""Parts of robot files: sensors with their real lines, hinges of JointParts, mission packages."""
 
 from __future__ import annotations
 
@@ -16,9 +10,6 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.config.robot_parts import SensorItem
-from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.config.unreal_ini import parse_sections
 from catoptra_server.simulation.joint_chain import MissionPackageDescription
 from catoptra_server.simulation.robot_description import (
     Mount,
@@ -34,32 +25,30 @@ from catoptra_server.simulation.sensors.tachometer import TachometerDescription
 from helpers.configs import ROBOTS
 
 
-def make_item(*lines: str) -> SensorItem:
-    (parsed,) = parse_sections("\n".join(("[USARSensor.Any]", *lines)), file="x.ini")
-    section = SectionReader(parsed.name, parsed.where, parsed.entries)
-    return SensorItem(section, "S", Mount(), section)
-
-
-def test_interval_when_configured_is_the_class_s_and_else_a_fifth_of_a_second() -> None:
-    assert (make_item("ScanInterval=.1").interval_s, make_item().interval_s) == (0.1, 0.2)
-
-
-def test_number_when_negative_is_rejected() -> None:
-    with pytest.raises(ConfigError, match="MaxRange"):
-        make_item("MaxRange=-1").get_float("MaxRange", 4.0)
-
-
-@pytest.mark.parametrize("default", [True, False])
-def test_time_stamp_when_left_open_is_the_sensor_s_default(default: bool) -> None:
-    assert make_item().has_timestamp(default) is default
-    assert make_item("bWithTimeStamp=true").has_timestamp(default) is True
-
-
 def read(folder: Path, item: str, sections: str = "") -> SensorDescription:
     path = folder / "robot.ini"
     path.write_text(f"[USARBot.P2AT]\n{item}\n{sections}", encoding="utf-8")
     (sensor,) = read_robot(path)[0].sensors
     return sensor
+
+
+ODOMETER = "AddParts=(ItemClass=class'USARSensor.Odometry',ItemName=\"O\")"
+SCANNER = "Sensors=(ItemClass=class'USARBot.RangeScanner',ItemName=\"S\")"
+
+
+@pytest.mark.parametrize(("line", "interval_s"), [("ScanInterval=.1", 0.1), ("", 0.2)])
+def test_interval_when_configured_is_the_class_s_and_else_a_fifth_of_a_second(
+    tmp_path: Path, line: str, interval_s: float
+) -> None:
+    sensor = read(tmp_path, ODOMETER, f"[USARSensor.Odometry]\n{line}\n")
+    assert sensor.interval_s == interval_s
+
+
+@pytest.mark.parametrize("line", ["MaxRange=-1", "Resolution=0.001"])
+def test_number_when_no_scanner_can_have_it_is_rejected(tmp_path: Path, line: str) -> None:
+    # The second makes lines that are too long for clients.
+    with pytest.raises(ConfigError, match=line.partition("=")[0]):
+        read(tmp_path, SCANNER, f"[USARBot.RangeScanner]\n{line}\n")
 
 
 def test_sonar_when_of_the_real_file_is_read(tmp_path: Path) -> None:
@@ -88,12 +77,6 @@ def test_scanner_when_of_the_real_udk_line_has_its_class_s_numbers(tmp_path: Pat
     assert isinstance(scanner, RangeScannerDescription)
     assert (scanner.fov_rad, scanner.resolution_rad) == (3.14159, 0.01745)
     assert (scanner.max_range_m, scanner.mount.position_m) == (20.0, (0.2085, 0.0, -0.2))
-
-
-def test_scanner_when_its_line_would_be_too_long_for_clients_is_rejected(tmp_path: Path) -> None:
-    item = "Sensors=(ItemClass=class'USARBot.RangeScanner',ItemName=\"S\")"
-    with pytest.raises(ConfigError, match="Resolution"):
-        read(tmp_path, item, "[USARBot.RangeScanner]\nResolution=0.001\n")
 
 
 @pytest.mark.parametrize(
@@ -202,14 +185,14 @@ def read_robot_section(folder: Path, text: str) -> RobotDescription:
     return robot
 
 
-def read_of_joint_parts(folder: Path, text: str) -> MissionPackageDescription:
+def read_joints(folder: Path, text: str) -> MissionPackageDescription:
     parts = read_robot_section(folder, text).chassis_joints
     assert parts is not None
     return parts
 
 
 def test_joints_when_listed_are_the_hinges_with_the_robots_motor(tmp_path: Path) -> None:
-    parts = read_of_joint_parts(
+    parts = read_joints(
         tmp_path, "MotorSpeed=0.5\nMotorTorque=7\n" + WHEEL + HINGE.format("FR", "")
     )
     (link,) = parts.links
@@ -219,7 +202,7 @@ def test_joints_when_listed_are_the_hinges_with_the_robots_motor(tmp_path: Path)
 
 
 def test_joint_when_turned_goes_about_its_axis(tmp_path: Path) -> None:
-    parts = read_of_joint_parts(tmp_path, HINGE.format("FR", ""))
+    parts = read_joints(tmp_path, HINGE.format("FR", ""))
     turned = parts.robot_from_link(1, {"fr": -0.5})
     # About -y by -0.5: forward goes up, which is -z.
     assert turned.rotation[:, 0] == pytest.approx(np.array([math.cos(0.5), 0.0, -math.sin(0.5)]))
@@ -227,9 +210,7 @@ def test_joint_when_turned_goes_about_its_axis(tmp_path: Path) -> None:
 
 
 def test_joint_when_its_parent_is_a_joint_moves_with_it(tmp_path: Path) -> None:
-    parts = read_of_joint_parts(
-        tmp_path, HINGE.format("Arm", "Chassis") + HINGE.format("Hand", "ARM")
-    )
+    parts = read_joints(tmp_path, HINGE.format("Arm", "Chassis") + HINGE.format("Hand", "ARM"))
     assert [link.parent for link in parts.links] == [-1, 1]
     assert parts.robot_from_link(2, {}).translation[0] == pytest.approx(0.4)
 
@@ -247,7 +228,7 @@ def test_joints_when_there_are_wheels_alone_are_none(tmp_path: Path) -> None:
 
 def test_places_when_in_unreal_units_become_metres(tmp_path: Path) -> None:
     text = "bMountByUU=true\n" + HINGE.format("FR", "").replace("X=0.2,Y=0.1", "X=250,Y=25")
-    assert read_of_joint_parts(tmp_path, text).links[0].position_m == (1.0, 0.1, 0.0)
+    assert read_joints(tmp_path, text).links[0].position_m == (1.0, 0.1, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +240,7 @@ def test_places_when_in_unreal_units_become_metres(tmp_path: Path) -> None:
 )
 def test_joint_when_impossible_is_rejected(tmp_path: Path, text: str, expected: str) -> None:
     with pytest.raises(ConfigError, match=expected):
-        read_of_joint_parts(tmp_path, text)
+        read_joints(tmp_path, text)
 
 
 def test_kenaf_when_read_has_four_flippers_and_nothing_unknown() -> None:
@@ -273,7 +254,7 @@ def test_kenaf_when_read_has_four_flippers_and_nothing_unknown() -> None:
 
 def test_joint_when_far_from_the_robot_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"ParentPos=.*within 100 m"):
-        read_of_joint_parts(tmp_path, HINGE.format("FR", "").replace("X=0.2", "X=200"))
+        read_joints(tmp_path, HINGE.format("FR", "").replace("X=0.2", "X=200"))
 
 
 HEAD = (
@@ -282,27 +263,27 @@ HEAD = (
 )
 
 
-def read_of_mission_package_items(folder: Path, text: str) -> tuple[MissionPackageDescription, ...]:
+def read_packages(folder: Path, text: str) -> tuple[MissionPackageDescription, ...]:
     path = folder / "robot.ini"
     path.write_text("[USARBot.P2AT]\n" + text, encoding="utf-8")
     return read_robot(path)[0].mission_packages
 
 
 def test_package_when_known_has_the_joints_of_ut2004_at_its_location(tmp_path: Path) -> None:
-    (package,) = read_of_mission_package_items(tmp_path, HEAD.format("CameraPanTilt"))
+    (package,) = read_packages(tmp_path, HEAD.format("CameraPanTilt"))
     assert [link.name for link in package.links] == ["CameraPan", "CameraTilt"]
     assert package.links[0].position_m == (0.1, 0.0, -0.3)
 
 
 def test_package_when_its_section_lists_links_has_those(tmp_path: Path) -> None:
     links = '[USARMisPkg.Arm]\nLinks=(Name="Elbow",Parent=-1,MaxSpeed=2,MinRange=-1,MaxRange=1)\n'
-    (package,) = read_of_mission_package_items(tmp_path, HEAD.format("Arm") + links)
+    (package,) = read_packages(tmp_path, HEAD.format("Arm") + links)
     (link,) = package.links
     assert (link.name, link.max_speed_rad_s, link.clamp(9.0)) == ("Elbow", 2.0, 1.0)
 
 
 def test_package_when_without_joints_is_left_out(tmp_path: Path) -> None:
-    assert read_of_mission_package_items(tmp_path, HEAD.format("OmniCamPillar")) == ()
+    assert read_packages(tmp_path, HEAD.format("OmniCamPillar")) == ()
 
 
 @pytest.mark.parametrize("key", ["Location", "Position"])
@@ -312,4 +293,4 @@ def test_package_when_far_from_the_robot_is_rejected(tmp_path: Path, key: str) -
     near = {"Location": "X=0.1,", "Position": "X=0)"}[key]
     text = text.replace(near, f"X=5000{near[-1]}")
     with pytest.raises(ConfigError, match=f"{key}=.*within 100 m"):
-        read_of_mission_package_items(tmp_path, text)
+        read_packages(tmp_path, text)

@@ -1,14 +1,7 @@
-"""Typed values, and errors that name file, line, key, value and the expected form.
-
-Literals of numbers, and their ranges in words.
-
-Columns of numbers in files beside a robot's: separators, titles, and faults at their lines.
-
-Names that fit a line of the control protocol."""
+"""Typed values of a section: errors with file, line, key and value; prefixes; unread keys."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,20 +9,9 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.section_reader import (
-    Columns,
-    SectionReader,
-    describe_range,
-    is_wire_name,
-    parse_number,
-    read_columns,
-)
-from catoptra_server.config.unreal_ini import parse_sections
-
-
-def make_section(*lines: str) -> SectionReader:
-    (parsed,) = parse_sections("\n".join(("[A.B]", *lines)), file="x.ini")
-    return SectionReader(parsed.name, parsed.where, parsed.entries)
+from catoptra_server.config.section_reader import SectionReader, read_columns
+from catoptra_server.config.unreal_ini import Entry
+from helpers.configs import make_section
 
 
 @pytest.mark.parametrize(
@@ -56,12 +38,20 @@ def test_number_when_out_of_bounds_states_them(text: str, expected: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("bounds", "expected"),
-    [({"min_value": 1.0}, "of at least 1"), ({"max_value": 1.0}, "of at most 1")],
+    ("read", "expected"),
+    [
+        (lambda s: s.get_float("K"), "a number"),
+        (lambda s: s.get_float("K", min_value=1.0), "a number of at least 1"),
+        (lambda s: s.get_float("K", max_value=1.0), "a number of at most 1"),
+        (lambda s: s.get_float("K", min_value=0.5, max_value=10.0), "a number from 0.5 to 10"),
+        (lambda s: s.get_int("K"), "a whole number of at least 0"),
+    ],
 )
-def test_number_when_missing_states_its_bounds(bounds: dict[str, float], expected: str) -> None:
+def test_number_when_missing_states_its_bounds(
+    read: Callable[[SectionReader], object], expected: str
+) -> None:
     with pytest.raises(ConfigError, match=rf"x.ini:1: A.B.K=''.*{expected}; it is missing"):
-        make_section().get_float("K", **bounds)
+        read(make_section())
 
 
 def test_number_when_missing_is_its_default() -> None:
@@ -118,11 +108,6 @@ def test_vector_when_a_member_is_out_of_bounds_names_the_member() -> None:
         make_section("K=(X=1,Z=-1)").get_vector("K", min_value=0.0, max_value=9.0)
 
 
-def test_wire_name_when_invalid_is_rejected() -> None:
-    with pytest.raises(ConfigError, match=r"x\.ini:2: A\.B\.K=.*one word"):
-        make_section('K="two words"').get_wire_name("K")
-
-
 def test_file_when_it_exists_is_found_beside_the_ini(tmp_path: Path) -> None:
     (tmp_path / "a b").mkdir()
     (tmp_path / "a b" / "x.png").touch()
@@ -174,34 +159,6 @@ def test_number_when_beyond_all_bounds_is_rejected(text: str) -> None:
         make_section(f"K={text}").get_float("K")
 
 
-@pytest.mark.parametrize(
-    ("text", "value"), [("1", 1.0), ("-.4", -0.4), ("1e3", 1000.0), ("2.5f", 2.5)]
-)
-def test_number_when_written_as_in_real_files_is_read_of_number_values(
-    text: str, value: float
-) -> None:
-    assert parse_number(text) == value
-
-
-@pytest.mark.parametrize("text", ["", "abc", "nan", "inf", "-inf", "+inf", "1e999", "1,5", "f"])
-def test_number_when_malformed_or_not_finite_is_none(text: str) -> None:
-    assert parse_number(text) is None
-
-
-@pytest.mark.parametrize(
-    ("bounds", "text"),
-    [
-        ((-math.inf, math.inf), "a number"),
-        ((0.0, math.inf), "a number of at least 0"),
-        ((0.0, 2**31), "a number of at least 0"),
-        ((-math.inf, 1.0), "a number of at most 1"),
-        ((0.5, 10.0), "a number from 0.5 to 10"),
-    ],
-)
-def test_range_when_described_names_its_bounds(bounds: tuple[float, float], text: str) -> None:
-    assert describe_range("a number", *bounds) == text
-
-
 PROFILE = """# millimetres, of a measuring machine
 radius, height
 0, 5.0
@@ -213,7 +170,7 @@ radius, height
 """
 
 
-def read(folder: Path, content: str) -> Columns:
+def read(folder: Path, content: str) -> tuple[tuple[float, ...], ...]:
     """Columns of a file that a section names."""
     (folder / "ball.csv").write_text(content)
     path = folder / "mirror.ini"
@@ -257,11 +214,105 @@ def test_missing_file_is_named_with_its_key(tmp_path: Path) -> None:
         read_columns(IniFile(path).get_section("M"), "Profile", ("Radii", "Sags"))
 
 
+def apply_lines(*lines: tuple[str, int]) -> SectionReader:
+    """Section with lines of the list L: prefix and number."""
+    return make_section(*(f"{prefix}L=(N={number})" for prefix, number in lines))
+
+
+def list_numbers(section: SectionReader) -> list[int]:
+    return [struct.get_int("N") for struct in section.get_structs("L")]
+
+
+@pytest.mark.parametrize(
+    ("lines", "numbers"),
+    [
+        ([("", 1), ("", 1)], [1, 1]),
+        ([("", 1), (".", 1)], [1, 1]),
+        ([("", 1), ("+", 1)], [1]),
+        ([("+", 1), ("+", 1), ("+", 2)], [1, 2]),
+        ([("", 1), ("", 2), ("", 1), ("-", 1), ("", 3)], [2, 3]),
+        ([("", 1), ("-", 1), ("+", 1)], [1]),
+        ([("-", 1), ("", 1)], [1]),
+        ([("-", 1)], []),
+        ([("", 1), ("!", 0), ("", 2)], [2]),
+    ],
+)
+def test_list_when_changed_by_prefixes_follows_unreal(
+    lines: list[tuple[str, int]], numbers: list[int]
+) -> None:
+    section = apply_lines(*lines)
+    assert section.has_key("l") == bool(numbers)
+    assert list_numbers(section) == numbers
+
+
+@pytest.mark.parametrize(
+    ("base", "derived", "numbers"),
+    [
+        ([("", 1)], [("", 2), ("", 3)], [2, 3]),
+        ([("", 1)], [("+", 2), ("", 3)], [1, 2, 3]),
+        ([("", 1)], [("+", 1)], [1]),
+        ([("", 1), ("", 2)], [("-", 1)], [2]),
+        ([("", 1)], [("!", 0)], []),
+        ([("", 1)], [("!", 0), (".", 2)], [2]),
+        ([("", 1)], [], [1]),
+    ],
+)
+def test_overrides_when_derived_lines_have_prefixes_change_the_base(
+    base: list[tuple[str, int]], derived: list[tuple[str, int]], numbers: list[int]
+) -> None:
+    section = apply_lines(*base)
+    section.apply_overrides(apply_lines(*derived))
+    assert list_numbers(section) == numbers
+
+
+class CountedText(str):
+    """Text that counts comparisons."""
+
+    num_comparisons = 0
+
+    __hash__ = str.__hash__
+
+    def __eq__(self, other: object) -> bool:
+        CountedText.num_comparisons += 1
+        return str.__eq__(self, other)
+
+
+def test_list_of_2000_values_compares_each_a_few_times() -> None:
+    CountedText.num_comparisons = 0
+    where = SourceLocation("x.ini", 1)
+    lines = [Entry("K", CountedText(n), prefix, where) for prefix in "+-" for n in range(1000)]
+    assert not SectionReader("A.B", where, lines).has_key("K")
+    # A list that is searched for every line compares a million times.
+    assert CountedText.num_comparisons <= 4000
+
+
+def test_section_is_used_once_a_key_is_read_and_not_by_a_look() -> None:
+    section = make_section("A=1")
+    assert section.has_key("a")
+    assert not section.is_used
+    assert [name.key for name in section.unknown_names()] == ["A"]
+    section.get_int("a")
+    assert section.is_used
+
+
+@pytest.mark.parametrize(
+    ("key", "hint"), [("Radus", "; is Radius meant to be it?"), ("WheelBase", "")]
+)
+def test_key_when_missing_names_the_misspelt_unread_one(key: str, hint: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_section("Radius=1").get_float(key)
+    assert caught.value.expected == f"a number; it is missing{hint}"
+
+
 @pytest.mark.parametrize("name", ["P2AT", "R1_left", "naïve", "a|b~c", "x" * 256])
-def test_wire_name_when_valid_is_accepted(name: str) -> None:
-    assert is_wire_name(name)
+def test_wire_name_when_valid_is_read(name: str) -> None:
+    assert make_section(f"K={name}").get_wire_name("K") == name
+    make_section(name=name).require_wire_name()
 
 
-@pytest.mark.parametrize("name", ["", "two words", "a{b", "a}b", "a\tb", "€", "x" * 257])
-def test_wire_name_when_invalid_is_rejected_of_wire_name(name: str) -> None:
-    assert not is_wire_name(name)
+@pytest.mark.parametrize("name", ["two words", "a{b", "a}b", "a\tb", "€", "x" * 257])
+def test_wire_name_when_invalid_is_rejected(name: str) -> None:
+    with pytest.raises(ConfigError, match=r"x\.ini:2: A\.B\.K=.*one word"):
+        make_section(f"K={name}").get_wire_name("K")
+    with pytest.raises(ConfigError, match=r"x\.ini:1: section=.*one word"):
+        make_section(name=name).require_wire_name()

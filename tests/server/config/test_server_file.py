@@ -1,6 +1,4 @@
-"""UDK's sections of the server itself.
-
-Cameras at the sizes of tiles and viewports, in all bundled robots and in impossible ones."""
+"""UDK's sections of the server itself; cameras at the sizes of tiles and viewports."""
 
 from __future__ import annotations
 

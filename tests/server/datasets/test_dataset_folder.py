@@ -1,10 +1,4 @@
-"""Folders of data sets: begun, resumed, refused, finished.
-
-The Parquet index, where pyarrow is installed.
-
-Calibrations, trajectories and further files beside the shards.
-
-Data sets read back: every kind of damage is found."""
+"""Folders of data sets: begun, resumed, refused, finished with all files, read back damaged."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""A run from recipe to manifest, drawn by this process.
-
-Progress on standard error."""
+"""A run from recipe to manifest, drawn by this process, with its progress."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Shards drawn by processes: the same bytes by any number of them, and after deaths.
-
-Functions in pinned processes: results, errors, deaths."""
+"""Shards by processes: the same bytes by any number of them, and after deaths."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Channels as pictures for people.
-
-The page of samples."""
+"""Channels as pictures for people, and the page of samples."""
 
 from __future__ import annotations
 

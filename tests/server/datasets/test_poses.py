@@ -1,10 +1,4 @@
-"""Which world, camera and light a sample has.
-
-Free space of robots: walls, solids, floors, and random poses.
-
-Poses of samples: given, random, driven; a function of recipe and index.
-
-Poses of recipes: grids, paths, drives."""
+"""Place, pose, motion and light of each sample, by recipe and index; free space of robots."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Ranges, levels, shards and names of a recipe.
-
-Effects of recipes: modes, ranges of parameters, cameras without a mirror.
-
-Ranges and words of recipes."""
+"""Values of recipes: ranges, words, levels, shards, effects."""
 
 from __future__ import annotations
 

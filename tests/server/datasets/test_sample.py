@@ -1,10 +1,4 @@
-"""Descriptions of samples: a function of recipe and index.
-
-Annotations of samples: every object in view, and nothing that depends on other samples.
-
-Metadata of samples.
-
-Files of samples."""
+"""One sample: described by recipe and index, annotated, with its metadata and files."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Samples drawn: the picture of a served frame, labels, and no trace of other samples.
-
-Lights scaled by a factor.
-
-What bytes depend on beside the recipe, and workers that differ."""
+"""Samples drawn like served frames, without a trace of others; workers that differ refuse."""
 
 from __future__ import annotations
 

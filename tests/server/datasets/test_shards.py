@@ -1,6 +1,4 @@
-"""Shards written whole or not at all.
-
-Shards drawn in this process: the bytes that workers would write, errors that name the sample."""
+"""Shards written whole or not at all, with the bytes that any worker would write."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import struct
 import threading
 
@@ -14,12 +15,11 @@ from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import EncodedFrame, ImageType, encode_frame_header
 from catoptra_server.frames import encode as encode_module
 from catoptra_server.frames.encode import (
+    Payload,
     crop,
-    encode_image,
     encode_without_blocking,
     payload_of_reply,
 )
-from helpers.loopback import run_scenario
 
 JPEGS = [t for t in ImageType if t is not ImageType.RAW]
 
@@ -31,8 +31,12 @@ def make_image(width: int, height: int) -> npt.NDArray[np.uint8]:
     return rgb.astype(np.uint8)
 
 
+def encode(rgb: npt.NDArray[np.uint8], encoding: ImageType | ImageEncoding) -> Payload:
+    return asyncio.run(encode_without_blocking(rgb, encoding))
+
+
 def encode_payload(rgb: npt.NDArray[np.uint8], image_type: ImageType) -> bytes:
-    return bytes(payload_of_reply(encode_image(rgb, image_type)))
+    return bytes(payload_of_reply(encode(rgb, image_type)))
 
 
 def test_raw_when_encoded_is_b_g_r_from_the_top_row_with_padding() -> None:
@@ -55,14 +59,14 @@ def test_raw_of_any_width_is_header_and_padded_rows(size_px: tuple[int, int]) ->
 
 @pytest.mark.parametrize("image_type", ImageType, ids=lambda t: t.name)
 def test_reply_of_the_image_port_is_header_and_payload_in_one_piece(image_type: ImageType) -> None:
-    reply = encode_image(make_image(5, 3), image_type)
+    reply = encode(make_image(5, 3), image_type)
     payload = payload_of_reply(reply)
     assert bytes(reply) == encode_frame_header(image_type, len(payload)) + payload
 
 
 def test_raw_of_the_stream_is_the_image_itself_without_a_copy() -> None:
     rgb = make_image(5, 3)
-    assert np.shares_memory(np.frombuffer(encode_image(rgb, ImageEncoding.RAW), np.uint8), rgb)
+    assert np.shares_memory(np.frombuffer(encode(rgb, ImageEncoding.RAW), np.uint8), rgb)
 
 
 @pytest.mark.parametrize(
@@ -83,13 +87,13 @@ def test_encoding_that_takes_long_runs_in_another_thread(
 ) -> None:
     threads: list[int] = []
 
-    def encode(rgb: npt.NDArray[np.uint8], encoding: ImageType | ImageEncoding) -> bytes:
+    def record(rgb: npt.NDArray[np.uint8], encoding: ImageType | ImageEncoding) -> bytes:
         threads.append(threading.get_ident())
         return b""
 
-    monkeypatch.setattr(encode_module, "encode_image", encode)
+    monkeypatch.setattr(encode_module, "_encode_image", record)
     rgb = np.zeros((side_px, side_px, 3), np.uint8)
-    run_scenario(encode_without_blocking(rgb, encoding))
+    encode(rgb, encoding)
     assert (threads == [threading.get_ident()]) is is_here
 
 

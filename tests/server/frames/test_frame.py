@@ -59,7 +59,7 @@ def test_image_when_requested_by_several_clients_is_encoded_once(
         assert encoded == [b"encoded"] * 8
         assert await frame.encode(encoding) is encoded[0]
 
-    monkeypatch.setattr(encode_module, "encode_image", encode)
+    monkeypatch.setattr(encode_module, "_encode_image", encode)
     run_scenario(scenario())
     assert calls == [encoding]
 

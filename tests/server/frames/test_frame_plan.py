@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -21,13 +22,14 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCamera
 from catoptra_server.frames.plan.candidates import generate_calibration_plans
 from catoptra_server.frames.plan.costs import PlanTiming
 from catoptra_server.frames.plan.error_bound import error_bound
-from catoptra_server.frames.plan.planner import BudgetMonitor, RenderPlanner
+from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
-from catoptra_server.frames.plan.renderers import RendererChoice, RendererPool
+from catoptra_server.frames.renderers import RendererChoice, RendererPool
 from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.world.camera_state import CameraState
+from helpers.mirror_checks import make_camera
 from helpers.robots import CAMERA
 from helpers.worlds import make_omni_camera
 
@@ -36,7 +38,10 @@ NO_PIXELS = np.zeros((1, 1, 3), dtype=np.uint8)
 
 
 class FarScene:
-    """A scene whose coordinates displace next to nothing; without effects nothing else is read."""
+    """A scene whose coordinates displace next to nothing, with nothing near a mirror."""
+
+    def min_distance_m(self, camera_state: CameraState, *, has_ego_body: bool) -> float:
+        return 1e3
 
     def max_rounding_angle_rad(self, camera_state: CameraState, errors: CoordinateErrors) -> float:
         return 1e-6
@@ -89,8 +94,31 @@ def draw_frames(
     return [number for number, _ in groupby(samples)]
 
 
-def test_budget_when_met_leaves_the_plan_alone() -> None:
-    assert draw_frames(make_plans(), 1.0, 1000) == [3]
+# At 10 ms a plan of 3 x 3 samples was chosen, predicted at 9 ms; one of 4 x 4 would take 16. A
+# second at 30 Hz decides, ten seconds of headroom try a more accurate plan.
+WINDOW_FRAMES, HYSTERESIS_FRAMES = 30, 300
+
+
+@pytest.mark.parametrize(
+    ("ms_per_sample", "frames", "samples"),
+    [
+        (1.0, 1000, [3]),
+        (1.32, 1000, [3]),  # 11.9 ms: within a fifth
+        (1.35, WINDOW_FRAMES, [3]),
+        (1.35, WINDOW_FRAMES + 1, [3, 2]),  # 12.2 ms
+        (50.0, 1000, [3, 1]),
+        (0.5, WINDOW_FRAMES + HYSTERESIS_FRAMES, [3]),
+        (0.5, WINDOW_FRAMES + HYSTERESIS_FRAMES + 1, [3, 4]),  # 8 ms
+        (0.54, 2000, [3]),  # 4 x 4 samples take 8.6 ms, which nearly fills the budget
+    ],
+)
+def test_plan_follows_the_budget(ms_per_sample: float, frames: int, samples: list[int]) -> None:
+    assert draw_frames(make_plans(), ms_per_sample, frames) == samples
+
+
+def test_few_slow_frames_change_no_plan() -> None:
+    plans = make_plans()
+    assert draw_frames(plans, 1.0, 20) == draw_frames(plans, 5.0, 14) == [3]
 
 
 def test_budget_when_exceeded_replans_and_logs_why(caplog: pytest.LogCaptureFixture) -> None:
@@ -101,7 +129,7 @@ def test_budget_when_exceeded_replans_and_logs_why(caplog: pytest.LogCaptureFixt
 
 def test_budget_when_unreachable_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level("INFO"):
-        assert draw_frames(make_plans(), 50.0, 1000) == [3, 1]
+        draw_frames(make_plans(), 50.0, 1000)
     assert caplog.text.count("no better plan") == 1
 
 
@@ -109,6 +137,25 @@ def test_budget_when_frames_become_fast_again_is_used_fully() -> None:
     plans = make_plans()
     assert draw_frames(plans, 2.0, 100) == [3, 2]
     assert draw_frames(plans, 0.9, 1000) == [2, 3]
+
+
+def test_wait_for_headroom_doubles_after_a_mistake() -> None:
+    plans = make_plans()
+    assert draw_frames(plans, 0.5, WINDOW_FRAMES + HYSTERESIS_FRAMES + 1) == [3, 4]
+    # The new plan turns out too slow.
+    assert draw_frames(plans, 1.0, WINDOW_FRAMES + 1) == [4, 3]
+    assert draw_frames(plans, 0.5, 2 * HYSTERESIS_FRAMES) == [3]
+    assert draw_frames(plans, 0.5, WINDOW_FRAMES) == [3, 4]
+
+
+def test_stages_that_no_calibration_has_are_added_to_what_others_are_predicted_to_take() -> None:
+    plans, spec = make_plans(), make_spec(15.0)
+    for _ in range(WINDOW_FRAMES):
+        frame_plan = plans.decide(spec, CAMERA_STATE)
+        plans.record(frame_plan, RenderedImage(NO_PIXELS, {"trace": 9.0, "effects": 2.0}), 11.0)
+    faster = plans.find_state(spec).choice.faster
+    assert faster is not None
+    assert faster.predicted_ms == pytest.approx(4.0 + 2.0)
 
 
 @pytest.mark.parametrize("spec", [make_spec(), BUDGETED])
@@ -183,7 +230,7 @@ def choose(samples: int) -> PlanChoice:
 def test_text_and_bounds_follow_the_choice() -> None:
     first, second = choose(1), choose(3)
     spec = OmniCameraSpec(SMALL, SETTINGS)
-    planned = CameraPlan(spec, first.plan, BudgetMonitor(0.0), first)
+    planned = CameraPlan(spec, first.plan, first)
     assert planned.plan_text == str(first.plan)
     assert planned.view_key == (SMALL, replace(first.plan, reason=""))
     planned.set_choice(second)
@@ -197,7 +244,7 @@ def test_text_and_bounds_follow_the_choice() -> None:
 def test_frame_has_the_bound_of_its_plan_and_of_its_scene() -> None:
     choice = choose(2)
     assert choice.bound is not None
-    planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, BudgetMonitor(0.0), choice)
+    planned = CameraPlan(OmniCameraSpec(SMALL, SETTINGS), choice.plan, choice)
     for angle_rad in (1e-3, 4e-3):
         assert planned.bound_frame(angle_rad)
         assert not planned.bound_frame(angle_rad), "the same scene changes nothing"
@@ -215,7 +262,7 @@ def test_target_that_the_scene_exceeds_is_not_met() -> None:
     assert choice.bound is not None
     target = AccuracyTarget(max_error_px=choice.bound.outline_error_px + 0.1)
     spec = OmniCameraSpec(SMALL, replace(SETTINGS, accuracy_target=target))
-    planned = CameraPlan(spec, choice.plan, BudgetMonitor(0.0), choice)
+    planned = CameraPlan(spec, choice.plan, choice)
     px_per_rad = compute_image_scale(SMALL).max_px_per_rad
     for scene_px, is_met in ((0.05, True), (0.2, False), (0.01, True)):
         planned.bound_frame(scene_px / px_per_rad)
@@ -225,7 +272,33 @@ def test_target_that_the_scene_exceeds_is_not_met() -> None:
 
 def test_lens_has_no_bounds() -> None:
     plan = plan_perspective_view(2, kind=RendererKind.TRACE, reason="test")
-    planned = CameraPlan(
-        PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)), plan, BudgetMonitor(0.0)
-    )
+    planned = CameraPlan(PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)), plan)
     assert (planned.plan_text, planned.bounds) == (str(plan), None)
+
+
+BALL = make_camera(SphericalMirror(0.03, 0.2), 90)
+AUTO = OmniCameraSpec(BALL, RenderSettings(central_error_px=0.25))
+
+
+@pytest.mark.parametrize(
+    ("spec", "is_approximated"),
+    [
+        (AUTO, True),
+        (OmniCameraSpec(BALL, RenderSettings()), False),
+        # A tolerance would be used up by the bound of the approximation.
+        (
+            replace(
+                AUTO,
+                render_settings=replace(AUTO.render_settings, accuracy_target=AccuracyTarget(0.5)),
+            ),
+            False,
+        ),
+        (OmniCameraSpec(SMALL, RenderSettings(central_error_px=0.25)), False),
+    ],
+)
+def test_only_auto_draws_far_scenes_from_one_viewpoint(
+    spec: OmniCameraSpec, is_approximated: bool
+) -> None:
+    frame_plan = make_plans().decide(spec, CAMERA_STATE)
+    assert frame_plan.camera.camera.is_approximated is is_approximated  # type: ignore[union-attr] # a mirror
+    assert frame_plan.requested is spec

@@ -15,17 +15,17 @@ from catoptra_protocol.usarsim.commands import Drive, Init, SetCommand, SetViewp
 from catoptra_protocol.usarsim.reports import CameraConfiguration, Report, VehicleStatus
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.scene.self_view import SelfView
-from catoptra_server.frames.frame import IMAGE_PORT, ImagePortChannel
+from catoptra_server.frames.frame import IMAGE_PORT, ImagePortChannel, ViewRequest
 from catoptra_server.frames.image_port import (
     CameraRobot,
-    MountedCamera,
     VisibleObjects,
+    compose_camera_frame,
     mounted_camera_state,
 )
 from catoptra_server.frames.multi_view import Tile, TileLayout, multi_view_layout
 from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.simulation import Fleet
-from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot import CameraSensor, Robot
 from catoptra_server.simulation.robot_description import (
     Mount,
     PerspectiveCameraDescription,
@@ -74,14 +74,21 @@ def test_twist_when_the_camera_is_off_the_axis_of_a_turn_has_the_lever_s_velocit
     assert state.twist.angular_rad_s == (0.0, 0.0, 0.5)
 
 
+def request_view(robot: Robot, camera: CameraSensor) -> ViewRequest:
+    """View of a camera of its own size."""
+    (view,) = compose_camera_frame(robot, camera, visible_objects).views
+    assert view is not None
+    return view
+
+
 def test_view_when_requested_has_the_state_of_camera_and_robot() -> None:
     robot = make_robot()
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)
     scene = build_scene(make_walled_world())
     robot.step(0.02, 0.02, build_obstacle_grid(scene, low_m=0.1, high_m=0.5))
-    request = MountedCamera(robot, robot.omni_cameras[0]).request_view(TILE, visible_objects)
+    request = request_view(robot, robot.omni_cameras[0])
     state = request.camera_state
-    assert request.camera == robot.omni_cameras[0].camera_spec(TILE)
+    assert request.camera == robot.omni_cameras[0].camera_spec()
     expected = robot.world_from_robot @ robot.omni_cameras[0].robot_from_camera({})
     np.testing.assert_array_equal(state.world_from_mirror.translation, expected.translation)
     assert state.noise_seed == robot.noise_seed_for(robot.omni_cameras[0].name)
@@ -91,10 +98,7 @@ def test_view_when_requested_has_the_state_of_camera_and_robot() -> None:
 
 def test_ego_body_when_the_camera_has_no_mirror_is_left_out() -> None:
     robot = make_robot()
-    views = [
-        MountedCamera(robot, camera).request_view(TILE, visible_objects)
-        for camera in robot.all_cameras
-    ]
+    views = [request_view(robot, camera) for camera in robot.all_cameras]
     is_omni = [isinstance(view.camera, OmniCameraSpec) for view in views]
     assert is_omni == [True, False]
     assert [view.camera_state.ego_body is EGO_BODY for view in views] == is_omni

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+from collections.abc import Collection, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
+from types import SimpleNamespace
+from unittest.mock import ANY
 
 import pytest
 
@@ -29,10 +32,8 @@ from catoptra_server.frames.frame_plan import ViewState
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.frames.plan.camera import CameraVariant, OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.frames.render_thread import (
-    ChannelBackoff,
     PlanFailure,
     RenderThread,
-    max_bounds,
     render_frame,
 )
 from catoptra_server.frames.views import RenderedView, ViewFailedError
@@ -311,45 +312,67 @@ def test_channels_of_one_camera_share_one_account() -> None:
     assert [frame.channel for frame in store.frames] == [channels[0], channels[3], *channels[1:3]]
 
 
-CAMERA_CHANNEL_BACKOFF = CameraChannel("R", "")
+def find_attempts(times_s: Sequence[float], works_at: Collection[float] = ()) -> list[float]:
+    """Times at which a requested channel is rendered; it fails except at some of them."""
+    tried, remaining = list[float](), list(times_s)
+    clock = SimpleNamespace(now_s=remaining.pop(0))
 
+    class Views(FakeViewProvider):
+        def render(self, request: ViewRequest) -> RenderedView:
+            tried.append(clock.now_s)
+            if clock.now_s not in works_at:
+                raise ViewFailedError("broken")
+            return super().render(request)
 
-class _Clock:
-    now_s = 0.0
+    class Sink:
+        def put(self, frame: Frame) -> None:
+            if remaining:
+                clock.now_s = remaining.pop(0)
+                render_thread.submit(make_request(VIEW))
+            else:
+                render_thread.stop()
 
-    def __call__(self) -> float:
-        return self.now_s
+        def fail_frame(self, channel: Channel, reason: str) -> None:
+            assert reason == "broken"
+            self.put(ANY)
+
+    render_thread = RenderThread(Sink(), monotonic=lambda: clock.now_s)
+    render_thread.submit(make_request(VIEW))
+    render_thread.run(Views, lambda: None)
+    return tried
 
 
 def test_channel_when_failing_is_paused_for_longer_and_longer() -> None:
-    clock = _Clock()
-    backoff = ChannelBackoff(clock)
+    expected, during, now_s = [0.0], list[float](), 0.0
     for pause_s in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0):
-        assert backoff.find_reason(CAMERA_CHANNEL_BACKOFF) == ""
-        backoff.record_failure(CAMERA_CHANNEL_BACKOFF, "broken")
-        clock.now_s += pause_s - 0.001
-        assert backoff.find_reason(CAMERA_CHANNEL_BACKOFF) == "broken"
-        assert backoff.find_reason(IMAGE_PORT) == ""
-        clock.now_s += 0.002
+        during.append(now_s + pause_s - 0.001)
+        now_s += pause_s + 0.001
+        expected.append(now_s)
+    assert find_attempts(sorted([*expected, *during])) == expected
 
 
 def test_channel_after_a_success_begins_anew() -> None:
-    clock = _Clock()
-    backoff = ChannelBackoff(clock)
-    backoff.record_failure(CAMERA_CHANNEL_BACKOFF, "broken")
-    backoff.record_failure(CAMERA_CHANNEL_BACKOFF, "broken")
-    backoff.record_success(CAMERA_CHANNEL_BACKOFF)
-    assert backoff.find_reason(CAMERA_CHANNEL_BACKOFF) == ""
-    backoff.record_failure(CAMERA_CHANNEL_BACKOFF, "broken")
-    clock.now_s = 1.001
-    assert backoff.find_reason(CAMERA_CHANNEL_BACKOFF) == ""
+    times_s = [0.0, 1.1, 3.2, 3.3, 4.4]
+    assert find_attempts(times_s, works_at=[3.2]) == times_s
 
 
-def test_pauses_of_many_channels_are_limited() -> None:
-    backoff = ChannelBackoff(_Clock())
-    for number in range(1000):
-        backoff.record_failure(CameraChannel("R", str(number)), "no camera")
-    assert len(backoff._pauses) == 64
+@pytest.mark.parametrize(("others", "attempts"), [(63, 64), (64, 66)])
+def test_pauses_of_many_channels_are_limited(others: int, attempts: int) -> None:
+    """The oldest of more than 64 is forgotten: its channel is tried again."""
+    render_thread, store = make_render_thread(stop_after=others + 2)
+    tried = list[ViewRequest]()
+
+    class Views(FakeViewProvider):
+        def render(self, request: ViewRequest) -> RenderedView:
+            tried.append(request)
+            raise ViewFailedError("no camera")
+
+    for number in (*range(others + 1), 0):
+        channel = CameraChannel("R", str(number))
+        render_thread.submit(dataclasses.replace(make_request(VIEW), channel=channel))
+    render_thread.run(Views, lambda: None)
+    assert len(tried) == attempts
+    assert len(store.rejections) == others + 2
 
 
 BLOOMING = EffectDecision("Blooming", False, 0.0, 0.5, "dim")
@@ -433,12 +456,14 @@ def test_frame_when_one_view_has_no_bound_has_none() -> None:
 
 
 def test_bounds_of_several_views_are_the_largest_of_each() -> None:
-    plans = (RenderSettings(samples=1), RenderSettings(samples=4))
+    specs = [OmniCameraSpec(CAMERA.camera, RenderSettings(samples=samples)) for samples in (4, 1)]
+    layout = multi_view_layout(2, 1, width_px=8, height_px=6)
     views = FakeViewProvider()
-    one, four = (views.error_bound(OmniCameraSpec(CAMERA.camera, settings)) for settings in plans)
-    assert one is not None
-    assert four is not None
-    assert max_bounds([four.as_dict(), one.as_dict()]) == one.as_dict()
+    requests = [ViewRequest(spec, CameraState(Pose.identity())) for spec in specs]
+    frame = render_frame(make_request(*requests, layout=layout), views, monotonic=lambda: 0.0)
+    coarse = views.error_bound(specs[1])
+    assert coarse is not None
+    assert frame.error_bounds == coarse.as_dict()
 
 
 def test_frame_with_a_reference_shows_the_difference_and_has_the_view_s_own_numbers() -> None:

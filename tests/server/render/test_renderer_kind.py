@@ -11,8 +11,8 @@ import pytest
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import create_ray_caster, read_startup_config
-from catoptra_server.frames.plan import renderers as renderer_choice
-from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames import renderers as renderer_choice
+from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.render.raster import device as gl_device
 from catoptra_server.render.renderer_kind import (
     RENDERER_NAMES,

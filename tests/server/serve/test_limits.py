@@ -1,12 +1,4 @@
-"""Numbers of connections under limits of open files.
-
-Parts of the event loop's time, by a clock of the test.
-
-Calls to the loop from other threads: all, in order, with few wake-ups.
-
-Warning of ports that other machines can reach.
-
-Listening sockets, and accepting without free descriptors."""
+"""Limits of connections, of their time on the event loop, and of their acceptance."""
 
 from __future__ import annotations
 

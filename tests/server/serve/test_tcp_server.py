@@ -1,6 +1,4 @@
-"""Port and connections end together, whatever the peers do.
-
-One connection over a socket pair of the loopback."""
+"""Port and connections end together, whatever the peers do."""
 
 from __future__ import annotations
 

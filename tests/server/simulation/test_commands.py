@@ -34,11 +34,9 @@ from catoptra_protocol.usarsim.reports import (
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.render.render_settings import AccuracyTarget
 from catoptra_server.simulation.commands import (
-    ControlCommand,
     execute_control,
     execute_get_conf,
     execute_get_geo,
-    execute_set,
 )
 from catoptra_server.simulation.events import RejectedError
 from catoptra_server.simulation.fleet import Fleet
@@ -81,7 +79,7 @@ def drive_robot() -> Robot:
 
 
 def execute(robot: Robot, command: SetCommand) -> str:
-    reports = execute_set(robot, command, robot.sensor_context(1.0))
+    reports = execute_control(robot, command, 1.0, lambda: EMPTY_ENVIRONMENT)
     return b"".join(map(line_from_report, reports)).decode().replace("1.0000", "1.00")
 
 
@@ -290,7 +288,7 @@ def test_drive_sets_the_wheels_and_reports_nothing() -> None:
 
 
 def test_trace_is_accepted_without_a_reply() -> None:
-    command: ControlCommand = Trace(True, 1.0, "Red")
+    command = Trace(True, 1.0, "Red")
     assert execute_control(make_robot(), command, 0.0, refuse_to_sense) == []
 
 

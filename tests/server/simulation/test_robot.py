@@ -43,7 +43,7 @@ from catoptra_server.simulation.joint_chain import (
     LinkDescription,
     MissionPackageDescription,
 )
-from catoptra_server.simulation.robot import ReportSchedule, Robot
+from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.robot_description import (
     Mount,
     PerspectiveCameraDescription,
@@ -53,7 +53,7 @@ from catoptra_server.simulation.robot_description import (
 from catoptra_server.world.obstacle_grid import build_obstacle_grid
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import AT_REST
-from helpers.robots import ENCODER, ODOMETRY, FakeClient, make_p2at, make_walled_world
+from helpers.robots import ENCODER, GROUND_TRUTH, ODOMETRY, FakeClient, make_p2at, make_walled_world
 
 NO_OBSTACLES = build_obstacle_grid(build_scene(make_walled_world()), low_m=0.03, high_m=1.0)
 TICK_S = 0.02
@@ -314,22 +314,29 @@ def test_twist_of_a_robot_is_its_true_motion() -> None:
     assert robot.twist == AT_REST
 
 
-def test_reporters_when_just_made_are_due_at_once_and_then_by_their_periods() -> None:
-    schedule = ReportSchedule([0.2, 0.5], 1.0)
-    times = [1.0, 1.1, 1.2, 1.4, 1.5]
-    assert [schedule.pop_due(t) for t in times] == [[0, 1], [], [0], [0], [1]]
+def due_reports(robot: Robot, *times_s: float) -> list[list[type]]:
+    return [[type(report) for report in robot.read_due(time_s)] for time_s in times_s]
+
+
+def test_reports_are_due_at_once_and_then_by_their_periods() -> None:
+    sensors = (
+        dataclasses.replace(ODOMETRY, interval_s=0.2),
+        dataclasses.replace(GROUND_TRUTH, interval_s=0.5),
+    )
+    robot = spawn(make_p2at(sensors=sensors, status_interval_s=9.0), time_s=1.0)
+    odometry, truth = OdometryReading, GroundTruthReading
+    found = due_reports(robot, 1.0, 1.1, 1.2, 1.4, 1.5)
+    assert found == [[odometry, truth, VehicleStatus], [], [odometry], [odometry], [truth]]
 
 
 def test_period_when_ticks_are_coarse_keeps_its_mean() -> None:
-    schedule = ReportSchedule([0.05], 0.0)
-    assert sum(bool(schedule.pop_due(0.02 * tick)) for tick in range(500)) == 200
+    robot = spawn(make_p2at(sensors=(), status_interval_s=0.05))
+    assert sum(map(len, due_reports(robot, *(0.02 * tick for tick in range(500))))) == 200
 
 
-def test_reporter_when_time_jumped_does_not_catch_up() -> None:
-    schedule = ReportSchedule([0.2], 0.0)
-    assert schedule.pop_due(10.0) == [0]
-    assert schedule.pop_due(10.02) == [0]
-    assert schedule.pop_due(10.04) == []
+def test_report_when_time_jumped_does_not_catch_up() -> None:
+    robot = spawn(make_p2at(sensors=(), status_interval_s=0.2))
+    assert due_reports(robot, 10.0, 10.02, 10.04) == [[VehicleStatus], [VehicleStatus], []]
 
 
 def make_fleet() -> Fleet:

@@ -38,7 +38,7 @@ from catoptra_server.frames.plan.camera import (
 )
 from catoptra_server.frames.plan.costs import CostCache, default_cache_folder
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import RenderedView, ViewCache
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.runtime.options import CommandParser

@@ -51,8 +51,8 @@ from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.costs import CostCache, default_cache_folder
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.render_thread import RenderThread
+from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import AUTO
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES, MIB

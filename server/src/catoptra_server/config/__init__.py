@@ -1,8 +1,8 @@
 """Configuration: from the text of ini files to frozen descriptions in SI units.
 
 Bottom to top: `unreal_ini` is the grammar, `section_reader` typed values with located errors,
-`ini_file` one file with the files it is based on. `robot_file`, `world_file` and `server_file` give
-the keys their meaning; each list of a robot's section has a reader of its own (`sensor_readers`,
-`perspective_camera_items`, `mission_package_items`, `joint_parts`, `omni_camera_section`). Unreal
+`ini_file` one file with the files it is based on. `robot_file`, `world_file`, `camera_file` and
+`server_file` give the keys their meaning; the lists of a robot's section are read by
+`mirror_camera`, `robot_cameras` and `robot_parts`. `startup` reads all files of a server. Unreal
 units and degrees end here.
 """

@@ -1,23 +1,15 @@
-"""Mounts of the items of a robot's section, in SI units whatever the file's units.
+"""What the sections of all cameras share: mount, image, samples, accuracy, effects and memory.
 
-What the sections of all omnidirectional cameras have: image, samples, accuracy, memory.
-
-Texture clients of an omnidirectional camera, a section each.
-
-Effects of a camera's section: a mode for each, and their parameters.
-
-The keys are those of EFFECT_TYPES in `effects/`: `ShotNoise=auto` is a mode, `FullWell=18000` a
-parameter that several effects share. An effect without a mode is neither simulated nor reported.
-The keys are the same for a capture camera and for a perspective one, which has no mirror.
+Mounts are in SI units whatever the units of the file. The keys of effects are those of EFFECT_TYPES
+in `effects/`: `ShotNoise=auto` is a mode, `FullWell=18000` a parameter that several effects share.
+An effect without a mode is neither simulated nor reported. The keys are the same for cameras with a
+mirror and without; the latter reject effects of mirrors.
 """
 
 from __future__ import annotations
 
-import logging
-import math
 from collections.abc import Sequence
 
-from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
 from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
@@ -34,13 +26,16 @@ from catoptra_server.effects.effect import (
 from catoptra_server.frames.plan.plans import omni_view_size, requested_samples
 from catoptra_server.render.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.runtime.memory import MemoryBudget
-from catoptra_server.simulation.robot_description import Mount, OmniCameraDescription, TextureClient
-
-log = logging.getLogger(__name__)
-
+from catoptra_server.simulation.robot_description import Mount, OmniCameraDescription
 
 # The largest body that a file may describe.
 _MAX_OFFSET_M = 100.0
+MAX_SIDE_PX = 8192
+"""8192^2 raw pixels are 201 MB for a frame; the largest texture of OpenGL devices is not far
+above."""
+_MODES = [mode.value for mode in EffectMode]
+_BASES = [basis.value for basis in DecisionBasis]
+_DEFAULT_BASIS = DecisionBasis.MEASURED.value
 
 
 def read_mount(robot: SectionReader, item: SectionReader, key: str = "Position") -> Mount:
@@ -78,9 +73,13 @@ def require_on_robot(item: SectionReader, key: str, position_m: Vector) -> None:
         raise item.make_error(key, expected=f"a position within {_MAX_OFFSET_M:g} m of its parent")
 
 
-MAX_SIDE_PX = 8192
-"""8192^2 raw pixels are 201 MB for a frame; the largest texture of OpenGL devices is not far
-above."""
+def read_size(section: SectionReader, width_px: int, height_px: int) -> tuple[int, int]:
+    """Width and height of a camera's images in pixels, with their defaults."""
+    width, height = (
+        section.get_int(key, default, min_value=1, max_value=MAX_SIDE_PX)
+        for key, default in (("ResolutionX", width_px), ("ResolutionY", height_px))
+    )
+    return width, height
 
 
 def read_picture(section: SectionReader, default: Picture) -> Picture:
@@ -123,55 +122,19 @@ def read_render_settings(
     )
 
 
-def reserve_view(omni: OmniCameraDescription, section: SectionReader, memory: MemoryBudget) -> None:
+def reserve_view(file: IniFile, section: SectionReader, omni: OmniCameraDescription) -> None:
     """Raise ConfigError for a view that would take too much memory, before any is taken."""
     camera, settings = omni.camera, omni.render_settings
     size = omni_view_size(camera, settings, has_effects=bool(omni.effects.settings))
     samples = requested_samples(settings)
     faces = f", faces of {settings.face_size_px} px" if settings.face_size_px else ""
-    memory.reserve(
+    MemoryBudget(file.view_limit_bytes).reserve(
         size.num_bytes,
         where=section.find_location("ResolutionX"),
         key=f"{section.name}.ResolutionX",
         value=f"{camera.width_px} x {camera.height_px} px, Samples={samples}{faces}",
         remedy="fewer pixels, Samples, or texels (TextureSize, FaceSamples)",
     )
-
-
-def read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
-    """Texture clients N, E, S, W, C, as USARSim spawns them, and U where the file has one."""
-    names = {face: f"USARBot.USARCameraTextureClient{face.name}" for face in Face}
-    missing = [n for face, n in names.items() if face is not Face.U and not file.has_section(n)]
-    if missing:
-        log.warning(
-            "%s: no section %s: a texture client renders one side of what the mirror shows; it is "
-            "served with FOV=90 and TextureSize=0; add the section with these lines to state them",
-            file.path,
-            ", ".join(f"[{name}]" for name in missing),
-        )
-    clients = []
-    for face in Face:
-        section = file.get_section(names[face])
-        if face is Face.U and not file.has_section(section.name):
-            continue
-        # USARSim's key; another value than 90 leaves gaps between the faces or lets them overlap.
-        fov = section.get_float("FOV", 90.0)
-        if abs(fov - 90.0) > 1e-6:
-            raise section.make_error("FOV", expected="90: the faces of a cube")
-        clients.append(
-            TextureClient(
-                face=face,
-                texture=section.get_str("DestTexture", f"OmniCam{face.name}"),
-                fov_rad=math.radians(fov),
-                size_px=section.get_int("TextureSize", 0, max_value=MAX_SIDE_PX),
-            )
-        )
-    return tuple(clients)
-
-
-_MODES = [mode.value for mode in EffectMode]
-_BASES = [basis.value for basis in DecisionBasis]
-_DEFAULT_BASIS = DecisionBasis.MEASURED.value
 
 
 def read_effect_settings(section: SectionReader, *, has_viewpoint: bool = True) -> EffectSettings:
@@ -222,12 +185,6 @@ def _read_effect_settings(section: SectionReader, kinds: Sequence[EffectType]) -
     )
 
 
-def _read_threshold_px(section: SectionReader) -> float | None:
-    if not section.has_key("EffectThresholdPx"):
-        return None
-    return section.get_float("EffectThresholdPx", min_value=0.0, max_value=1000.0)
-
-
 def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSetting | None:
     """Setting of one effect; None without a mode."""
     # Read even without a mode: a typing error is found before the effect is switched on, and a
@@ -244,3 +201,9 @@ def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSett
     if fault:
         raise section.make_error(fault.key, expected=fault.expected)
     return EffectSetting(effect, EffectMode(mode))
+
+
+def _read_threshold_px(section: SectionReader) -> float | None:
+    if not section.has_key("EffectThresholdPx"):
+        return None
+    return section.get_float("EffectThresholdPx", min_value=0.0, max_value=1000.0)

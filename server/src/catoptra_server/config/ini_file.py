@@ -1,4 +1,8 @@
-"""An ini file with the files it is based on: one reader for each section name."""
+"""An ini file with the files it is based on: one reader for each section name.
+
+Bases are read first, and each file overrides those it is based on, line by line. What no reader
+has read afterwards is an unknown name.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +12,25 @@ from catoptra_protocol.errors import SourceLocation
 from catoptra_server.config.known_names import FileKind, UnknownName, is_own_section, suggest_name
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import Section, read_sections
+from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 
 # Robots of UDK are five files deep. Each further file is read at start as a whole.
-MAX_BASE_FILES = 16
-
+_MAX_BASE_FILES = 16
 # Names of sections begin alike: [USARBot.SICKLMS] is no misspelt [USARBot.SICKLMS200].
 _MIN_SIMILARITY = 0.9
-
 _Sections = dict[str, SectionReader]  # by lower-case name
 
 
 class IniFile:
     """Sections of a file and of the files it is based on, merged by name regardless of case."""
 
-    def __init__(self, path: Path, kind: FileKind = "robots") -> None:
+    def __init__(
+        self,
+        path: Path,
+        kind: FileKind = "robots",
+        *,
+        view_limit_bytes: int = DEFAULT_LIMIT_BYTES,
+    ) -> None:
         """Read the file and the files it is based on ([Configuration] BasedOn=, as in UDK).
 
         Several BasedOn= are read in their order: a robot, then the camera that it gets.
@@ -29,12 +38,14 @@ class IniFile:
         Args:
             path: the file.
             kind: kind of bundled files that it may be based on by their name alone.
+            view_limit_bytes: memory that the view of each camera in the file may take.
 
         Raises:
             ConfigError: for an unreadable file, a line outside the grammar, files that are based on
-                each other, or more than MAX_BASE_FILES of them.
+                each other, or more than _MAX_BASE_FILES of them.
         """
         self.path = path
+        self.view_limit_bytes = view_limit_bytes
         self._sections: _Sections = {}
         self._absent: dict[str, str] = {}  # names of requested sections, by lower-case name
         seen = {path.resolve()}
@@ -121,9 +132,9 @@ def _collect_files(
             # Read once: a base that two files share would else undo what the first has changed.
             if base.resolve() in seen:
                 continue
-            if len(seen) > MAX_BASE_FILES:
+            if len(seen) > _MAX_BASE_FILES:
                 raise configuration.make_error(
-                    "BasedOn", expected=f"at most {MAX_BASE_FILES} files below the first"
+                    "BasedOn", expected=f"at most {_MAX_BASE_FILES} files below the first"
                 )
             seen.add(base.resolve())
             _collect_files(base, kind, dependents, seen, files)

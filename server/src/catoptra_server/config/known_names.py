@@ -1,11 +1,12 @@
-"""Keys and sections that no reader has read, with the name that was probably meant.
+"""Names that a file or a user may have meant: keys and sections that nothing reads, bundled files.
 
 A misspelt name is the commonest mistake in a configuration, and a silent default the hardest to
 find. In sections of this program (`[Catoptra.*]`) an unknown name is an error. Sections of USARSim
 and of its engine carry keys that have no meaning here: there it is a warning, unless the user wants
 all of them reported as errors.
 
-Configurations bundled with the server, found by name: `p2at_omni` is robots/p2at_omni.ini.
+Configurations ship by link: `configs` beside this package is a link to the repository's folder, so
+that one copy exists, and a folder of real files in a wheel. `p2at_omni` is robots/p2at_omni.ini.
 """
 
 from __future__ import annotations
@@ -20,11 +21,20 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.slotted_dataclass import dataclass
 
 log = logging.getLogger(__name__)
-
-
+BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
 _OWN_PACKAGE = "catoptra"
+FileKind = Literal["robots", "worlds", "landmarks", "cameras", "datasets"]
+_SUFFIXES = {
+    "robots": ".ini",
+    "worlds": ".ini",
+    "landmarks": ".csv",
+    "cameras": ".ini",
+    "datasets": ".ini",
+}
 # Ratio of equal characters, of difflib: one wrong letter of four, two swapped ones of seven.
 _MIN_SIMILARITY = 0.7
+# Files of a folder share their suffix: none.glb (0.71) is no misspelt ok.glb.
+_MIN_FILE_SIMILARITY = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,18 +78,6 @@ class UnknownName:
         )
 
 
-def is_own_section(name: str) -> bool:
-    """Whether a section is one of this program, not of USARSim."""
-    return name.partition(".")[0].lower() == _OWN_PACKAGE
-
-
-def suggest_name(name: str, known: Iterable[str], min_similarity: float = _MIN_SIMILARITY) -> str:
-    """Known name that is most similar to a misspelt one, regardless of case; empty for none."""
-    by_lower_case = {one.lower(): one for one in known}
-    found = difflib.get_close_matches(name.lower(), by_lower_case, 1, min_similarity)
-    return by_lower_case[found[0]] if found else ""
-
-
 def report_unknown_names(names: Iterable[UnknownName], *, is_strict: bool = False) -> None:
     """Log unknown names of USARSim's sections, and raise an error for one in our own.
 
@@ -96,20 +94,47 @@ def report_unknown_names(names: Iterable[UnknownName], *, is_strict: bool = Fals
         log.warning("%s: %s", name.where, name.describe())
 
 
-# In the repository a link to configs/, so that one copy exists; in a wheel a folder of real files.
-BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
+def is_own_section(name: str) -> bool:
+    """Whether a section is one of this program, not of USARSim."""
+    return name.partition(".")[0].lower() == _OWN_PACKAGE
 
-# Files of a folder share their suffix: none.glb (0.71) is no misspelt ok.glb.
-_MIN_FILE_SIMILARITY = 0.8
 
-FileKind = Literal["robots", "worlds", "landmarks", "cameras", "datasets"]
-_SUFFIXES = {
-    "robots": ".ini",
-    "worlds": ".ini",
-    "landmarks": ".csv",
-    "cameras": ".ini",
-    "datasets": ".ini",
-}
+def suggest_name(name: str, known: Iterable[str], min_similarity: float = _MIN_SIMILARITY) -> str:
+    """Known name that is most similar to a misspelt one, regardless of case; empty for none."""
+    by_lower_case = {one.lower(): one for one in known}
+    found = difflib.get_close_matches(name.lower(), by_lower_case, 1, min_similarity)
+    return by_lower_case[found[0]] if found else ""
+
+
+def find_configuration(kind: FileKind, path_or_name: str) -> Path:
+    """Path of the configuration that a command line names.
+
+    Args:
+        kind: folder of the bundled files to search.
+        path_or_name: a path, or the bare name of a bundled file.
+
+    Returns:
+        The path, which need not exist: `read_sections` reports a missing file with its reason.
+
+    Raises:
+        ConfigError: if a bare name is neither a file nor bundled; the message lists the names.
+    """
+    path = Path(path_or_name)
+    # An existing file wins over a bundled name: a user's own `corridor` is never passed over.
+    if path.exists() or path.suffix or len(path.parts) > 1:
+        return path
+    bundled = {file.stem: file for file in bundled_files(kind)}
+    if path_or_name not in bundled:
+        names = ", ".join(bundled)
+        suggestion = suggest_name(path_or_name, bundled)
+        hint = f"; did you mean {suggestion}?" if suggestion else ""
+        raise ConfigError(
+            SourceLocation(path_or_name),
+            key="file",
+            value=path_or_name,
+            expected=f"an ini file, or one of the bundled {kind}: {names}{hint}",
+        )
+    return bundled[path_or_name]
 
 
 def bundled_files(kind: FileKind) -> tuple[Path, ...]:
@@ -146,34 +171,3 @@ def _list_files(folder: Path) -> list[str]:
         return sorted(entry.name for entry in folder.iterdir() if entry.is_file())
     except OSError:
         return []
-
-
-def find_configuration(kind: FileKind, path_or_name: str) -> Path:
-    """Path of the configuration that a command line names.
-
-    Args:
-        kind: folder of the bundled files to search.
-        path_or_name: a path, or the bare name of a bundled file.
-
-    Returns:
-        The path, which need not exist: `read_sections` reports a missing file with its reason.
-
-    Raises:
-        ConfigError: if a bare name is neither a file nor bundled; the message lists the names.
-    """
-    path = Path(path_or_name)
-    # An existing file wins over a bundled name: a user's own `corridor` is never passed over.
-    if path.exists() or path.suffix or len(path.parts) > 1:
-        return path
-    bundled = {file.stem: file for file in bundled_files(kind)}
-    if path_or_name not in bundled:
-        names = ", ".join(bundled)
-        suggestion = suggest_name(path_or_name, bundled)
-        hint = f"; did you mean {suggestion}?" if suggestion else ""
-        raise ConfigError(
-            SourceLocation(path_or_name),
-            key="file",
-            value=path_or_name,
-            expected=f"an ini file, or one of the bundled {kind}: {names}{hint}",
-        )
-    return bundled[path_or_name]

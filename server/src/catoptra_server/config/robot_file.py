@@ -1,10 +1,13 @@
 """Robot files: from the sections of a USARBot.ini to RobotDescriptions.
 
-A robot is a `[USARBot.X]` section with a SteeringType, or one of a class of USARSim itself: the
-original files leave wheels and dimensions to the class's source (`robot/standard_bases`). Sensors
-and cameras are classes with sections of their own. The lists of a robot's section are read by
-`sensor_readers`, `perspective_camera_items`, `mission_package_items`, `joint_parts` and
-`omni_camera_section`.
+A robot is a `[USARBot.X]` section with a SteeringType, or one of a class of USARSim itself, whose
+original files leave wheels and dimensions to the class's source
+(`simulation/drive.py:STANDARD_BASES`). Sensors and cameras are classes with sections of their own;
+`mirror_camera`, `robot_cameras` and `robot_parts` read the lists of the robot's section.
+
+The file describes the drive: slip and odometry errors are configuration, so that the two robots of
+the paper's experiment are files based on a third (`[Configuration] BasedOn=`, as in UDK). A section
+without a SteeringType has the base of its class.
 """
 
 from __future__ import annotations
@@ -15,10 +18,11 @@ from typing import TypedDict
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.mirrors_and_lenses import is_lens_camera, read_lens_camera
+from catoptra_server.config.mirror_camera import read_mirror_camera
 from catoptra_server.config.robot_cameras import (
+    is_lens_camera,
     is_perspective_camera,
-    read_omni_camera,
+    read_lens_camera,
     read_perspective_camera,
 )
 from catoptra_server.config.robot_parts import (
@@ -28,12 +32,7 @@ from catoptra_server.config.robot_parts import (
     read_sensor,
     report_unknown_class,
 )
-from catoptra_server.config.section_reader import (
-    WIRE_NAME_EXPECTED,
-    SectionReader,
-    Vector,
-    is_wire_name,
-)
+from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
 from catoptra_server.simulation.drive import STANDARD_BASES
 from catoptra_server.simulation.robot_description import DriveBase, RobotDescription
@@ -43,10 +42,10 @@ _ITEM_LISTS = ("Sensors", "AddParts")
 # A section with one of these describes a robot.
 _ROBOT_KEYS = (*_ITEM_LISTS, "Cameras", "CamTexActors", "MisPkgs", "JointParts", "batteryLife")
 # UT2004's file has 24 robots; the camera of each class is prepared at start.
-MAX_ROBOT_CLASSES = 256
+_MAX_ROBOT_CLASSES = 256
 # The longest list of a real file has 26 items. Each is a sensor in every tick, and hinges are
 # compared with each other.
-MAX_ITEMS = 256
+_MAX_ITEMS = 256
 
 
 def read_robot(path: Path) -> tuple[RobotDescription, IniFile]:
@@ -70,13 +69,13 @@ def read_robots(
     Raises:
         ConfigError: with file, line, key, value and the expected form.
     """
-    file = IniFile(path)
+    file = IniFile(path, view_limit_bytes=limit_bytes)
     sections = tuple(_find_robot_sections(file))
-    if len(sections) > MAX_ROBOT_CLASSES:
-        raise sections[MAX_ROBOT_CLASSES].make_error(
-            "SteeringType", expected=f"at most {MAX_ROBOT_CLASSES} robots in a file"
+    if len(sections) > _MAX_ROBOT_CLASSES:
+        raise sections[_MAX_ROBOT_CLASSES].make_error(
+            "SteeringType", expected=f"at most {_MAX_ROBOT_CLASSES} robots in a file"
         )
-    robots = tuple(_read_robot_section(file, section, limit_bytes) for section in sections)
+    robots = tuple(_read_robot_section(file, section) for section in sections)
     if not robots:
         is_world = file.has_section("Catoptra.World")
         raise ConfigError(
@@ -93,13 +92,9 @@ def _find_robot_sections(file: IniFile) -> Iterator[SectionReader]:
     """Yield the sections of the file's own robots, then those of the files it is based on."""
     sections = [file.get_section(name) for name in file.section_names()]
     for section in sorted(sections, key=lambda s: s.where.file != str(file.path)):
-        name = section.name
         if section.has_key("SteeringType") or _find_known_base(section) is not None:
             # Clients name the class in INIT and receive it in frame headers: it has to fit a line.
-            if not is_wire_name(name):
-                raise ConfigError(
-                    section.where, key="section", value=name, expected=WIRE_NAME_EXPECTED
-                )
+            section.require_wire_name()
             yield section
 
 
@@ -120,13 +115,11 @@ def _find_known_base(section: SectionReader) -> DriveBase | None:
     return STANDARD_BASES.get(model.lower()) if package.lower() == "usarbot" else None
 
 
-def _read_robot_section(
-    file: IniFile, section: SectionReader, limit_bytes: int
-) -> RobotDescription:
+def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescription:
     _require_few_items(section)
     _require_unique_names(section)
     items = [struct for key in _ITEM_LISTS for struct in section.get_structs(key)]
-    omni = read_omni_camera(file, section, limit_bytes=limit_bytes)
+    omni = read_mirror_camera(file, section)
     # The capture camera is in the list too, but as a part of the omnidirectional camera.
     camera_items = [
         s for s in section.get_structs("Cameras") if not omni or _item_name(s) != omni.name.lower()
@@ -144,13 +137,12 @@ def _read_robot_section(
         sensors=tuple(read_sensor(file, section, s) for s in items if is_sensor(s)),
         omni_cameras=(
             *([omni] if omni else []),
-            *(read_lens_camera(file, section, s, limit_bytes=limit_bytes) for s in lenses),
+            *(read_lens_camera(file, section, s) for s in lenses),
         ),
         status_interval_s=section.get_float("msgTimer", 0.2, min_value=0.01, max_value=60.0),
         battery_s=section.get_float("batteryLife", 1200.0, min_value=0.0),
         perspective_cameras=tuple(
-            read_perspective_camera(file, section, struct, limit_bytes=limit_bytes)
-            for struct in cameras
+            read_perspective_camera(file, section, struct) for struct in cameras
         ),
         mission_packages=read_mission_packages(file, section),
         chassis_joints=read_joint_parts(section),
@@ -161,8 +153,10 @@ def _read_robot_section(
 def _require_few_items(section: SectionReader) -> None:
     for key in (*_ITEM_LISTS, "Cameras", "MisPkgs", "JointParts"):
         items = section.get_structs(key)
-        if len(items) > MAX_ITEMS:
-            raise items[MAX_ITEMS].make_error(key, expected=f"at most {MAX_ITEMS} items in a list")
+        if len(items) > _MAX_ITEMS:
+            raise items[_MAX_ITEMS].make_error(
+                key, expected=f"at most {_MAX_ITEMS} items in a list"
+            )
 
 
 def _item_name(struct: SectionReader) -> str:

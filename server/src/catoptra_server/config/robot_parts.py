@@ -1,24 +1,19 @@
-"""One sensor item of a robot's section, together with the section of its class.
+"""Parts of a robot's section other than cameras: sensors, mission packages, joints of the chassis.
 
-Sensors of a robot's section: items of `Sensors=` (UT2004) and `AddParts=` (UDK).
+Sensors are items of `Sensors=` (UT2004) and `AddParts=` (UDK). The classes, by the last part of a
+class's name, are those of `SENSOR_KINDS` in `simulation/sensors`, each with a reader of its own.
+Parameters are in the section of the class; defaults are those of UDK's DefaultUSAR.ini.
 
-The classes, by the last part of a class's name, are those of `sensors.SENSOR_KINDS`; each kind has
-its own reader. Parameters are in the section of the class; defaults are those of UDK's
-DefaultUSAR.ini.
+Mission packages: `MisPkgs=(PkgName=..,Location=..,PkgClass=..)`. The class's section lists the
+joints, an extension of USARSim's form: `Links=(Name="CameraPan",Parent=-1,Position=..,Direction=..,
+MaxSpeed=..,MaxTorque=..,MinRange=..,MaxRange=..)`. USARSim has them in the class's source, so that
+STANDARD_PACKAGES describes the pan-tilt head of UT2004's robots.
 
-Joints of the chassis: hinges of `JointParts=`, the list from which UT2004 builds robots.
-
+Joints of the chassis are hinges of `JointParts=`, the list from which UT2004 builds robots:
 `JointParts=(PartName="FRFlipper",JointClass=class'KDHinge',Parent="..",ParentPos=..,ParentAxis=..)`.
-Hinges become joints that turn about ParentAxis with the robot's MotorSpeed and MotorTorque. Wheels
-(KCarWheelJoint) and parts of other classes are left out: the keys of the drive base describe them.
-Source: JointPart of KRobot.uc.
-
-Mission packages of a robot's section: `MisPkgs=(PkgName=..,Location=..,PkgClass=..)`.
-
-The class's section lists the joints, an extension of USARSim's form:
-`Links=(Name="CameraPan",Parent=-1,Position=..,Direction=..,MaxSpeed=..,MaxTorque=..,MinRange=..,
-MaxRange=..)`. USARSim has them in the class's source, so that STANDARD_PACKAGES describes the
-pan-tilt head of UT2004's robots.
+A hinge becomes a joint that turns about ParentAxis with the robot's MotorSpeed and MotorTorque.
+Wheels (KCarWheelJoint) and parts of other classes are left out: the keys of the drive base describe
+them. Source: JointPart of KRobot.uc.
 """
 
 from __future__ import annotations
@@ -45,10 +40,74 @@ from catoptra_server.simulation.robot_description import Mount, SensorDescriptio
 from catoptra_server.simulation.sensors import SENSOR_KINDS
 
 log = logging.getLogger(__name__)
+# Names of classes extend each other: RangeScanner3D (0.923) is no misspelt RangeScanner.
+_MIN_SIMILARITY = 0.925
+_READERS = {name: read for kind in SENSOR_KINDS for name, read in kind.readers.items()}
+_HINGE_CLASSES = ("kdhinge", "khinge")
+# Appearance, and how the engine fastens the part: without effect here, yet correct in a real file.
+_IGNORED_KEYS = (
+    "PartClass",
+    "DrawScale3D",
+    "bSteeringLocked",
+    "bSuspensionLocked",
+    "BrakeTorque",
+    "ParentAxis2",
+    "SelfPos",
+    "SelfAxis",
+    "SelfAxis2",
+)
+
+
+def is_sensor(item: SectionReader) -> bool:
+    """Whether an item's class is a sensor of _READERS."""
+    return item.get_class_name("ItemClass") in _READERS
+
+
+def read_sensor(file: IniFile, robot: SectionReader, struct: SectionReader) -> SensorDescription:
+    """Description of an item for which `is_sensor` holds."""
+    item = _SensorItem(
+        struct=struct,
+        name=struct.get_wire_name("ItemName"),
+        mount=read_mount(robot, struct),
+        section=file.get_section(struct.get_str("ItemClass")),
+    )
+    return _READERS[struct.get_class_name("ItemClass")](item)
+
+
+def report_unknown_class(item: SectionReader) -> None:
+    """Log a warning for an item of an unknown class, and none for each of its keys."""
+    suggestion = suggest_name(item.get_class_name("ItemClass"), _READERS, _MIN_SIMILARITY)
+    log.warning(
+        "%s: class %s is unknown: item %s has no effect%s",
+        item.where,
+        item.get_str("ItemClass"),
+        item.get_str("ItemName", "without a name"),
+        f"; did you mean {suggestion}?" if suggestion else "",
+    )
+    item.ignore_all()
+
+
+def read_mission_packages(
+    file: IniFile, robot: SectionReader
+) -> tuple[MissionPackageDescription, ...]:
+    """Packages with joints of a robot's section, in order; packages without joints are logged."""
+    packages = (_read_package(file, struct) for struct in robot.get_structs("MisPkgs"))
+    return tuple(package for package in packages if package is not None)
+
+
+def read_joint_parts(robot: SectionReader) -> MissionPackageDescription | None:
+    """Hinges of a robot's section as one chain of joints, in the list's order; None without any."""
+    parts = robot.get_structs("JointParts")
+    hinges = [part for part in parts if _is_hinge(part)]
+    if not hinges:
+        return None
+    _require_unique_names(hinges)
+    links = tuple(_read_link(robot, part, hinges[:number]) for number, part in enumerate(hinges))
+    return MissionPackageDescription("JointParts", links)
 
 
 @dataclass(frozen=True, slots=True)
-class SensorItem:
+class _SensorItem:
     """Input of a sensor's reader."""
 
     struct: SectionReader
@@ -78,82 +137,51 @@ class SensorItem:
         return self.section.get_bool("bWithTimeStamp", default)
 
 
-# Names of classes extend each other: RangeScanner3D (0.923) is no misspelt RangeScanner.
-_MIN_SIMILARITY = 0.925
+def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescription | None:
+    name, class_ = struct.get_wire_name("PkgName"), struct.get_str("PkgClass")
+    section = file.get_section(class_)
+    if section.has_key("Links"):
+        links = tuple(_read_package_link(link) for link in section.get_structs("Links"))
+    else:
+        standard = STANDARD_PACKAGES.get(struct.get_class_name("PkgClass"))
+        if standard is None:
+            # No warning: the omnidirectional camera's pillar, for one, is a package without joints.
+            log.info("%s: package %s of class %s has no joints", struct.where, name, class_)
+            return None
+        links = standard.links
+    # Location mounts the package as a whole, by the joint of its first link.
+    location = struct.get_vector("Location", links[0].position_m)
+    require_on_robot(struct, "Location", location)
+    return MissionPackageDescription(name, (replace(links[0], position_m=location), *links[1:]))
 
-_READERS = {name: read for kind in SENSOR_KINDS for name, read in kind.readers.items()}
 
-
-def item_class(item: SectionReader) -> str:
-    """Class of an item without its package, in lower case."""
-    return item.get_str("ItemClass").rpartition(".")[2].lower()
-
-
-def is_sensor(item: SectionReader) -> bool:
-    """Whether an item's class is a sensor of _READERS."""
-    return item_class(item) in _READERS
-
-
-def read_sensor(file: IniFile, robot: SectionReader, struct: SectionReader) -> SensorDescription:
-    """Description of an item for which `is_sensor` holds."""
-    item = SensorItem(
-        struct=struct,
-        name=struct.get_wire_name("ItemName"),
-        mount=read_mount(robot, struct),
-        section=file.get_section(struct.get_str("ItemClass")),
+def _read_package_link(link: SectionReader) -> LinkDescription:
+    position = link.get_vector("Position", (0.0, 0.0, 0.0))
+    require_on_robot(link, "Position", position)
+    return LinkDescription(
+        name=link.get_wire_name("Name"),
+        # -1 is the chassis; links are numbered from 1.
+        parent=int(link.get_float("Parent", -1.0, min_value=-1.0, max_value=64.0)),
+        position_m=position,
+        rotation_rad=link.get_vector("Direction", (0.0, 0.0, 0.0)),
+        max_speed_rad_s=link.get_float("MaxSpeed", 0.17, min_value=0.0, max_value=100.0),
+        max_torque=link.get_float("MaxTorque", 20.0, min_value=0.0),
+        # A minimum above the maximum means no limits, as USARSim's CONF lines print it.
+        min_rad=link.get_float("MinRange", 1.0),
+        max_rad=link.get_float("MaxRange", 0.0),
     )
-    return _READERS[item_class(struct)](item)
-
-
-def report_unknown_class(item: SectionReader) -> None:
-    """Log a warning for an item of an unknown class, and none for each of its keys."""
-    suggestion = suggest_name(item_class(item), _READERS, _MIN_SIMILARITY)
-    log.warning(
-        "%s: class %s is unknown: item %s has no effect%s",
-        item.where,
-        item.get_str("ItemClass"),
-        item.get_str("ItemName", "without a name"),
-        f"; did you mean {suggestion}?" if suggestion else "",
-    )
-    item.ignore_all()
-
-
-_HINGE_CLASSES = ("kdhinge", "khinge")
-# Appearance, and how the engine fastens the part: without effect here, yet correct in a real file.
-_IGNORED_KEYS = (
-    "PartClass",
-    "DrawScale3D",
-    "bSteeringLocked",
-    "bSuspensionLocked",
-    "BrakeTorque",
-    "ParentAxis2",
-    "SelfPos",
-    "SelfAxis",
-    "SelfAxis2",
-)
-
-
-def read_joint_parts(robot: SectionReader) -> MissionPackageDescription | None:
-    """Hinges of a robot's section as one chain of joints, in the list's order; None without any."""
-    parts = robot.get_structs("JointParts")
-    hinges = [part for part in parts if _is_hinge(part)]
-    if not hinges:
-        return None
-    _require_unique_names(hinges)
-    links = tuple(_read_link(robot, part, hinges[:number]) for number, part in enumerate(hinges))
-    return MissionPackageDescription("JointParts", links)
 
 
 def _is_hinge(part: SectionReader) -> bool:
     for key in _IGNORED_KEYS:
         part.get_str(key, "")
-    class_ = part.get_str("JointClass").rpartition(".")[2].lower()
-    if class_ not in _HINGE_CLASSES:
+    is_hinge = part.get_class_name("JointClass") in _HINGE_CLASSES
+    if not is_hinge:
         log.info(
             "%s: part %s is no hinge and gets no joint", part.where, part.get_str("PartName", "")
         )
         part.ignore_all()
-    return class_ in _HINGE_CLASSES
+    return is_hinge
 
 
 def _require_unique_names(parts: Sequence[SectionReader]) -> None:
@@ -213,46 +241,3 @@ def _rpy_from_axis(part: SectionReader) -> Vector:
         raise part.make_error("ParentAxis", expected="a direction that is not zero")
     # The rotation about the axis itself is free: roll 0 leaves the angle 0 along the chassis.
     return 0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)
-
-
-def read_mission_packages(
-    file: IniFile, robot: SectionReader
-) -> tuple[MissionPackageDescription, ...]:
-    """Packages with joints of a robot's section, in order; packages without joints are logged."""
-    packages = (_read_package(file, struct) for struct in robot.get_structs("MisPkgs"))
-    return tuple(package for package in packages if package is not None)
-
-
-def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescription | None:
-    name, class_ = struct.get_wire_name("PkgName"), struct.get_str("PkgClass")
-    section = file.get_section(class_)
-    if section.has_key("Links"):
-        links = tuple(_read_package_link(link) for link in section.get_structs("Links"))
-    else:
-        standard = STANDARD_PACKAGES.get(class_.rpartition(".")[2].lower())
-        if standard is None:
-            # No warning: the omnidirectional camera's pillar, for one, is a package without joints.
-            log.info("%s: package %s of class %s has no joints", struct.where, name, class_)
-            return None
-        links = standard.links
-    # Location mounts the package as a whole, by the joint of its first link.
-    location = struct.get_vector("Location", links[0].position_m)
-    require_on_robot(struct, "Location", location)
-    return MissionPackageDescription(name, (replace(links[0], position_m=location), *links[1:]))
-
-
-def _read_package_link(link: SectionReader) -> LinkDescription:
-    position = link.get_vector("Position", (0.0, 0.0, 0.0))
-    require_on_robot(link, "Position", position)
-    return LinkDescription(
-        name=link.get_wire_name("Name"),
-        # -1 is the chassis; links are numbered from 1.
-        parent=int(link.get_float("Parent", -1.0, min_value=-1.0, max_value=64.0)),
-        position_m=position,
-        rotation_rad=link.get_vector("Direction", (0.0, 0.0, 0.0)),
-        max_speed_rad_s=link.get_float("MaxSpeed", 0.17, min_value=0.0, max_value=100.0),
-        max_torque=link.get_float("MaxTorque", 20.0, min_value=0.0),
-        # A minimum above the maximum means no limits, as USARSim's CONF lines print it.
-        min_rad=link.get_float("MinRange", 1.0),
-        max_rad=link.get_float("MaxRange", 0.0),
-    )

@@ -6,14 +6,12 @@
     [USARBotAPI.MultiView]         CameraTileX, CameraTileY, CameraWidth, CameraHeight
 
 UDK has them in the file of its robots; a robot's file may have them here too. The time-outs, in
-seconds, are ours; they hold for both ports. A key that a file
-lacks is absent from its `ServerOptions`, so that the options of several sources can be layered.
+seconds, are ours; they hold for both ports. A missing key is absent from `ServerOptions`,
+so that the options of several sources can be layered.
 
-Memory of cameras that the image port renders at another size than their own.
-
-A tile or viewport has the size of the layout, whatever the camera's: a camera of 100 px with 16 x
-16 samples would take gigabytes in a tile of 2000 px. Clients switch viewports at any time, so all
-cameras are checked at start.
+A tile or viewport of the image port has the size of the layout, whatever the camera's own: a camera
+of 100 px with 16 x 16 samples would take gigabytes in a tile of 2000 px. Clients switch viewports
+at any time, so that the memory of all cameras is checked at start.
 """
 
 from __future__ import annotations
@@ -43,7 +41,6 @@ _BOT_SERVER = "USARBotAPI.BotServer"
 _IMAGE_SERVER = "USARBotAPI.UPISImageServer"
 _MULTI_VIEW = "USARBotAPI.MultiView"
 SERVER_SECTIONS = (_BOT_SERVER, _IMAGE_SERVER, _MULTI_VIEW)
-
 _MAX_PORT = 65535
 # One image a minute at 50 ticks a second: a larger number is taken for a typing error.
 MAX_FRAME_SKIP = 3000
@@ -122,6 +119,34 @@ def read_server_options(file: IniFile) -> ServerOptions:
     return options
 
 
+def require_tiles_fit(
+    robots: Sequence[RobotDescription],
+    layout: TileLayout | None,
+    *,
+    limit_bytes: int = DEFAULT_LIMIT_BYTES,
+) -> None:
+    """Check that each camera fits into memory at the sizes of tile and viewport.
+
+    Args:
+        robots: all robots.
+        layout: tiles of the image port; None for viewports, a quarter of the largest camera each.
+        limit_bytes: memory that a view may take.
+
+    Raises:
+        ConfigError: for the first camera that does not fit.
+    """
+    for robot in robots:
+        tile = layout.first_tile if layout else _viewport_tile(robot)
+        for name, size in _view_sizes(robot, tile):
+            MemoryBudget(limit_bytes).reserve(
+                size.num_bytes,
+                where=SourceLocation(robot.class_name),
+                key=name,
+                value=f"a tile of {tile.width_px} x {tile.height_px} px",
+                remedy="smaller tiles, or fewer Samples or texels of the camera",
+            )
+
+
 def _read_bot_server(section: SectionReader, options: ServerOptions) -> None:
     # An absent key stays absent: a default here would override the value of another source.
     if _has_key(section, "ListenPort"):
@@ -183,34 +208,6 @@ def _read_multi_view(section: SectionReader) -> TileLayout:
         raise section.make_error(
             "CameraTileX", expected=f"smaller or fewer tiles: {error}"
         ) from error
-
-
-def require_tiles_fit(
-    robots: Sequence[RobotDescription],
-    layout: TileLayout | None,
-    *,
-    limit_bytes: int = DEFAULT_LIMIT_BYTES,
-) -> None:
-    """Check that each camera fits into memory at the sizes of tile and viewport.
-
-    Args:
-        robots: all robots.
-        layout: tiles of the image port; None for viewports, a quarter of the largest camera each.
-        limit_bytes: memory that a view may take.
-
-    Raises:
-        ConfigError: for the first camera that does not fit.
-    """
-    for robot in robots:
-        tile = layout.first_tile if layout else _viewport_tile(robot)
-        for name, size in _view_sizes(robot, tile):
-            MemoryBudget(limit_bytes).reserve(
-                size.num_bytes,
-                where=SourceLocation(robot.class_name),
-                key=name,
-                value=f"a tile of {tile.width_px} x {tile.height_px} px",
-                remedy="smaller tiles, or fewer Samples or texels of the camera",
-            )
 
 
 def _viewport_tile(robot: RobotDescription) -> Tile:

@@ -1,4 +1,8 @@
-"""Start-up: files are read and checked before a thread runs or a socket opens."""
+"""All configuration files of a server, read and checked before a thread runs or a socket opens.
+
+Unknown names are reported after the last reader. Embree is loaded only for a robot whose sensors
+cast rays in every cycle, else at the first ray: a server with cameras alone saves time and memory.
+"""
 
 from __future__ import annotations
 
@@ -78,17 +82,33 @@ def read_startup_config(
     return StartupConfig(descriptions, world_description, scene, options)
 
 
-def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
-    """The scene with its occlusion map, where the world wants one."""
-    if not world.ambient_occlusion or not has_embreex():
-        return scene
-    # Imported here: a server without Embree runs, with the whole sky everywhere.
-    from catoptra_server.render.trace.occlusion import occlusion_cache
+def create_ray_caster(startup: StartupConfig) -> RayCaster:
+    """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle.
 
-    if not occlusion_cache.wants_occlusion(scene, world):
-        return scene
-    folder = default_cache_folder().parent / "occlusion"
-    return replace(scene, occlusion=occlusion_cache.find_occlusion(scene, folder))
+    Raises:
+        RendererUnavailableError: a robot has such a sensor, and rays cannot be cast here.
+    """
+    caster = _LazyRayCaster(startup.scene)
+    # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if
+    # ever: a server with cameras alone saves the time and memory.
+    for robot in startup.robots:
+        sensors = [sensor.name for sensor in robot.sensors if casts_rays(sensor)]
+        if sensors:
+            require_embreex(
+                f"{robot.class_name}, whose sensors cast rays ({', '.join(sensors)}),",
+                alternative="serve a robot without such sensors, such as --robot p2at_omni",
+            )
+            return caster.build()
+    return caster
+
+
+def _read_server_file(path: Path) -> IniFile:
+    file = IniFile(path)
+    if not any(map(file.has_section, SERVER_SECTIONS)):
+        log.warning(
+            "%s has no settings of the server: no section %s", path, ", ".join(SERVER_SECTIONS)
+        )
+    return file
 
 
 def _warn_unserved_robots(file: IniFile) -> None:
@@ -118,33 +138,17 @@ def _drop_repeated_classes(
     return tuple(first.values())
 
 
-def _read_server_file(path: Path) -> IniFile:
-    file = IniFile(path)
-    if not any(map(file.has_section, SERVER_SECTIONS)):
-        log.warning(
-            "%s has no settings of the server: no section %s", path, ", ".join(SERVER_SECTIONS)
-        )
-    return file
+def _occlude_sky(scene: SceneMesh, world: World) -> SceneMesh:
+    """The scene with its occlusion map, where the world wants one."""
+    if not world.ambient_occlusion or not has_embreex():
+        return scene
+    # Imported here: a server without Embree runs, with the whole sky everywhere.
+    from catoptra_server.render.trace.occlusion import occlusion_cache
 
-
-def create_ray_caster(startup: StartupConfig) -> RayCaster:
-    """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle.
-
-    Raises:
-        RendererUnavailableError: a robot has such a sensor, and rays cannot be cast here.
-    """
-    caster = _LazyRayCaster(startup.scene)
-    # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if
-    # ever: a server with cameras alone saves the time and memory.
-    for robot in startup.robots:
-        sensors = [sensor.name for sensor in robot.sensors if casts_rays(sensor)]
-        if sensors:
-            require_embreex(
-                f"{robot.class_name}, whose sensors cast rays ({', '.join(sensors)}),",
-                alternative="serve a robot without such sensors, such as --robot p2at_omni",
-            )
-            return caster.build()
-    return caster
+    if not occlusion_cache.wants_occlusion(scene, world):
+        return scene
+    folder = default_cache_folder().parent / "occlusion"
+    return replace(scene, occlusion=occlusion_cache.find_occlusion(scene, folder))
 
 
 class _LazyRayCaster:

@@ -1,17 +1,10 @@
-"""World files: from `[Catoptra.World]` and its lists of structs to a World.
+"""World files: from `[Catoptra.World]` and its lists of structs to a World, no file of it opened.
 
 Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
 Victims and GpsOrigin, a struct on each line; AmbientOcclusion is on, the default, or off. Positions
 are in metres, SAE (z down: a table has its top at Z=-0.75), rotations in radians, colours in sRGB
-bytes (R=255,G=0,B=0), file names relative to the world file.
-
-Lengths, positions and colours of world files.
-
-Lights of world files, in linear light.
-
-Items of world files: a shape, its pose and its material.
-
-A new shape is a reader and a line in _SHAPE_READERS.
+bytes (R=255,G=0,B=0), file names relative to the world file. Meshes and textures are loaded by
+`world/scene_mesh.py`. A new shape is a reader and a line of `_SHAPE_READERS`.
 """
 
 from __future__ import annotations
@@ -57,171 +50,10 @@ from catoptra_server.world.world_description import (
     linear_from_srgb,
 )
 
-# A float32 has steps of 8 mm there, which the renderers would show; beyond is a typing error.
-MAX_LENGTH_M = 1e5
-
-
-def read_length(item: SectionReader, key: str) -> float:
-    """Length above 0, in metres."""
-    return item.get_float(key, min_value=1e-6, max_value=MAX_LENGTH_M)
-
-
-def read_position(item: SectionReader, key: str, default: Vector | None = None) -> Vector:
-    """Point in the world frame, in metres."""
-    return item.get_vector(key, default, min_value=-MAX_LENGTH_M, max_value=MAX_LENGTH_M)
-
-
-def read_colour(settings: SectionReader, key: str, default: tuple[int, int, int]) -> Rgb:
-    """Linear RGB of a colour in sRGB bytes, 0 to 255 each."""
-    rgb = settings.get_vector(key, default, members="RGB", min_value=0.0, max_value=255.0)
-    r, g, b = linear_from_srgb(np.array(rgb) / 255.0)
-    return float(r), float(g), float(b)
-
-
-def read_light(struct: SectionReader) -> Light:
-    """Light of one struct: a hemisphere, a direction or a point."""
-    brightness = struct.get_float("Brightness", 1.0, min_value=0.0, max_value=1e6)
-
-    def read_radiance(key: str, default: tuple[int, int, int]) -> Rgb:
-        # Brightness scales linear light, after decoding: 2 is twice the radiance.
-        r, g, b = read_colour(struct, key, default)
-        return brightness * r, brightness * g, brightness * b
-
-    match struct.get_choice("Type", ["Hemisphere", "Directional", "Point"]):
-        case "Hemisphere":
-            return HemisphereLight(
-                read_radiance("Up", (255, 255, 255)), read_radiance("Down", (128, 128, 128))
-            )
-        case "Directional":
-            direction = np.asarray(struct.get_vector("Direction"))
-            length = float(np.linalg.norm(direction))
-            if length == 0.0:
-                raise struct.make_error("Direction", expected="a direction that is not zero")
-            x, y, z = direction / length
-            return DirectionalLight(
-                (float(x), float(y), float(z)), read_radiance("Colour", (255, 255, 255))
-            )
-        case _:
-            return PointLight(
-                read_position(struct, "Position"), read_radiance("Colour", (255, 255, 255))
-            )
-
-
-def _read_box(item: SectionReader, folder: Path) -> Shape:
-    return Box(item.get_vector("Size", min_value=1e-6, max_value=MAX_LENGTH_M))
-
-
-def _read_cylinder(item: SectionReader, folder: Path) -> Shape:
-    return Cylinder(
-        radius_m=read_length(item, "Radius"),
-        height_m=read_length(item, "Height"),
-        # 48 sectors depart from the circle by 0.2 % of the radius.
-        sectors=item.get_int("Sectors", 48, min_value=3, max_value=4096),
-    )
-
-
-def _read_rectangle(item: SectionReader, folder: Path) -> Shape:
-    size, repeat = (
-        item.get_struct("Size"),
-        item.get_vector("Repeat", (1.0, 1.0, 0.0), max_value=MAX_LENGTH_M),
-    )
-    return Rectangle(
-        size_m=(read_length(size, "X"), read_length(size, "Y")), texture_repeat=repeat[:2]
-    )
-
-
-def _read_ring(item: SectionReader, folder: Path) -> Shape:
-    # Inner radius 0 is a disc. Equal radii would make triangles without area.
-    inner = item.get_float("InnerRadius", min_value=0.0, max_value=MAX_LENGTH_M)
-    return Ring(
-        inner_radius_m=inner,
-        outer_radius_m=item.get_float(
-            "OuterRadius", min_value=inner + 1e-6, max_value=2 * MAX_LENGTH_M
-        ),
-        sectors=item.get_int("Sectors", 96, min_value=3, max_value=4096),
-    )
-
-
-def _read_sphere_band(item: SectionReader, folder: Path) -> Shape:
-    lower = item.get_float("From", min_value=0.0, max_value=180.0)
-    return SphereBand(
-        radius_m=read_length(item, "Radius"),
-        from_rad=math.radians(lower),
-        to_rad=math.radians(item.get_float("To", min_value=lower, max_value=180.0)),
-        sectors=item.get_int("Sectors", 360, min_value=3, max_value=4096),
-        rings=item.get_int("Rings", 1, min_value=1, max_value=4096),
-    )
-
-
-def _read_mesh(item: SectionReader, folder: Path) -> Shape:
-    return MeshFile(
-        path=item.get_path("File", folder),
-        scale=item.get_float("Scale", 1.0, min_value=1e-9, max_value=1e9),
-        up=item.get_choice("Up", ["y", "z"], "z"),
-    )
-
-
-_SHAPE_READERS: dict[str, Callable[[SectionReader, Path], Shape]] = {
-    "Boxes": _read_box,
-    "Cylinders": _read_cylinder,
-    "Rectangles": _read_rectangle,
-    "Rings": _read_ring,
-    "SphereBands": _read_sphere_band,
-    "Meshes": _read_mesh,
-}
-
-
-def read_items(section: SectionReader, folder: Path) -> list[Item]:
-    """All items of a world, by the lists of their shapes."""
-    items = []
-    for key, shape in _SHAPE_READERS.items():
-        for number, struct in enumerate(section.get_structs(key), 1):
-            items.append(_read_item(struct, shape(struct, folder), f"{key}{number}", folder))
-    return items
-
-
-def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: Path) -> Item:
-    position = read_position(struct, "Position", (0.0, 0.0, 0.0))
-    pose = Pose.from_rpy(position, struct.get_vector("Direction", (0.0, 0.0, 0.0)))
-    # A mesh file has materials of its own; a Colour or Texture replaces all of them.
-    has_own_material = (
-        isinstance(shape, MeshFile)
-        and not struct.has_key("Colour")
-        and not struct.has_key("Texture")
-    )
-    material = None if has_own_material else _read_material(struct, folder)
-    unlit = _read_unlit(struct) if has_own_material else None
-    name, casts_shadows = struct.get_str("Name", default_name), struct.get_bool("CastShadow", True)
-    return Item(
-        name,
-        shape,
-        pose,
-        material,
-        casts_shadows,
-        unlit,
-        struct.where,
-        class_name=struct.get_str("Class", ""),
-    )
-
-
-def _read_unlit(struct: SectionReader) -> bool | None:
-    """Whether a mesh file with its own materials is unlit; None: as the file says."""
-    return struct.get_bool("Unlit", False) if struct.has_key("Unlit") else None
-
-
-def _read_material(struct: SectionReader, folder: Path) -> Material:
-    texture = struct.get_path("Texture", folder) if struct.get_str("Texture", "") else None
-    # A texture is multiplied by the colour: white leaves the image as drawn.
-    white = (255, 255, 255)
-    return Material(
-        albedo=read_colour(struct, "Colour", white if texture else (128, 128, 128)),
-        texture=texture,
-        unlit=struct.get_bool("Unlit", False),
-    )
-
-
 _SECTION = "Catoptra.World"
 _LANDMARK_COLOURS = "Catoptra.LandmarkColours"
+# A float32 has steps of 8 mm there, which the renderers would show; beyond is a typing error.
+MAX_LENGTH_M = 1e5
 
 
 def read_world(path: Path) -> tuple[World, IniFile]:
@@ -250,15 +82,15 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     tags, victims = section.get_structs("RfidTags"), section.get_structs("Victims")
     world = World(
         name=name,
-        items=tuple(read_items(section, path.parent)),
+        items=tuple(_read_items(section, path.parent)),
         landmarks=_load_landmarks(section, path.parent),
-        lights=tuple(read_light(light) for light in section.get_structs("Lights")),
+        lights=tuple(_read_light(light) for light in section.get_structs("Lights")),
         starts=starts,
-        background=read_colour(section, "Background", (0, 0, 0)),
+        background=_read_colour(section, "Background", (0, 0, 0)),
         landmark_albedos=_read_landmark_albedos(file.get_section(_LANDMARK_COLOURS)),
-        rfid_tags=tuple(RfidTag(s.get_int("ID"), read_position(s, "Position")) for s in tags),
+        rfid_tags=tuple(RfidTag(s.get_int("ID"), _read_position(s, "Position")) for s in tags),
         victims=tuple(
-            Victim(s.get_wire_name("Name"), read_position(s, "Position")) for s in victims
+            Victim(s.get_wire_name("Name"), _read_position(s, "Position")) for s in victims
         ),
         gps_origin=_read_gps_origin(section),
         ambient_occlusion=section.get_choice("AmbientOcclusion", ["on", "off"], "on") == "on",
@@ -294,7 +126,7 @@ def _load_landmarks(section: SectionReader, folder: Path) -> tuple[Landmark, ...
 
 def _read_landmark_albedos(section: SectionReader) -> dict[str, Rgb]:
     defaults = {"cyan": (0, 170, 220), "magenta": (225, 35, 140), "yellow": (245, 215, 25)}
-    return {name: read_colour(section, name, defaults[name]) for name in BAND_COLOURS}
+    return {name: _read_colour(section, name, defaults[name]) for name in BAND_COLOURS}
 
 
 def _read_starts(structs: Sequence[SectionReader]) -> Iterator[StartPose]:
@@ -313,7 +145,7 @@ def _read_starts(structs: Sequence[SectionReader]) -> Iterator[StartPose]:
 def _read_start(struct: SectionReader) -> StartPose:
     return StartPose(
         struct.get_wire_name("Tag"),
-        read_position(struct, "Location"),
+        _read_position(struct, "Location"),
         struct.get_vector("Rotation", (0.0, 0.0, 0.0)),
     )
 
@@ -329,3 +161,162 @@ def _read_gps_origin(section: SectionReader) -> GpsOrigin | None:
         struct.get_float("Latitude", min_value=-89.0, max_value=89.0),
         struct.get_float("Longitude", min_value=-180.0, max_value=180.0),
     )
+
+
+def _read_light(struct: SectionReader) -> Light:
+    """Light of one struct: a hemisphere, a direction or a point."""
+    brightness = struct.get_float("Brightness", 1.0, min_value=0.0, max_value=1e6)
+
+    def read_radiance(key: str, default: tuple[int, int, int]) -> Rgb:
+        # Brightness scales linear light, after decoding: 2 is twice the radiance.
+        r, g, b = _read_colour(struct, key, default)
+        return brightness * r, brightness * g, brightness * b
+
+    match struct.get_choice("Type", ["Hemisphere", "Directional", "Point"]):
+        case "Hemisphere":
+            return HemisphereLight(
+                read_radiance("Up", (255, 255, 255)), read_radiance("Down", (128, 128, 128))
+            )
+        case "Directional":
+            direction = np.asarray(struct.get_vector("Direction"))
+            length = float(np.linalg.norm(direction))
+            if length == 0.0:
+                raise struct.make_error("Direction", expected="a direction that is not zero")
+            x, y, z = direction / length
+            return DirectionalLight(
+                (float(x), float(y), float(z)), read_radiance("Colour", (255, 255, 255))
+            )
+        case _:
+            return PointLight(
+                _read_position(struct, "Position"), read_radiance("Colour", (255, 255, 255))
+            )
+
+
+def _read_box(item: SectionReader, folder: Path) -> Shape:
+    return Box(item.get_vector("Size", min_value=1e-6, max_value=MAX_LENGTH_M))
+
+
+def _read_cylinder(item: SectionReader, folder: Path) -> Shape:
+    return Cylinder(
+        radius_m=_read_length(item, "Radius"),
+        height_m=_read_length(item, "Height"),
+        # 48 sectors depart from the circle by 0.2 % of the radius.
+        sectors=item.get_int("Sectors", 48, min_value=3, max_value=4096),
+    )
+
+
+def _read_rectangle(item: SectionReader, folder: Path) -> Shape:
+    size, repeat = (
+        item.get_struct("Size"),
+        item.get_vector("Repeat", (1.0, 1.0, 0.0), max_value=MAX_LENGTH_M),
+    )
+    return Rectangle(
+        size_m=(_read_length(size, "X"), _read_length(size, "Y")), texture_repeat=repeat[:2]
+    )
+
+
+def _read_ring(item: SectionReader, folder: Path) -> Shape:
+    # Inner radius 0 is a disc. Equal radii would make triangles without area.
+    inner = item.get_float("InnerRadius", min_value=0.0, max_value=MAX_LENGTH_M)
+    return Ring(
+        inner_radius_m=inner,
+        outer_radius_m=item.get_float(
+            "OuterRadius", min_value=inner + 1e-6, max_value=2 * MAX_LENGTH_M
+        ),
+        sectors=item.get_int("Sectors", 96, min_value=3, max_value=4096),
+    )
+
+
+def _read_sphere_band(item: SectionReader, folder: Path) -> Shape:
+    lower = item.get_float("From", min_value=0.0, max_value=180.0)
+    return SphereBand(
+        radius_m=_read_length(item, "Radius"),
+        from_rad=math.radians(lower),
+        to_rad=math.radians(item.get_float("To", min_value=lower, max_value=180.0)),
+        sectors=item.get_int("Sectors", 360, min_value=3, max_value=4096),
+        rings=item.get_int("Rings", 1, min_value=1, max_value=4096),
+    )
+
+
+def _read_mesh(item: SectionReader, folder: Path) -> Shape:
+    return MeshFile(
+        path=item.get_path("File", folder),
+        scale=item.get_float("Scale", 1.0, min_value=1e-9, max_value=1e9),
+        up=item.get_choice("Up", ["y", "z"], "z"),
+    )
+
+
+_SHAPE_READERS: dict[str, Callable[[SectionReader, Path], Shape]] = {
+    "Boxes": _read_box,
+    "Cylinders": _read_cylinder,
+    "Rectangles": _read_rectangle,
+    "Rings": _read_ring,
+    "SphereBands": _read_sphere_band,
+    "Meshes": _read_mesh,
+}
+
+
+def _read_items(section: SectionReader, folder: Path) -> list[Item]:
+    """All items of a world, by the lists of their shapes."""
+    items = []
+    for key, shape in _SHAPE_READERS.items():
+        for number, struct in enumerate(section.get_structs(key), 1):
+            items.append(_read_item(struct, shape(struct, folder), f"{key}{number}", folder))
+    return items
+
+
+def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: Path) -> Item:
+    position = _read_position(struct, "Position", (0.0, 0.0, 0.0))
+    pose = Pose.from_rpy(position, struct.get_vector("Direction", (0.0, 0.0, 0.0)))
+    # A mesh file has materials of its own; a Colour or Texture replaces all of them.
+    has_own_material = (
+        isinstance(shape, MeshFile)
+        and not struct.has_key("Colour")
+        and not struct.has_key("Texture")
+    )
+    material = None if has_own_material else _read_material(struct, folder)
+    unlit = _read_unlit(struct) if has_own_material else None
+    name, casts_shadows = struct.get_str("Name", default_name), struct.get_bool("CastShadow", True)
+    return Item(
+        name,
+        shape,
+        pose,
+        material,
+        casts_shadows,
+        unlit,
+        struct.where,
+        class_name=struct.get_str("Class", ""),
+    )
+
+
+def _read_unlit(struct: SectionReader) -> bool | None:
+    """Whether a mesh file with its own materials is unlit; None: as the file says."""
+    return struct.get_bool("Unlit", False) if struct.has_key("Unlit") else None
+
+
+def _read_material(struct: SectionReader, folder: Path) -> Material:
+    texture = struct.get_path("Texture", folder) if struct.get_str("Texture", "") else None
+    # A texture is multiplied by the colour: white leaves the image as drawn.
+    white = (255, 255, 255)
+    return Material(
+        albedo=_read_colour(struct, "Colour", white if texture else (128, 128, 128)),
+        texture=texture,
+        unlit=struct.get_bool("Unlit", False),
+    )
+
+
+def _read_length(item: SectionReader, key: str) -> float:
+    """Length above 0, in metres."""
+    return item.get_float(key, min_value=1e-6, max_value=MAX_LENGTH_M)
+
+
+def _read_position(item: SectionReader, key: str, default: Vector | None = None) -> Vector:
+    """Point in the world frame, in metres."""
+    return item.get_vector(key, default, min_value=-MAX_LENGTH_M, max_value=MAX_LENGTH_M)
+
+
+def _read_colour(settings: SectionReader, key: str, default: tuple[int, int, int]) -> Rgb:
+    """Linear RGB of a colour in sRGB bytes, 0 to 255 each."""
+    rgb = settings.get_vector(key, default, members="RGB", min_value=0.0, max_value=255.0)
+    r, g, b = linear_from_srgb(np.array(rgb) / 255.0)
+    return float(r), float(g), float(b)

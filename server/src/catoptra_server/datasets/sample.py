@@ -44,7 +44,7 @@ from catoptra_server.datasets.recipe import Recipe, draw_effects
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.labels.label_renderer import LabelRenderer
-from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.renderer import Image
@@ -166,7 +166,7 @@ class SampleAnnotator:
     def annotate(
         self,
         description: SampleDescription,
-        drawn: DrawnExposure,
+        image: LabelledImage,
         truth: GroundTruth,
         labels: LabelRenderer,
     ) -> list[dict[str, Any]]:
@@ -174,16 +174,16 @@ class SampleAnnotator:
 
         Args:
             description: The sample.
-            drawn: Its exposure.
+            image: Its image, which the labels are of.
             truth: Ground truth with NEEDED_CHANNELS.
             labels: Renderer of that ground truth.
         """
         annotations = annotate_objects(
             truth,
             description.spec.camera,
-            drawn.camera_state.world_from_mirror,
+            image.camera_state.world_from_mirror,
             self._find_sphere(description),
-            labels.measure_occlusion(drawn, truth),
+            labels.measure_occlusion(image, truth),
         )
         return [annotation.to_json() for annotation in annotations]
 

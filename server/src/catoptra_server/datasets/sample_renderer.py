@@ -28,7 +28,7 @@ import catoptra_server
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.labels.channels import GroundTruth
 from catoptra_server.datasets import png_files
-from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeWorld
+from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.sample import (
     NEEDED_CHANNELS,
     RenderedSample,
@@ -40,11 +40,13 @@ from catoptra_server.datasets.sample import (
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.labels.label_renderer import LabelRenderer
+from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import RenderedView, ViewCache
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.library import choose_instruction_set, kernel_library_path
+from catoptra_server.render.trace.trace_engine import LabelRequest
 from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,
@@ -213,11 +215,7 @@ class SampleRenderer:
         """
         views = self._find_views(description.place.world, description.brightness)
         channels = self._needed_channels()
-        requester = None
-        if channels:
-            labels = self._find_labels(description.place.world)
-            requester = partial(labels.request, channels=channels)
-        view = views.render(ViewRequest(description.spec, description.state, requester))
+        view = views.render(ViewRequest(description.spec, description.state, tuple(channels)))
         truth, annotations = self._render_labels(description, view, channels)
         world = self._stage.world(description.place.world)
         metadata = describe_sample_metadata(description, view, world)
@@ -236,15 +234,15 @@ class SampleRenderer:
         # Nothing is computed for a recipe of pictures alone.
         if not channels:
             return _NOTHING, None
-        labels, exposure = self._find_labels(description.place.world), view.frame_plan.exposure
+        labels, image = self._find_labels(description.place.world), view.frame_plan.labelled_image
         after = description.next_state
-        if after is not None and after.ego_body is not None and exposure.camera_state.objects:
+        if after is not None and after.ego_body is not None and image.camera_state.objects:
             # As `effects/scene/self_view.py` shows the robot itself: its pixels have a flow, too.
             after = replace(after, objects=(*after.objects, after.ego_body))
-        truth = labels.render(exposure, channels, after, view.labels)
+        truth = labels.render(image, channels, after, view.labels)
         if not wants_annotations(self._stage.recipe):
             return truth, None
-        return truth, self._annotator.annotate(description, exposure, truth, labels)
+        return truth, self._annotator.annotate(description, image, truth, labels)
 
     def _needed_channels(self) -> frozenset[str]:
         recipe = self._stage.recipe
@@ -269,15 +267,15 @@ class SampleRenderer:
 
     def _find_views(self, world: int, brightness: float) -> ViewCache:
         key = (world, brightness)
-        views = self._views.pop(key, None) or self._make_views(self._stage.world(world), brightness)
+        views = self._views.pop(key, None) or self._make_views(world, brightness)
         self._views[key] = views
         # At least the levels of one world, which alternate.
         while len(self._views) > max(_MIN_RENDERERS, self._stage.recipe.brightness.levels):
             self._views.pop(next(iter(self._views))).close()
         return views
 
-    def _make_views(self, staged: RecipeWorld, brightness: float) -> ViewCache:
-        recipe = self._stage.recipe
+    def _make_views(self, number: int, brightness: float) -> ViewCache:
+        recipe, staged = self._stage.recipe, self._stage.world(number)
         world = scale_lights(staged.world, brightness)
         choice = choose_renderer(
             recipe.renderer,
@@ -291,7 +289,13 @@ class SampleRenderer:
             RenderPlanner(RendererPool(choice, may_replace=False)),
             SceneSummarizer(staged.scene, world),
             max_bytes=_MAX_VIEW_BYTES,
+            request_labels=partial(self._request_labels, number),
         )
+
+    def _request_labels(
+        self, world: int, image: LabelledImage, channels: tuple[str, ...]
+    ) -> LabelRequest | None:
+        return self._find_labels(world).request(image, channels)
 
     def close(self) -> None:
         """Free all renderers."""

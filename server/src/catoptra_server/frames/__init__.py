@@ -1,6 +1,7 @@
 """From the request for a frame to encoded bytes.
 
-`frame_request` describes a frame that is due, `image_port_layout` composes one from the cameras of
-robots, `capture_scheduler` decides when; `render_thread` renders on views of `view_cache`, by plans
-of `frame_plan`; `mailbox` hands each `Frame` to the connections that wait.
+`image_port` composes a frame from the cameras of robots, `frame` describes request and answer,
+`mailbox` says when a channel captures and holds the newest frame. `render_thread` renders by
+`views`, which draw what `frame_plan` decides by the plans of `plan`; `labels` finds the ground
+truth of a drawn image, `encode` its bytes.
 """

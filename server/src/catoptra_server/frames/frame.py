@@ -1,15 +1,13 @@
-"""A rendered frame and its payloads, each encoded once for all connections.
-
-Difference of a picture from a reference of the same exposure, shown beside the picture.
-
-Frames to render, described completely by the simulation and rendered later in another thread.
+"""Requests for frames, and the frames that answer: image, labels, numbers and payloads.
 
 A request holds everything that the image depends on, frozen, so that the simulation goes on while
-the frame is rendered. One frame may consist of several views, one for each tile.
+another thread renders. One frame may consist of several views, one for each tile. Payloads of image
+and labels are encoded once for all connections. Frames know no renderer and no socket.
 
-Labels of one frame, and their payloads, each encoded once for all connections.
-
-Events about frames that mailboxes post to the simulation thread.
+* A channel is the image-port picture, one tile of it, or one camera of one robot: each has a
+  mailbox, a sequence and an interval of its own, and a tile requested alone is rendered alone.
+* A variant of a camera is a channel, too: a viewer tries what accuracy and effects cost while the
+  robot's own camera stays as its owner has set it.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from __future__ import annotations
 import asyncio
 import math
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import field, replace
 
 import numpy as np
@@ -35,12 +33,10 @@ from catoptra_server.frames.encode import (
     is_quick,
     payload_of_reply,
 )
-from catoptra_server.frames.labels.labels import DrawnExposure
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.plan.camera import CameraSpec, CameraVariant
 from catoptra_server.frames.plan.plans import PlanChoice
 from catoptra_server.render.renderer import Image
-from catoptra_server.render.trace.trace_engine import LabelRequest
 from catoptra_server.world.camera_state import CameraState
 
 
@@ -114,10 +110,6 @@ def is_variant(channel: Channel) -> bool:
     return isinstance(channel, CameraChannel) and channel.variant is not None
 
 
-# Labels that can be found along the rays of a picture; None for none.
-LabelRequester = Callable[[DrawnExposure], LabelRequest | None]
-
-
 # eq=False here and below: states hold arrays, whose comparison is no truth value.
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewRequest:
@@ -125,8 +117,8 @@ class ViewRequest:
 
     camera: CameraSpec
     camera_state: CameraState
-    request_labels: LabelRequester | None = None
-    """Labels that are to be found while the view is drawn; None for none."""
+    label_channels: tuple[str, ...] = ()
+    """Channels of labels that are wanted beside the image, in a frame of this view alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,8 +151,6 @@ class FrameComposition:
     """View to compare a single view with; None for no comparison."""
     is_turned: bool = False
     """Whether the pictures are turned round left to right."""
-    channels: tuple[str, ...] = ()
-    """Channels of labels that are wanted beside a single view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,7 +263,7 @@ class Frame:
     _running: dict[_Encoding, asyncio.Task[Payload]] = field(default_factory=dict)
 
     async def encode(self, encoding: _Encoding) -> Payload:
-        """Image as by `encode.encode_image`, encoded once for all clients; on the event loop."""
+        """Image as by `encode_without_blocking`, once for all clients; on the event loop."""
         # The stream's JPEG has the quality of type GOOD: both transports share one payload.
         if encoding is ImageEncoding.JPEG:
             return payload_of_reply(await self.encode(ImageType.GOOD))

@@ -1,26 +1,38 @@
 """Decision about a frame: everything that its drawing follows, frozen before a ray is traced.
 
-`decide` answers once, with one value, and what draws decides nothing: the camera (with one
-viewpoint where the scene is far enough), the plan, the camera's state under its scene effects, the
-image effects and the error bound. `record` takes what the drawn frame showed: the effects that it
-measured as invisible, and its time, by which a camera with a budget is planned anew before its next
-frame. Nothing here belongs to a renderer: a criterion that raises fails that frame alone.
+`FramePlanner.decide` answers once, with one value, and what draws decides nothing: the camera (with
+one viewpoint where the scene is far enough), the plan, the camera's state under its scene effects,
+the image effects and the error bound. `FramePlanner.record` takes what the drawn frame showed: the
+effects that it measured as invisible, and its time. Nothing here belongs to a renderer: a criterion
+that raises fails that frame alone. All of it belongs to the thread of the renderers; published
+error bounds may be read by any thread.
 
-Belongs to the thread of the renderers; published error bounds may be read by any thread.
+* A decision about an effect follows from one exposure. The drawn frame's largest change, not a
+  pilot frame, says whether the effect shows.
+* A budget counts as exceeded when the median of 30 frames is more than a fifth above: the next
+  frame is planned anew. Headroom, a more accurate plan predicted to take at most 0.85 of the
+  budget, has to last 300 frames, twice as long after each mistake, so that plans do not oscillate.
+  The price of a budget: bytes depend on the machine.
+* The bound of a frame is that of its plan and what the scene's coordinates contribute: 2
+  microseconds a frame, half a millisecond in a new cell of the scene's grid.
 """
 
 from __future__ import annotations
 
 import logging
+import statistics
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
+from enum import Enum
 from typing import cast
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import needs_radiance_only
 from catoptra_server.effects.effect_plan import (
@@ -32,16 +44,15 @@ from catoptra_server.effects.effect_plan import (
     format_decisions,
     plan_effects,
 )
-from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.camera import (
     CameraSpec,
     OmniCameraSpec,
     choose_viewpoint,
-    leaves_choice,
     shows_ego_body,
 )
 from catoptra_server.frames.plan.error_bound import ErrorBound, add_scene, coordinate_errors
-from catoptra_server.frames.plan.planner import BudgetMonitor, BudgetStatus, RenderPlanner
+from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import (
     PerspectivePlan,
     PlanChoice,
@@ -60,8 +71,8 @@ _MAX_CAMERAS = 256
 # Costs are measured here where no start poses are given.
 DEFAULT_CALIBRATION_STATES = (CameraState(Pose.identity()),)
 
-Plan = RenderPlan | PerspectivePlan
-ViewKey = tuple[OmniCamera | PerspectiveCamera, Plan]
+_Plan = RenderPlan | PerspectivePlan
+ViewKey = tuple[OmniCamera | PerspectiveCamera, _Plan]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +83,7 @@ class FramePlan:
     """Camera to draw: the requested one, or that with one viewpoint for all its rays."""
     requested: CameraSpec
     """Camera as the client requested it, whose rays label the picture."""
-    plan: Plan
+    plan: _Plan
     view_key: ViewKey
     """Everything that a prepared view depends on; cameras with equal keys share a view."""
     plan_text: str
@@ -92,12 +103,9 @@ class FramePlan:
     """Milliseconds that the decision took, but for the choice of the plan."""
 
     @property
-    def exposure(self) -> DrawnExposure:
-        """The exposure as the image shows it, for labels.
-
-        Labels are of the mirror's own rays, however far a frame's scene is.
-        """
-        return DrawnExposure(
+    def labelled_image(self) -> LabelledImage:
+        """The image as its labels see it: by the mirror's own rays, however far its scene is."""
+        return LabelledImage(
             self.requested.camera,
             self.camera_state,
             self.effects.image_effects,
@@ -111,6 +119,8 @@ class FramePlan:
             changes: Largest change by effect, grey levels: `renderer.RenderedImage.changes`.
         """
         decisions = self.effects.decide_by_frame(changes)
+        if self.camera_state is self.unlimited_state:
+            return decisions
         return explain_limit(decisions, self.unlimited_state, self.camera_state)
 
 
@@ -143,37 +153,46 @@ class ErrorBoundTable:
         self._bounds.pop(camera, None)
 
 
-@dataclass(slots=True, eq=False)
 class CameraPlan:
     """Plan that the frames of a camera follow until their times demand another."""
 
-    camera: CameraSpec
-    plan: Plan
-    monitor: BudgetMonitor
-    choice: PlanChoice | None = None
-    """Choice with the bound of the last frame; None for a perspective camera."""
-    view_key: ViewKey = field(init=False)
-    plan_text: str = field(init=False)
-    bounds: dict[str, float] | None = field(init=False, default=None)
-    decisions: tuple[EffectDecision, ...] = field(init=False, default=())
-    """Decisions about the effects of the last frame."""
-    status: BudgetStatus = field(init=False, default=BudgetStatus.WITHIN_BUDGET)
-    is_unreachable: bool = field(init=False, default=False)
-    """Whether planning found nothing faster although the budget is exceeded; logged once."""
-    _plan_choice: PlanChoice | None = field(init=False, default=None)
-    """Choice with the bound of the plan alone."""
-    _scene_angle_rad: float | None = field(init=False, default=None)
+    def __init__(self, camera: CameraSpec, plan: _Plan, choice: PlanChoice | None = None) -> None:
+        """Follow a plan.
 
-    def __post_init__(self) -> None:
+        Args:
+            camera: Camera of the frames.
+            plan: Plan to begin with.
+            choice: The same plan with its bound; None for a perspective camera.
+        """
+        self.camera = camera
+        self.plan = plan
+        self.choice = choice
+        """Choice with the bound of the last frame."""
+        self.decisions: tuple[EffectDecision, ...] = ()
+        """Decisions about the effects of the last frame."""
+        # A perspective camera has no budget.
+        self.monitor = _BudgetMonitor(
+            camera.render_settings.accuracy_target.budget_ms
+            if isinstance(camera, OmniCameraSpec)
+            else 0.0
+        )
+        self.status = _BudgetStatus.WITHIN_BUDGET
+        self.is_unreachable = False
+        """Whether planning found nothing faster although the budget is exceeded; logged once."""
+        self.bounds: dict[str, float] | None = None
         self._derive()
 
     def _derive(self) -> None:
         # Once a plan: every frame looks up the same view, and carries the same text and numbers.
         # The reason quotes targets and predicted times.
-        self.view_key = self.camera.camera, replace(self.plan, reason="")
+        self.view_key: ViewKey = (self.camera.camera, replace(self.plan, reason=""))
         self.plan_text = str(self.plan)
-        self._plan_choice, self._scene_angle_rad = self.choice, None
+        self.coordinate_errors: CoordinateErrors | None = None
+        self._plan_choice = self.choice  # with the bound of the plan alone
+        self._scene_angle_rad: float | None = None
         if self.choice is not None and self.choice.bound is not None:
+            camera = cast(OmniCamera, self.camera.camera)
+            self.coordinate_errors = coordinate_errors(camera, self.choice.plan)
             self.bounds = self.choice.bound.as_dict()
 
     def set_choice(self, choice: PlanChoice) -> None:
@@ -247,7 +266,9 @@ class FramePlanner:
         begin_s = self._clock()
         effects = self._decide_effects(drawn, camera_state)
         unlimited = apply_scene_effects(camera_state, effects)
-        limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
+        limited = unlimited
+        if unlimited.shutter is not None:
+            limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
         self._bound_frame(camera_plan, limited)
         if drawn is not camera:
             self._publish_bound(camera, camera_plan.choice)
@@ -321,7 +342,7 @@ class FramePlanner:
 
     def _choose_viewpoint(self, camera: CameraSpec, camera_state: CameraState) -> CameraSpec:
         """Camera of a frame: with one viewpoint where the scene is far enough."""
-        if not isinstance(camera, OmniCameraSpec) or not leaves_choice(camera):
+        if not isinstance(camera, OmniCameraSpec) or not _leaves_choice(camera):
             return camera
         nearest_m = self._summarizer.min_distance_m(
             camera_state, has_ego_body=shows_ego_body(camera)
@@ -344,13 +365,11 @@ class FramePlanner:
 
     def _bound_frame(self, camera_plan: CameraPlan, camera_state: CameraState) -> None:
         """Add to the bound what the scene's coordinates contribute in a camera state."""
-        if camera_plan.bounds is None or camera_plan.choice is None:
+        errors = camera_plan.coordinate_errors
+        if errors is None:
             return
-        errors = coordinate_errors(
-            cast(OmniCameraSpec, camera_plan.camera).camera, cast(RenderPlan, camera_plan.plan)
-        )
         angle_rad = self._summarizer.max_rounding_angle_rad(camera_state, errors)
-        if camera_plan.bound_frame(angle_rad):
+        if camera_plan.bound_frame(angle_rad) and camera_plan.choice is not None:
             self._error_bounds.put(camera_plan.camera, camera_plan.choice.bound)
 
     def _publish_bound(self, camera: CameraSpec, choice: PlanChoice | None) -> None:
@@ -373,8 +392,8 @@ class FramePlanner:
         added_ms = self._planner.added_ms(camera, choice.plan, stage_ms) if is_predicted else 0.0
         status = monitor.record_frame(frame_ms, better_plan_ms=better_ms, added_ms=added_ms)
         # Nothing faster was found before: planning again would not find it either.
-        is_settled = status is BudgetStatus.OVER_BUDGET and camera_plan.is_unreachable
-        camera_plan.status = BudgetStatus.WITHIN_BUDGET if is_settled else status
+        is_settled = status is _BudgetStatus.OVER_BUDGET and camera_plan.is_unreachable
+        camera_plan.status = _BudgetStatus.WITHIN_BUDGET if is_settled else status
         median_ms = monitor.median_ms if is_predicted else None
         if median_ms is not None:
             added_ms = monitor.median_added_ms
@@ -382,11 +401,11 @@ class FramePlanner:
 
     def _replan_if_due(self, camera_plan: CameraPlan) -> None:
         """Choose the plan of an omnidirectional camera anew where the budget demands another."""
-        if camera_plan.status is BudgetStatus.WITHIN_BUDGET:
+        if camera_plan.status is _BudgetStatus.WITHIN_BUDGET:
             return
         camera = cast(OmniCameraSpec, camera_plan.camera)
-        status, camera_plan.status = camera_plan.status, BudgetStatus.WITHIN_BUDGET
-        is_over = status is BudgetStatus.OVER_BUDGET
+        status, camera_plan.status = camera_plan.status, _BudgetStatus.WITHIN_BUDGET
+        is_over = status is _BudgetStatus.OVER_BUDGET
         log.info(
             "%.1f ms a frame (median), budget %g ms: %s",
             camera_plan.monitor.median_ms,
@@ -405,12 +424,11 @@ class FramePlanner:
     def _plan_camera(self, camera: CameraSpec) -> CameraPlan:
         if isinstance(camera, OmniCameraSpec):
             choice = self._choose_plan(camera)
-            monitor = BudgetMonitor(camera.render_settings.accuracy_target.budget_ms)
-            return CameraPlan(camera, choice.plan, monitor, choice)
+            return CameraPlan(camera, choice.plan, choice)
         pool = self._planner.renderers
         reason = f"{pool.reason}; {pool.describe(pool.default_kind)}"
         plan = plan_perspective_view(0, kind=pool.default_kind, reason=reason)
-        return CameraPlan(camera, plan, BudgetMonitor(0.0))
+        return CameraPlan(camera, plan)
 
     def _choose_plan(self, spec: OmniCameraSpec) -> PlanChoice:
         """Choose the plan of a camera, log it and publish the bound."""
@@ -420,3 +438,100 @@ class FramePlanner:
         log.info("error bound: %s", choice.bound or "none")
         self._error_bounds.put(spec, choice.bound)
         return choice
+
+
+def _leaves_choice(camera: OmniCameraSpec) -> bool:
+    """Whether each frame of a camera may be drawn exactly or from one viewpoint.
+
+    Not with a tolerance, which the bound of the approximation, larger than its error, would use up.
+    """
+    return (
+        camera.render_settings.central_error_px > 0.0
+        and not camera.render_settings.accuracy_target.max_error_px
+        and not camera.camera.is_central
+    )
+
+
+# A second at 30 Hz: long enough for a stable median, short enough to react.
+_WINDOW_FRAMES = 30
+_OVERRUN_FACTOR = 1.2
+_HEADROOM_FRACTION = 0.85
+# Frames with headroom before a more accurate plan is tried, and the limit after setbacks: ten
+# seconds at 30 Hz, and some five minutes.
+_HYSTERESIS_FRAMES = 300
+_MAX_HYSTERESIS_FRAMES = 10_000
+
+
+class _BudgetStatus(Enum):
+    """Frame times of a plan in relation to the budget."""
+
+    WITHIN_BUDGET = "within budget"
+    OVER_BUDGET = "over budget"
+    HEADROOM = "headroom"
+
+
+class _BudgetMonitor:
+    """Frame times of one camera, across all plans of its budget."""
+
+    def __init__(self, budget_ms: float) -> None:
+        self._budget_ms = budget_ms
+        self._frame_times_ms: deque[float] = deque(maxlen=_WINDOW_FRAMES)
+        self._added_ms: deque[float] = deque(maxlen=_WINDOW_FRAMES)
+        self._frames_with_headroom = 0
+        self._hysteresis_frames = _HYSTERESIS_FRAMES
+        self._was_upgraded = False
+
+    @property
+    def median_ms(self) -> float | None:
+        """Median of the last 30 frames; None before as many."""
+        return (
+            statistics.median(self._frame_times_ms)
+            if len(self._frame_times_ms) == _WINDOW_FRAMES
+            else None
+        )
+
+    @property
+    def median_added_ms(self) -> float:
+        """Median of the times in these frames that the cost model has not; 0 before a frame."""
+        return statistics.median(self._added_ms) if self._added_ms else 0.0
+
+    def record_frame(
+        self, frame_ms: float, *, better_plan_ms: float | None, added_ms: float = 0.0
+    ) -> _BudgetStatus:
+        """Record a frame.
+
+        Args:
+            frame_ms: Wall time of the frame.
+            added_ms: Part of it that the cost model has not, such as effects.
+            better_plan_ms: Predicted time of the next more accurate plan, corrected; None without
+                one.
+        """
+        self._frame_times_ms.append(frame_ms)
+        self._added_ms.append(added_ms)
+        # Most cameras have no budget; the median took 0.02 ms of each of their frames.
+        median_ms = self.median_ms if self._budget_ms else None
+        if median_ms is None:
+            return _BudgetStatus.WITHIN_BUDGET
+        # The median, not the mean: a single slow frame, such as a page fault, decides nothing.
+        if median_ms > _OVERRUN_FACTOR * self._budget_ms:
+            return _BudgetStatus.OVER_BUDGET
+        has_headroom = (
+            better_plan_ms is not None and better_plan_ms <= _HEADROOM_FRACTION * self._budget_ms
+        )
+        self._frames_with_headroom = self._frames_with_headroom + 1 if has_headroom else 0
+        return (
+            _BudgetStatus.HEADROOM
+            if self._frames_with_headroom >= self._hysteresis_frames
+            else _BudgetStatus.WITHIN_BUDGET
+        )
+
+    def reset(self, status: _BudgetStatus) -> None:
+        """Start over with another plan, chosen because of a status."""
+        # Only an overrun right after an upgrade is a mistake of the upgrade; other overruns come
+        # from the scene or from load.
+        if status is _BudgetStatus.OVER_BUDGET and self._was_upgraded:
+            self._hysteresis_frames = min(2 * self._hysteresis_frames, _MAX_HYSTERESIS_FRAMES)
+        self._was_upgraded = status is _BudgetStatus.HEADROOM
+        self._frame_times_ms.clear()
+        self._added_ms.clear()
+        self._frames_with_headroom = 0

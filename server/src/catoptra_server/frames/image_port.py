@@ -1,12 +1,10 @@
-"""Robots and cameras as frames see them: protocols, so that nothing here imports the simulation.
+"""Frames composed from the cameras of robots: multi-view, viewports, one camera, or a variant.
 
-The state of a camera on a robot, built in one function for every frame and every tool.
-
-Cameras that the image port shows: the tiles of a multi-view, or the viewports of one robot.
-
-Without a multi-view the image port displays the first robot with a camera, in the viewports that
-the robot's client has set. With one, each camera keeps a tile from the spawn of the robot to the
-removal: the first free tile.
+Robots and cameras are protocols, so that nothing here imports the simulation. Without a multi-view
+the image port displays the first robot with a camera, in the viewports that the robot's client has
+set. With one, each camera keeps a tile from the spawn of the robot to the removal: the first free
+tile. `mounted_camera_state` is the one function that builds the state of a camera on a robot, for
+frames, data sets and tools alike.
 """
 
 from __future__ import annotations
@@ -33,7 +31,7 @@ from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.world_description import AT_REST, Twist
 
 
-class RobotCamera(Protocol):
+class _RobotCamera(Protocol):
     """A camera that a robot carries, of either kind."""
 
     name: str
@@ -86,10 +84,10 @@ class CameraRobot(Protocol):
         """Angle of each joint by lower-case link name."""
 
     @property
-    def all_cameras(self) -> Sequence[RobotCamera]:
+    def all_cameras(self) -> Sequence[_RobotCamera]:
         """Cameras of the robot, the omnidirectional one first."""
 
-    def find_camera(self, name: str) -> RobotCamera | None:
+    def find_camera(self, name: str) -> _RobotCamera | None:
         """Camera of a name in any case; the first camera for an empty name."""
 
     def noise_seed_for(self, camera: str) -> NoiseSeed:
@@ -107,7 +105,7 @@ class VisibleObjects:
 
 
 # A function: a robot that no camera of a frame belongs to is not looked up.
-VisibleObjectsLookup = Callable[[CameraRobot], VisibleObjects]
+_VisibleObjectsLookup = Callable[[CameraRobot], VisibleObjects]
 
 
 def mounted_camera_state(
@@ -147,13 +145,13 @@ def mounted_camera_state(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MountedCamera:
+class _MountedCamera:
     """A camera and the robot that carries it."""
 
     robot: CameraRobot
-    camera: RobotCamera
+    camera: _RobotCamera
 
-    def request_view(self, tile: Tile, visible_objects_of: VisibleObjectsLookup) -> ViewRequest:
+    def request_view(self, tile: Tile, visible_objects_of: _VisibleObjectsLookup) -> ViewRequest:
         """View of the camera now, at the size of a tile."""
         # Pose, twist and tick of one instant: the simulation thread moves nothing meanwhile.
         robot, visible = self.robot, visible_objects_of(self.robot)
@@ -183,7 +181,7 @@ class ImagePortLayout:
         self._layout = multi_view
         self._tiles = multi_view.tiles if multi_view else ()
         self._blank_size_px = blank_size_px
-        self._tile_cameras: list[MountedCamera | None] = [None] * len(self._tiles)
+        self._tile_cameras: list[_MountedCamera | None] = [None] * len(self._tiles)
 
     def assign_tiles(self, robot: CameraRobot) -> None:
         """Assign a free tile to each camera of a new robot, as long as tiles are free."""
@@ -191,7 +189,7 @@ class ImagePortLayout:
             if None not in self._tile_cameras:
                 return
             index = self._tile_cameras.index(None)
-            self._tile_cameras[index] = MountedCamera(robot, camera)
+            self._tile_cameras[index] = _MountedCamera(robot, camera)
             camera.tile = self._tiles[index]
             # STA reports one tile for a robot: the tile of the first camera.
             robot.tile_index = index if robot.tile_index < 0 else robot.tile_index
@@ -203,7 +201,7 @@ class ImagePortLayout:
     def compose_frame(
         self,
         robots: Iterable[CameraRobot],
-        visible_objects_of: VisibleObjectsLookup,
+        visible_objects_of: _VisibleObjectsLookup,
         *,
         tile: int | None = None,
     ) -> FrameComposition:
@@ -223,7 +221,7 @@ class ImagePortLayout:
         return _compose(layout, [mounted], visible_objects_of)
 
     def _compose_viewports(
-        self, robots: Iterable[CameraRobot], visible_objects_of: VisibleObjectsLookup
+        self, robots: Iterable[CameraRobot], visible_objects_of: _VisibleObjectsLookup
     ) -> FrameComposition:
         """Compose the viewports of the displayed robot; black without a robot."""
         robot = find_displayed_robot(robots)
@@ -236,7 +234,7 @@ class ImagePortLayout:
         width_px, height_px = (single or robot.all_cameras[0]).size_px
         layout = viewport_layout(config, width_px=width_px, height_px=height_px)
         cameras = [single] if single else [robot.find_camera(name) for name in names[: len(layout)]]
-        mounted = [MountedCamera(robot, camera) if camera else None for camera in cameras]
+        mounted = [_MountedCamera(robot, camera) if camera else None for camera in cameras]
         return _compose(layout, mounted, visible_objects_of)
 
 
@@ -249,11 +247,11 @@ def find_displayed_robot(robots: Iterable[_RobotT]) -> _RobotT | None:
 
 
 def compose_camera_frame(
-    robot: CameraRobot, camera: RobotCamera, visible_objects_of: VisibleObjectsLookup
+    robot: CameraRobot, camera: _RobotCamera, visible_objects_of: _VisibleObjectsLookup
 ) -> FrameComposition:
     """Compose the image of one camera at the camera's own size."""
     layout = _single_tile_layout(camera.size_px)
-    return _compose(layout, [MountedCamera(robot, camera)], visible_objects_of)
+    return _compose(layout, [_MountedCamera(robot, camera)], visible_objects_of)
 
 
 def compose_variant(composition: FrameComposition, variant: CameraVariant) -> FrameComposition:
@@ -263,9 +261,10 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
         DomainError: The camera is no omnidirectional one, or has no effect of a name.
     """
     (view,) = composition.views
-    composition = replace(composition, channels=variant.channels)
+    if view is not None:
+        view = replace(view, label_channels=variant.channels)
     if variant.channels and not variant.changes_picture:
-        return composition
+        return replace(composition, views=(view,))
     if view is None or not isinstance(view.camera, OmniCameraSpec):
         raise DomainError("only omnidirectional cameras have variants")
     reference = variant.make_reference(view.camera)
@@ -278,7 +277,7 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
     return replace(
         composition,
         views=(replace(view, camera=variant.apply_to(view.camera)),),
-        reference=None if reference is None else replace(view, camera=reference),
+        reference=None if reference is None else ViewRequest(reference, view.camera_state),
         metadata=metadata,
         is_turned=shown is not own,
     )
@@ -286,8 +285,8 @@ def compose_variant(composition: FrameComposition, variant: CameraVariant) -> Fr
 
 def _compose(
     layout: TileLayout,
-    cameras: Sequence[MountedCamera | None],
-    visible_objects_of: VisibleObjectsLookup,
+    cameras: Sequence[_MountedCamera | None],
+    visible_objects_of: _VisibleObjectsLookup,
 ) -> FrameComposition:
     # All tiles of a layout have the size of the first, and a layout has at least one.
     tile = layout.first_tile
@@ -300,7 +299,7 @@ def _compose(
     return FrameComposition(layout, views, metadata, min(intervals, default=0.0))
 
 
-def _frame_metadata(cameras: Sequence[MountedCamera | None], tile: Tile) -> FrameMetadata:
+def _frame_metadata(cameras: Sequence[_MountedCamera | None], tile: Tile) -> FrameMetadata:
     """Metadata of a frame: of its camera, else of its robot, else empty."""
     mounted_cameras = [mounted for mounted in cameras if mounted]
     robots = {mounted.robot for mounted in mounted_cameras}

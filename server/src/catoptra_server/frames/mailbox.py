@@ -1,13 +1,15 @@
-"""One slot a channel between render thread and event loop, holding the newest frame.
+"""When a channel captures a frame, and the slot that holds its newest one for all connections.
 
-The render thread puts frames; coroutines wait for a frame newer than their last one. A frame stays
-fresh while younger than a tick, or than rendering another one would take; after that a new one is
-requested. Under lockstep no frame stays fresh: each request has a frame of the present time.
+`CaptureScheduler` counts frames in simulation time, for the thread that captures. `Mailboxes` stand
+between render thread and event loop: coroutines wait for a frame newer than their last one.
 
-Times at which channels capture frames: on request, one at a time, at most once an interval.
-
-A channel has one frame in rendering at a time, so a request is never answered by a frame that
-waited in a queue behind others of its channel.
+* Pull: a frame is rendered because a client requested one. A channel has one frame in rendering at
+  a time, so no request is answered by a frame that waited behind others of its channel.
+* A frame is fresh while younger than a tick, or than rendering another one would take. So a slow
+  client gets fresh frames, and a fast one never waits for sockets. Under lockstep no frame stays
+  fresh: each request has a frame of the present time.
+* The next frame is requested where the last one is put, by the render thread itself: through the
+  simulation thread each frame cost 0.2 ms more.
 """
 
 from __future__ import annotations

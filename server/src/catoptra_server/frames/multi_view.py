@@ -1,14 +1,13 @@
-"""Layouts of several cameras in one image: UDK's MultiView tiles and UT2004's viewports.
+"""Several cameras in one image: UDK's MultiView tiles and UT2004's viewports.
 
 A tile shows an image rendered at the tile's size; nothing is resized, and an unused tile is black.
-A request for a rectangle needs only the tiles under it (`tiles_overlapping`).
+A request for a rectangle needs only the tiles under it (`TileLayout.tiles_overlapping`). Which
+camera a viewport shows is state of the robot, set by `SET {Type Viewports}`.
 
 UDK puts camera i at x = (i mod CameraTileX) CameraWidth and, in its source, at y = (i div
-CameraTileY) CameraHeight. Here y is (i div CameraTileX) CameraHeight, by the number of columns:
-the two agree for UDK's square layouts, only this form fills any other layout without a gap, and
-the Qt client counts its four tiles a row in the same way.
-
-State of UT2004's `SET {Type Viewports}`: the camera that each viewport of a robot shows.
+CameraTileY) CameraHeight. Here y is (i div CameraTileX) CameraHeight, by the number of columns: the
+two agree for UDK's square layouts, only this form fills any other layout without a gap, and the Qt
+client counts its four tiles a row in the same way.
 """
 
 from __future__ import annotations

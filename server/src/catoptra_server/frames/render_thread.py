@@ -1,16 +1,13 @@
 """The render thread: frame requests become frames, one after the other.
 
-It owns renderers and views, because an OpenGL context belongs to the thread that made it. The
-simulation goes on while a frame is rendered. Channels share the time of the thread: one whose
-frames take long waits behind the others. A channel whose frame cannot be rendered is rejected with
-the reason, and the others go on.
+It owns the views, because an OpenGL context belongs to the thread that made it; the simulation goes
+on meanwhile. Channels share the time of the thread: one whose frames take long waits behind the
+others, and all variants pay from one account. A channel whose frame fails is rejected with the
+reason, and the others go on.
 
-Channels whose frames fail: rejected for a while, longer after each failure.
-
-A failed frame costs more than others, since renderers are made anew: a channel that always fails
-must not take the time of those that work.
-
-One frame of a request: all views rendered, composed into one image, with the frame's numbers.
+* A failing channel rests for a second, then twice as long each time, up to a minute: a failed frame
+  costs more than others, since renderers are made anew for it. Under lockstep each is tried.
+* At most one query of a plan is answered a frame, so that neither kind of work starves the other.
 """
 
 from __future__ import annotations
@@ -20,8 +17,6 @@ import threading
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
-from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -39,12 +34,10 @@ from catoptra_server.frames.frame import (
     is_variant,
 )
 from catoptra_server.frames.frame_plan import ViewState
-from catoptra_server.frames.labels.labels import DrawnExposure
 from catoptra_server.frames.multi_view import compose_tiles
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.views import RenderedView, ViewFailedError
 from catoptra_server.render.renderer import Image
-from catoptra_server.render.trace.trace_engine import LabelRequest
 from catoptra_server.runtime.faults import log_fault
 from catoptra_server.runtime.queues import FairQueue
 
@@ -64,7 +57,7 @@ class _Pause:
     reason: str
 
 
-class ChannelBackoff:
+class _ChannelBackoff:
     """Pauses of failing channels."""
 
     def __init__(self, monotonic: Callable[[], float]) -> None:
@@ -89,21 +82,14 @@ class ChannelBackoff:
         self._pauses.pop(channel, None)
 
 
-class ViewProvider(Protocol):
+class _ViewProvider(Protocol):
     """Source of rendered views; the server's is `ViewCache`."""
 
     def render(self, request: ViewRequest) -> RenderedView:
         """Render a view."""
 
-    def label(
-        self, rendered: RenderedView, channels: tuple[str, ...], channel: Channel, time_s: float
-    ) -> FrameLabels:
+    def label(self, rendered: RenderedView, channel: Channel, time_s: float) -> FrameLabels:
         """Label the pixels of a rendered view."""
-
-    def request_labels(
-        self, channels: tuple[str, ...], exposure: DrawnExposure
-    ) -> LabelRequest | None:
-        """Labels of channels that can be found while a view is drawn."""
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Plan that the next frame of a camera will have; prepares no view."""
@@ -113,14 +99,13 @@ class ViewProvider(Protocol):
 
 
 def render_frame(
-    request: FrameRequest, views: ViewProvider | None, *, monotonic: Callable[[], float]
+    request: FrameRequest, views: _ViewProvider | None, *, monotonic: Callable[[], float]
 ) -> Frame:
     """Render all views of a request and compose the frame; black without a view provider."""
     composition = request.composition
     begin_s = monotonic()
     rendered = [
-        None if view is None or views is None else views.render(_with_labels(view, request, views))
-        for view in composition.views
+        None if view is None or views is None else views.render(view) for view in composition.views
     ]
     rgb = _turn(composition, _compose_image(composition, rendered))
     difference = None
@@ -129,14 +114,14 @@ def render_frame(
         reference_rgb = _turn(composition, reference.image.rgb)
         rgb, difference = append_difference(rgb, reference_rgb, reference.frame_plan.plan_text)
     labels = None
-    if composition.channels and views is not None and rendered[0] is not None:
-        labels = views.label(rendered[0], composition.channels, request.channel, request.time_s)
+    if rendered[0] is not None and views is not None and rendered[0].label_channels:
+        labels = views.label(rendered[0], request.channel, request.time_s)
         labels = labels.turn() if composition.is_turned else labels
     # Up to here the duration counts: the rest gathers numbers.
     end_s = monotonic()
     present = [view for view in rendered if view is not None]
     single = present[0] if len(rendered) == len(present) == 1 else None
-    bounds = max_bounds(view.frame_plan.bounds for view in present)
+    bounds = _max_bounds(view.frame_plan.bounds for view in present)
     return Frame(
         sequence=request.sequence,
         time_s=request.time_s,
@@ -159,14 +144,6 @@ def render_frame(
     )
 
 
-def _with_labels(view: ViewRequest, request: FrameRequest, views: ViewProvider) -> ViewRequest:
-    """Request of a view with the labels of its frame."""
-    channels = request.composition.channels
-    if not channels:
-        return view
-    return replace(view, request_labels=partial(views.request_labels, channels))
-
-
 def _sum_stages(views: Sequence[RenderedView]) -> dict[str, float]:
     """Milliseconds of each stage, over all views of a frame."""
     stage_ms: dict[str, float] = {}
@@ -176,7 +153,7 @@ def _sum_stages(views: Sequence[RenderedView]) -> dict[str, float]:
     return stage_ms
 
 
-def max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float] | None:
+def _max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float] | None:
     """Largest value of each error bound, over all views of a frame.
 
     Returns:
@@ -244,7 +221,7 @@ class _PlanQuery:
     reply: PlanCallback
 
 
-class FrameSink(Protocol):
+class _FrameSink(Protocol):
     """Destination of frames and rejections, in the render thread; the server's is `Mailboxes`."""
 
     def put(self, frame: Frame) -> None:
@@ -259,7 +236,7 @@ class RenderThread:
 
     def __init__(
         self,
-        sink: FrameSink,
+        sink: _FrameSink,
         *,
         is_lockstep: bool = False,
         monotonic: Callable[[], float] = time.monotonic,
@@ -275,7 +252,7 @@ class RenderThread:
         """
         self._sink = sink
         self._monotonic = monotonic
-        self._backoff = None if is_lockstep else ChannelBackoff(monotonic)
+        self._backoff = None if is_lockstep else _ChannelBackoff(monotonic)
         # Guards all below.
         self._changed = threading.Condition()
         self._frames: FairQueue[Channel, _PendingFrame] = FairQueue(
@@ -331,7 +308,7 @@ class RenderThread:
             self._changed.notify()
 
     def run(
-        self, create_views: Callable[[], ViewProvider | None], on_ready: Callable[[], None]
+        self, create_views: Callable[[], _ViewProvider | None], on_ready: Callable[[], None]
     ) -> None:
         """Create the views, call `on_ready`, and render until stopped.
 
@@ -350,7 +327,7 @@ class RenderThread:
             if views is not None:
                 views.close()
 
-    def _serve_queue(self, views: ViewProvider | None) -> None:
+    def _serve_queue(self, views: _ViewProvider | None) -> None:
         """Answer requests until stopped."""
         while True:
             with self._changed:
@@ -371,7 +348,7 @@ class RenderThread:
                 query.reply(_find_plan(query.camera, views))
 
     def _answer_frame(
-        self, request: FrameRequest, future: Future[None] | None, views: ViewProvider | None
+        self, request: FrameRequest, future: Future[None] | None, views: _ViewProvider | None
     ) -> None:
         """Put the frame of a request, or reject its channel."""
         begin_s = self._monotonic()
@@ -385,7 +362,7 @@ class RenderThread:
         with self._changed:
             self._frames.charge(_account_of(request), duration_s, weight=weight)
 
-    def _render_or_fail(self, request: FrameRequest, views: ViewProvider | None) -> str:
+    def _render_or_fail(self, request: FrameRequest, views: _ViewProvider | None) -> str:
         """Render a frame and put it; the reason of a failure, empty after success."""
         channel, backoff = request.channel, self._backoff
         reason = backoff.find_reason(channel) if backoff else ""
@@ -428,7 +405,7 @@ def _account_of(request: FrameRequest) -> Channel:
     return channel
 
 
-def _find_plan(camera: OmniCameraSpec, views: ViewProvider | None) -> ViewState | PlanFailure:
+def _find_plan(camera: OmniCameraSpec, views: _ViewProvider | None) -> ViewState | PlanFailure:
     if views is None:
         return PlanFailure("this server has no camera")
     try:

@@ -5,7 +5,7 @@ Here are the plan, the image, and what both renderers share about time: the mill
 and the sharp camera states of a long exposure. Plans are made in `frames/plan`.
 
 To add a renderer, implement `Renderer` and `View` in a folder of its own and add a line to
-`frames/plan/renderers.py`.
+`frames/renderers.py`.
 
 The two renderers blur motion differently. Raster and the float64 reference take the weighted mean,
 row by row, of sharp images at times a pixel of motion apart (`sample_shutter`). The kernel takes

@@ -1,6 +1,6 @@
 """The simulated world in motion: `loop` owns clock and thread, `fleet` the robots.
 
-Other threads post `simulation_events` and touch nothing else here.
+Other threads post `events` and touch nothing else here.
 """
 
 from catoptra_server.simulation.events import (

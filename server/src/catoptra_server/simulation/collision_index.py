@@ -1,4 +1,7 @@
-"""Obstacles of each robot: the scene at the heights of the robot's class, and the other robots."""
+"""Obstacles of each robot: the scene at the heights of the robot's class, and the other robots.
+
+The obstacles of the scene are sorted in a thread of their own, while the renderer is prepared.
+"""
 
 from __future__ import annotations
 

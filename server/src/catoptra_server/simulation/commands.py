@@ -1,12 +1,10 @@
-"""SET of a robot's parts, and the RES that reports OK or Failed.
+"""Commands to one robot: wheels, joints, packages, SET, GETCONF, GETGEO; and who may drive whom.
 
-To add an opcode: a handler below, and its line in `_HANDLERS`.
+Each command returns its reports. A part that the robot does not have gets an empty reply to GETCONF
+and GETGEO, and a RES of Failed to SET. A robot whose owner shares its control may be driven by
+other clients. It halts once its driver disconnects or may not drive it any more.
 
-Replies to GETCONF and GETGEO; a type or name that the robot lacks has an empty reply.
-
-Commands that need a robot with power: motion of wheels, joints and packages, SET, viewports.
-
-Robots that clients other than their owners drive, where the owners allow it.
+To add an opcode of SET: a handler below, and its line in `_HANDLERS`.
 """
 
 from __future__ import annotations
@@ -55,7 +53,7 @@ from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.simulation.sensors.range_scanner import RangeScannerSensor
 
 
-def execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report]:
+def _execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report]:
     """Execute SET of a part.
 
     Returns:
@@ -257,11 +255,11 @@ def _find_parts(robot: Robot, type_: str, name: str | None) -> list[Part]:
 
 
 # The others are executed without power, as in USARSim.
-ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | SetCommand | SetViewports | Trace
+_ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | SetCommand | SetViewports | Trace
 
 
 def execute_control(
-    robot: Robot, command: ControlCommand, time_s: float, sense: EnvironmentProvider
+    robot: Robot, command: _ControlCommand, time_s: float, sense: EnvironmentProvider
 ) -> list[Report]:
     """Execute a command of a robot that has power; its reports, mostly none.
 
@@ -282,7 +280,7 @@ def execute_control(
         case SetViewports():
             return [robot.viewports.execute(command, time_s)]
         case SetCommand():
-            return execute_set(robot, command, robot.sensor_context(time_s, sense()))
+            return _execute_set(robot, command, robot.sensor_context(time_s, sense()))
         case Trace():
             pass  # accepted: the colour trail of the original editor has no counterpart
         case _:

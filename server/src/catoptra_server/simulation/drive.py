@@ -1,15 +1,13 @@
-"""Kinematics of a skid-steered base: wheel spin to wheel travel, wheel travel to a new pose.
+"""Motion of a skid-steered base for one tick: wheel spin to wheel travel to a new pose.
 
 Both wheels of a side spin alike. Yaw grows clockwise (SAE), hence with the travel of the left side:
-turn = (left - right) / track, as USARSim's odometry integrates wheel rotations.
+turn = (left - right) / track, as USARSim's odometry integrates wheel rotations. Slip is random, by
+tick; the base stops at the first contact while its wheels roll on.
 
-Bases of USARSim's robots, which robot files leave to the source of the class.
-
-UT2004 P2AT and UDK P3AT: replies of real servers. P2DX: wheels and body from the manufacturer's
-data sheet of the Pioneer 2-DX, since no reply of that class is public; the wheel speed gives the
-driving speed of the P2AT. Ride heights are our choice: half the body's height.
-
-Motion of a robot's base for one tick, with wheel slip, up to the first contact.
+Bases of USARSim's robots are here, too: robot files leave them to the source of the class. UT2004
+_P2AT and UDK _P3AT are from replies of real servers. No reply of the P2DX's class is public: its
+wheels and body are from the manufacturer's data sheet of the Pioneer 2-DX, and the wheel speed
+gives the driving speed of the _P2AT. Ride heights are our choice: half the body's height.
 """
 
 from __future__ import annotations
@@ -104,7 +102,7 @@ def integrate_arc(pose: PlanarPose, distance_m: float, turn_rad: float) -> Plana
     )
 
 
-P2AT = DriveBase(
+_P2AT = DriveBase(
     wheel_radius_m=0.13,
     wheel_separation_m=0.4712,
     wheel_base_m=0.2884,
@@ -116,8 +114,8 @@ P2AT = DriveBase(
     turn_slip=0.0,
     slip_noise=0.0,
 )
-P2DX = replace(
-    P2AT,
+_P2DX = replace(
+    _P2AT,
     wheel_radius_m=0.0955,
     wheel_separation_m=0.33,
     wheel_base_m=0.185,  # from the driven axle to the castor's
@@ -126,7 +124,7 @@ P2DX = replace(
     mass_kg=9.0,
     max_speed_rad_s=7.33,  # 0.70 m/s on these wheels, as the P2AT's 5.385 on larger ones
 )
-P3AT = DriveBase(
+_P3AT = DriveBase(
     wheel_radius_m=0.098,
     wheel_separation_m=0.36,
     wheel_base_m=0.248,
@@ -142,7 +140,7 @@ P3AT = DriveBase(
 )
 
 # By the name of the class without its package, in lower case.
-STANDARD_BASES = {"p2at": P2AT, "omnip2at": P2AT, "p2dx": P2DX, "omnip2dx": P2DX, "p3at": P3AT}
+STANDARD_BASES = {"p2at": _P2AT, "omnip2at": _P2AT, "p2dx": _P2DX, "omnip2dx": _P2DX, "p3at": _P3AT}
 
 
 # Halvings of a tick's motion towards the wall: 2^-7 of at most 14 mm is a tenth of a millimetre.

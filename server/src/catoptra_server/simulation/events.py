@@ -1,6 +1,7 @@
 """Events that other threads post to the simulation, and a connection as the simulation sees it.
 
-Replies to work that raised an exception: every client that waits for a reply gets one.
+Replies go by callback, also to work that raised an exception: every client that waits for a reply
+gets one.
 """
 
 from __future__ import annotations

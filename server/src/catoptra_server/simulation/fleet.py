@@ -1,4 +1,8 @@
-"""The robots of all clients: spawning, commands, motion, readings and frames."""
+"""The robots of all clients: spawning, commands, motion, readings and frames.
+
+The one face of robots, cameras and obstacles to the simulation loop; a command finds its robot here
+and is executed in `commands.py`. Knows no clock and no queue.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +65,7 @@ from catoptra_server.world.world_description import World
 log = logging.getLogger(__name__)
 
 # More than any program has spawned; each costs its share of every tick.
-MAX_ROBOTS = 64
+_MAX_ROBOTS = 64
 
 
 class Fleet:
@@ -212,8 +216,8 @@ class Fleet:
         Raises:
             SpawnError: No class, start or free place answers to INIT.
         """
-        if len(self._robots) >= MAX_ROBOTS:
-            raise SpawnError(f"the limit of {MAX_ROBOTS} robots is reached")
+        if len(self._robots) >= _MAX_ROBOTS:
+            raise SpawnError(f"the limit of {_MAX_ROBOTS} robots is reached")
         return place_robot(init, self._classes, self._world.starts, self._place_test)
 
     def _place_test(self, description: RobotDescription, yaw_rad: float) -> PlaceTest:

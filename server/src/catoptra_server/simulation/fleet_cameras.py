@@ -1,8 +1,7 @@
-"""Environment of each robot of a fleet: the world, and the other robots as boxes.
+"""The cameras of all robots, and what they and the sensors of a robot may see.
 
-Cameras of a fleet: their tiles, the robot and camera of a channel, and its frames.
-
-Queries about what a camera sees: landmarks in view, and the view through a pixel.
+`FleetCameras` finds robot and camera of a channel, composes frames and answers queries about what a
+camera sees; `FleetEnvironment` is the world with the other robots as boxes, for one robot.
 """
 
 from __future__ import annotations

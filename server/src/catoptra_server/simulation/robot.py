@@ -1,8 +1,13 @@
-"""A spawned robot: body, sensors, cameras, mission packages, battery and report schedule.
+"""A spawned robot: body, sensors, cameras, mission packages, battery, reports and notes.
 
-Times at which the sensors of a robot report.
+It moves by one tick at a time and reads its sensors when their reports are due. Who commands it is
+not known here. Viewers get the robots as a frozen `FleetState`: poses, commanded speeds, newest
+readings, published notes.
 
-The robots as a viewer sees them: poses, commanded speeds, newest readings, published notes.
+* All periods start together: the first reports are due at once. A period of 0.05 s keeps its mean
+  in ticks of 0.02 s.
+* Random numbers are keyed by the server's seed and the robot's name, never by the order of
+  connections: a drive is reproducible whichever clients are connected, too.
 """
 
 from __future__ import annotations
@@ -41,7 +46,7 @@ from catoptra_server.world.world_description import AT_REST, Twist
 _SAME_TIME_S = 1e-6
 
 
-class ReportSchedule:
+class _ReportSchedule:
     """Periods that start together: all first reports are due at once."""
 
     def __init__(self, intervals_s: Sequence[float], time_s: float) -> None:
@@ -131,7 +136,7 @@ class Robot:
         }
         # The last entry of the schedule is the status, which has no sensor.
         intervals = [sensor.interval_s for sensor in self.sensors]
-        self._schedule = ReportSchedule([*intervals, description.status_interval_s], time_s)
+        self._schedule = _ReportSchedule([*intervals, description.status_interval_s], time_s)
         self._battery_empty_s = time_s + description.battery_s
         self._light = False
         self._twist = AT_REST

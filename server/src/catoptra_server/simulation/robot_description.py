@@ -1,11 +1,7 @@
 """Description of a robot class: drive, cameras, sensors and joints, as read from a robot file.
 
 Frozen data in SI units. The robot frame is SAE (x forward, y right, z down) with the origin in the
-chassis at `ride_height_m` above the floor.
-
-Mounting pose of an item of a robot file.
-
-Position and heading of a robot on a level floor.
+chassis at `ride_height_m` above the floor. Slip and odometry errors are part of the description.
 """
 
 from __future__ import annotations

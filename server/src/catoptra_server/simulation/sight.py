@@ -1,6 +1,6 @@
-"""Landmarks in view of a camera, by geometry alone: labels for training and testing detectors.
+"""What a camera sees, by geometry alone: landmarks in view, and the thing at one point.
 
-What a camera sees at one point of its image: direction, range and name of the thing there.
+Labels for training and testing detectors, without a rendered frame. Other robots occlude as boxes.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Class, place and name of a robot, from the parameters of INIT.
+"""Class, place and name of a new robot, from the parameters of INIT.
 
 A robot is spawned where it touches nothing: a base in contact could hardly move, and robots inside
-each other fill each other's images. A place that is not free is replaced by the nearest free one.
-
-Meshes of all robot classes, for the views of other robots and of a robot's own mirror.
+each other fill each other's images. A place that is not free is replaced by the nearest free one of
+the same heading, within 2 m.
 """
 
 from __future__ import annotations
@@ -82,11 +81,11 @@ def _tower(description: RobotDescription) -> OmniCameraTower | None:
 
 # As far as landmarks may lie. The scene is drawn in float32, which rounds coordinates of 1e5 m to
 # 8 mm; a place beyond 1e18 m has no cell number in 64 bits.
-MAX_COORDINATE_M = 1e5
+_MAX_COORDINATE_M = 1e5
 # Far above any number of turns that a client could mean, and still wrapped to 1e-10 rad.
-MAX_ANGLE_RAD = 1e6
+_MAX_ANGLE_RAD = 1e6
 # Sixteen robots of half a metre find places about one, side by side.
-SEARCH_RADIUS_M = 2.0
+_SEARCH_RADIUS_M = 2.0
 # A fifth of a small base: 1256 places within the radius.
 _SEARCH_STEP_M = 0.1
 # The nearest 314 reach 1 m far, where most searches end; all take 2 to 6 ms in crowded places.
@@ -120,9 +119,9 @@ def place_robot(
         SpawnError: No class, start or free place answers to INIT.
     """
     description = find_class(classes, init.class_name)
-    requested = spawn_pose(init, starts)
+    requested = _spawn_pose(init, starts)
     are_free = make_place_test(description, requested.yaw_rad)
-    return description, requested, find_free_pose(requested, are_free)
+    return description, requested, _find_free_pose(requested, are_free)
 
 
 def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescription:
@@ -138,7 +137,7 @@ def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescripti
     raise SpawnError(f"there is no class {name!r}: this server has {names}")
 
 
-def spawn_pose(init: Init, starts: Sequence[StartPose]) -> PlanarPose:
+def _spawn_pose(init: Init, starts: Sequence[StartPose]) -> PlanarPose:
     """Requested pose of a new robot on the floor.
 
     The location precedes the start. Height and tilt of either are ignored: a base that is not on
@@ -152,8 +151,8 @@ def spawn_pose(init: Init, starts: Sequence[StartPose]) -> PlanarPose:
     else:
         start = _find_start(init.start, starts)
         location_m, rotation_rad = start.location_m, start.rotation_rad
-    _check_limits("Location", location_m, MAX_COORDINATE_M)
-    _check_limits("Rotation", rotation_rad, MAX_ANGLE_RAD)
+    _check_limits("Location", location_m, _MAX_COORDINATE_M)
+    _check_limits("Rotation", rotation_rad, _MAX_ANGLE_RAD)
     return PlanarPose(location_m[0], location_m[1], wrap_angle(rotation_rad[2]))
 
 
@@ -173,7 +172,7 @@ def _check_limits(key: str, values: tuple[float, float, float], limit: float) ->
         raise SpawnError(f"{key} {text} is out of limits: each number is at most {limit:g}")
 
 
-def find_free_pose(requested: PlanarPose, are_free: PlaceTest) -> PlanarPose:
+def _find_free_pose(requested: PlanarPose, are_free: PlaceTest) -> PlanarPose:
     """Requested pose if free, else the nearest free one of the same heading, within 2 m.
 
     Args:
@@ -195,7 +194,7 @@ def find_free_pose(requested: PlanarPose, are_free: PlaceTest) -> PlanarPose:
             x, y = group[free.argmax()].tolist()
             return replace(requested, x_m=x, y_m=y)
     raise SpawnError(
-        f"there is no free place within {SEARCH_RADIUS_M:g} m of "
+        f"there is no free place within {_SEARCH_RADIUS_M:g} m of "
         f"{requested.x_m:g},{requested.y_m:g}"
     )
 
@@ -203,7 +202,7 @@ def find_free_pose(requested: PlanarPose, are_free: PlaceTest) -> PlanarPose:
 def _search_offsets_m() -> Floats:
     """(n, 2) offsets of a grid along the heading within the search radius, the nearest first."""
     # Along the heading, so that bases of equal heading fit side by side.
-    num_steps = round(SEARCH_RADIUS_M / _SEARCH_STEP_M)
+    num_steps = round(_SEARCH_RADIUS_M / _SEARCH_STEP_M)
     steps = range(-num_steps, num_steps + 1)
     # Squares of whole numbers: equal distances are equal, and ties have a fixed order.
     ranked = sorted((i * i + j * j, i, j) for i in steps for j in steps)

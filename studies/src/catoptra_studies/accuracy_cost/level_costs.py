@@ -20,11 +20,11 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixe
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.plan.error_bound import (
     ErrorBound,
-    GeometricError,
     add_scene,
     coordinate_errors,
     error_bound,
 )
+from catoptra_server.frames.plan.facet_error import GeometricError
 from catoptra_server.render.renderer import RenderPlan, View
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini

@@ -19,7 +19,7 @@ from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import choose_renderer
+from catoptra_server.frames.renderers import choose_renderer
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.renderer_kind import RendererKind

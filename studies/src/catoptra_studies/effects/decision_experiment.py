@@ -32,7 +32,7 @@ from catoptra_server.frames.frame import ViewRequest
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import RendererPool, choose_renderer
+from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_table import Float32s, omni_ray_table

@@ -30,7 +30,7 @@ from catoptra_server.effects.effect import (
 )
 from catoptra_server.effects.effect_plan import EffectDecision, apply_scene_effects, plan_effects
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import create_renderer
+from catoptra_server.frames.renderers import create_renderer
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import View
 from catoptra_server.render.renderer_kind import RendererKind

@@ -1,6 +1,4 @@
-"""Child processes with a result, and others that crash, hang or print instead.
-
-The doctor's findings on renderers, by the results of their child processes."""
+"""Checks in child processes that crash, hang or print; findings on renderers."""
 
 from __future__ import annotations
 

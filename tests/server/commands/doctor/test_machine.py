@@ -1,10 +1,4 @@
-"""Findings: one line each with its remedy, and the exit status of several.
-
-Packages and versions, against metadata of distributions that a test writes.
-
-Occupied and free ports, and servers that greet or do not.
-
-Processors, and the limits of containers."""
+"""Findings and their exit status; packages, ports, processors."""
 
 from __future__ import annotations
 

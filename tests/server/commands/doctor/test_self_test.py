@@ -1,6 +1,4 @@
-"""The self-test: within its bound on this machine, and sensitive to a displaced image.
-
-The doctor's check of configuration files: valid, broken, misspelt."""
+"""The self-test is within its bound and notices a displaced image; configurations are read."""
 
 from __future__ import annotations
 
@@ -49,7 +47,7 @@ def render_discs() -> np.ndarray:
     """Frame of the self-test, rendered by trace."""
     from catoptra_protocol.optics.transforms import Pose
     from catoptra_server.frames.plan.plans import plan_from_settings
-    from catoptra_server.frames.plan.renderers import choose_renderer
+    from catoptra_server.frames.renderers import choose_renderer
     from catoptra_server.world.camera_state import CameraState
     from catoptra_server.world.scene_mesh import build_scene
 

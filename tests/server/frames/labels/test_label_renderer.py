@@ -22,7 +22,7 @@ from catoptra_server.effects.medium.misalignment import Misalignment, lookup_off
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.frames.labels import label_renderer as occluded_fraction
 from catoptra_server.frames.labels.label_renderer import project_points
-from catoptra_server.frames.labels.labels import DrawnExposure
+from catoptra_server.frames.labels.labels import LabelledImage
 from catoptra_server.frames.plan.plans import plan_from_settings
 from catoptra_server.render.render_settings import RenderSettings
 from catoptra_server.render.renderer import advance
@@ -62,7 +62,7 @@ def cast_still(camera: OmniCamera) -> CastRays:
 def test_channels_are_those_of_an_independent_caster(camera: OmniCamera, engine) -> None:
     cast = cast_still(camera)
     with open_labels(engine) as labels:
-        found = labels.render(DrawnExposure(camera, STATE), ALL).channels
+        found = labels.render(LabelledImage(camera, STATE), ALL).channels
     sure = cast.is_certain
     assert sure.mean() > 0.5 * found["valid"].mean()
     seen = sure & np.isfinite(cast.range_m)
@@ -83,7 +83,7 @@ def test_ids_beside_edges_are_the_majority_of_samples(camera: OmniCamera) -> Non
     offsets = (np.arange(side) + 0.5) / side
     with open_labels() as labels:
         found = labels.render(
-            DrawnExposure(camera, STATE, samples=4), ("ids", "agreement")
+            LabelledImage(camera, STATE, samples=4), ("ids", "agreement")
         ).channels
     mixed = (found["agreement"] > 0) & (found["agreement"] < 255) & (found["ids"] > 0)
     rows, columns = np.nonzero(mixed)
@@ -108,7 +108,7 @@ def test_agreement_is_whole_where_a_pixel_shows_one_object() -> None:
     camera = CAMERAS["paper"]
     with open_labels() as labels:
         found = labels.render(
-            DrawnExposure(camera, STATE, samples=2), ("ids", "agreement")
+            LabelledImage(camera, STATE, samples=2), ("ids", "agreement")
         ).channels
     ids = found["ids"].astype(int)
     inner = np.zeros(ids.shape, dtype=bool)
@@ -122,7 +122,7 @@ def test_agreement_is_whole_where_a_pixel_shows_one_object() -> None:
 
 def test_classes_are_those_of_the_ids() -> None:
     with open_labels() as labels:
-        truth = labels.render(DrawnExposure(CAMERAS["paper"], STATE), ("ids", "classes"))
+        truth = labels.render(LabelledImage(CAMERAS["paper"], STATE), ("ids", "classes"))
         classes = {one.number: one.class_number for one in truth.objects}
         names = {one.number: one.class_name for one in truth.objects}
     ids = truth.channels["ids"]
@@ -138,7 +138,7 @@ def test_ranges_of_two_poses_make_one_cloud(camera: OmniCamera) -> None:
     other = replace(STATE, world_from_mirror=Pose.from_rpy((0.1, -0.3, -0.75), (0.05, 0.1, -1.1)))
     with open_labels() as labels:
         clouds = [
-            labels.render(DrawnExposure(camera, state), ("point", "normal", "ids")).channels
+            labels.render(LabelledImage(camera, state), ("point", "normal", "ids")).channels
             for state in (STATE, other)
         ]
     first, second = clouds
@@ -173,7 +173,7 @@ def test_rows_of_a_rolling_shutter_are_labelled_at_their_own_times() -> None:
         shutter=INSTANTANEOUS.add_exposure(0.02, 3.0).add_readout(0.06, 9.0),
     )
     with open_labels() as labels:
-        found = labels.render(DrawnExposure(camera, moving), ("range", "ids")).channels
+        found = labels.render(LabelledImage(camera, moving), ("range", "ids")).channels
     for row in (10, 48, 80):
         time_s = 0.06 * ((row + 0.5) / camera.height_px - 0.5)
         pixels = np.column_stack(
@@ -195,18 +195,18 @@ def test_global_shutter_is_labelled_at_the_middle_of_the_exposure() -> None:
         shutter=INSTANTANEOUS.add_exposure(0.05, 3.0),
     )
     with open_labels() as labels:
-        blurred = labels.render(DrawnExposure(camera, moving), ("ids",)).channels
-        still = labels.render(DrawnExposure(camera, STATE), ("ids",)).channels
+        blurred = labels.render(LabelledImage(camera, moving), ("ids",)).channels
+        still = labels.render(LabelledImage(camera, STATE), ("ids",)).channels
     np.testing.assert_array_equal(blurred["ids"], still["ids"])
 
 
 def test_displaced_camera_is_labelled_as_its_picture_shows() -> None:
     camera = CAMERAS["paper"]
     displaced = Misalignment(x_m=0.004, pitch_rad=0.01)
-    drawn = DrawnExposure(camera, STATE, image_effects=(displaced,))
+    drawn = LabelledImage(camera, STATE, image_effects=(displaced,))
     with open_labels() as labels:
         found = labels.render(drawn, ("ids", "valid")).channels
-        aligned = labels.render(DrawnExposure(camera, STATE), ("ids",)).channels
+        aligned = labels.render(LabelledImage(camera, STATE), ("ids",)).channels
     lookup = lookup_offset_map(displaced, camera)
     assert np.hypot(lookup[..., 0], lookup[..., 1])[lookup[..., 2] > 0].max() > 1.0
     u, v = np.meshgrid(np.arange(96) + 0.5, np.arange(96) + 0.5)
@@ -228,9 +228,9 @@ def test_flow_leads_to_the_point_in_the_other_image_and_back(camera: OmniCamera)
     )
     with open_labels() as labels:
         forward = labels.render(
-            DrawnExposure(camera, here), ("flow", "ids", "point"), there
+            LabelledImage(camera, here), ("flow", "ids", "point"), there
         ).channels
-        backward = labels.render(DrawnExposure(camera, there), ("flow", "ids"), here).channels
+        backward = labels.render(LabelledImage(camera, there), ("flow", "ids"), here).channels
     flow = forward["flow"]
     known = np.isfinite(flow).all(axis=-1)
     assert 0.5 < known[forward["ids"] > 0].mean() < 1.0
@@ -256,9 +256,9 @@ def test_flow_leads_to_the_point_in_the_other_image_and_back(camera: OmniCamera)
 def test_flow_is_unknown_without_another_frame_and_of_what_is_gone() -> None:
     camera = CAMERAS["paper"]
     with open_labels() as labels:
-        none = labels.render(DrawnExposure(camera, STATE), ("flow",)).channels["flow"]
+        none = labels.render(LabelledImage(camera, STATE), ("flow",)).channels["flow"]
         found = labels.render(
-            DrawnExposure(camera, STATE), ("flow", "ids"), replace(STATE, objects=())
+            LabelledImage(camera, STATE), ("flow", "ids"), replace(STATE, objects=())
         ).channels
     assert np.isnan(none).all()
     assert np.isnan(found["flow"][found["ids"] > 5]).all()
@@ -267,7 +267,7 @@ def test_flow_is_unknown_without_another_frame_and_of_what_is_gone() -> None:
 
 def test_still_scene_has_no_flow(camera: OmniCamera) -> None:
     with open_labels() as labels:
-        found = labels.render(DrawnExposure(camera, STATE), ("flow", "ids"), STATE).channels
+        found = labels.render(LabelledImage(camera, STATE), ("flow", "ids"), STATE).channels
     flow = found["flow"]
     known = np.isfinite(flow).all(axis=-1)
     assert known[found["ids"] > 0].mean() > 0.98
@@ -277,7 +277,7 @@ def test_still_scene_has_no_flow(camera: OmniCamera) -> None:
 def test_perspective_cameras_have_the_same_channels() -> None:
     camera = PerspectiveCamera(64, 48, 1.2)
     with open_labels() as labels:
-        found = labels.render(DrawnExposure(camera, STATE, samples=2), ALL).channels
+        found = labels.render(LabelledImage(camera, STATE, samples=2), ALL).channels
     assert found["range"].shape == (48, 64)
     assert found["valid"].all()
     assert len(np.unique(found["ids"])) > 2
@@ -285,8 +285,8 @@ def test_perspective_cameras_have_the_same_channels() -> None:
 
 def test_only_requested_channels_are_rendered() -> None:
     with open_labels() as labels:
-        assert list(labels.render(DrawnExposure(FISH_EYE, STATE), ("valid",)).channels) == ["valid"]
-        assert labels.render(DrawnExposure(FISH_EYE, STATE), ()).channels == {}
+        assert list(labels.render(LabelledImage(FISH_EYE, STATE), ("valid",)).channels) == ["valid"]
+        assert labels.render(LabelledImage(FISH_EYE, STATE), ()).channels == {}
 
 
 @pytest.mark.parametrize("engine", ["kernel", "reference"])
@@ -301,7 +301,7 @@ def test_flow_ends_at_the_pixel_that_the_camera_model_gives(camera: OmniCamera, 
     )
     with open_labels(engine) as labels:
         found = labels.render(
-            DrawnExposure(camera, STATE), ("flow", "ids", "point"), there
+            LabelledImage(camera, STATE), ("flow", "ids", "point"), there
         ).channels
         robots = {labels.labels.number_of(one): index for index, one in enumerate(ROBOTS)}
     known = np.isfinite(found["flow"]).all(axis=-1)
@@ -327,7 +327,7 @@ def test_labels_beside_a_picture_are_those_alone_and_leave_the_picture(
 ) -> None:
     camera = CAMERAS[name]
     state = replace(STATE, has_shadows=True, fog=FogMedium(0.05, (0.6, 0.6, 0.6)))
-    drawn = DrawnExposure(camera, state, samples=samples)
+    drawn = LabelledImage(camera, state, samples=samples)
     channels = tuple(name for name in ALL if name != "flow")
     plan = plan_from_settings(
         RenderSettings(samples=samples), camera, kind=RendererKind.TRACE, reason="a test"
@@ -355,13 +355,13 @@ def test_labels_beside_a_picture_are_those_alone_and_leave_the_picture(
 @pytest.mark.parametrize(
     "drawn",
     [
-        DrawnExposure(FISH_EYE, replace(STATE, shutter=replace(INSTANTANEOUS, exposure_s=0.01))),
-        DrawnExposure(CAMERAS["paper"], STATE, (Misalignment(x_m=0.004),)),
+        LabelledImage(FISH_EYE, replace(STATE, shutter=replace(INSTANTANEOUS, exposure_s=0.01))),
+        LabelledImage(CAMERAS["paper"], STATE, (Misalignment(x_m=0.004),)),
     ],
     ids=["exposed for a while", "displaced"],
 )
 def test_labels_of_other_rays_than_the_picture_are_not_found_beside_it(
-    drawn: DrawnExposure,
+    drawn: LabelledImage,
 ) -> None:
     with open_labels() as labels:
         assert labels.request(drawn, ("ids",)) is None
@@ -369,7 +369,7 @@ def test_labels_of_other_rays_than_the_picture_are_not_found_beside_it(
 
 def test_mask_alone_takes_no_ray() -> None:
     with open_labels() as labels:
-        assert labels.request(DrawnExposure(FISH_EYE, STATE), ("valid",)) is None
+        assert labels.request(LabelledImage(FISH_EYE, STATE), ("valid",)) is None
 
 
 CHANNELS = ("ids", "valid")
@@ -385,10 +385,10 @@ def test_screen_hides_the_pixels_that_it_takes(name: str) -> None:
         Material((0.5, 0.5, 0.5)),
     )
     with open_labels() as labels:
-        alone = labels.render(DrawnExposure(camera, STATE), CHANNELS).channels["ids"]
+        alone = labels.render(LabelledImage(camera, STATE), CHANNELS).channels["ids"]
     world = replace(WORLD, items=(*WORLD.items, screen))
     with open_labels(world=world) as labels:
-        drawn = DrawnExposure(camera, STATE)
+        drawn = LabelledImage(camera, STATE)
         truth = labels.render(drawn, CHANNELS)
         found = labels.measure_occlusion(drawn, truth)
     ids = truth.channels["ids"]
@@ -404,11 +404,11 @@ def test_screen_hides_the_pixels_that_it_takes(name: str) -> None:
 
 def test_robot_behind_the_crate_is_partly_hidden() -> None:
     camera = CAMERAS["paper"]
-    drawn = DrawnExposure(camera, STATE)
+    drawn = LabelledImage(camera, STATE)
     with open_labels() as labels:
         truth = labels.render(drawn, CHANNELS)
         found = labels.measure_occlusion(drawn, truth)
-        alone = DrawnExposure(camera, replace(STATE, objects=ROBOTS[:1]))
+        alone = LabelledImage(camera, replace(STATE, objects=ROBOTS[:1]))
         ids = labels.render(alone, CHANNELS).channels["ids"]
     first = labels.labels.number_of(ROBOTS[0])
     seen = (truth.channels["ids"] == first).sum()
@@ -418,10 +418,10 @@ def test_robot_behind_the_crate_is_partly_hidden() -> None:
 
 
 def test_fewer_rays_estimate_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn = DrawnExposure(CAMERAS["fish-eye"], STATE)
+    drawn = LabelledImage(CAMERAS["fish-eye"], STATE)
     found = []
     for limit in (4096, 1000):
-        monkeypatch.setattr(occluded_fraction, "MAX_RAYS", limit)
+        monkeypatch.setattr(occluded_fraction, "_MAX_RAYS", limit)
         with open_labels() as labels:
             found.append(labels.measure_occlusion(drawn, labels.render(drawn, CHANNELS)))
     for number, fraction in found[0].items():
@@ -429,7 +429,7 @@ def test_fewer_rays_estimate_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_pinned_instruction_set_measures_the_same() -> None:
-    drawn = DrawnExposure(CAMERAS["fish-eye"], STATE)
+    drawn = LabelledImage(CAMERAS["fish-eye"], STATE)
     found = []
     for instruction_set in ("auto", available_instruction_sets()[-1]):
         with open_labels(instruction_set=instruction_set) as labels:

@@ -16,13 +16,14 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.medium.misalignment import Misalignment
 from catoptra_server.frames.labels import labels as scene_labels
 from catoptra_server.frames.labels.labels import (
+    LabelledImage,
+    RaySource,
     SceneLabels,
     build_label_rays,
     label_exposure,
-    make_ray_source,
 )
 from catoptra_server.render.trace.trace_engine import MovingExposure, assemble_grid
-from catoptra_server.world.camera_state import INSTANTANEOUS
+from catoptra_server.world.camera_state import INSTANTANEOUS, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Twist, World
 from helpers.labelled_rooms import CAMERAS, ROBOTS, SCENE, STATE
@@ -31,15 +32,19 @@ CAMERA = CAMERAS["paper"]
 ROLLING = INSTANTANEOUS.add_exposure(0.01, 1.0).add_readout(0.03, 4.0)
 
 
+def ray_source_under(shutter: Shutter) -> RaySource:
+    return LabelledImage(CAMERA, replace(STATE, shutter=shutter)).ray_source
+
+
 def test_exposure_time_alone_changes_no_ray() -> None:
-    blurred = make_ray_source(CAMERA, None, INSTANTANEOUS.add_exposure(0.01, 1.0))
-    assert blurred == make_ray_source(CAMERA, None, None)
+    blurred = ray_source_under(INSTANTANEOUS.add_exposure(0.01, 1.0))
+    assert blurred == RaySource(CAMERA)
     assert build_label_rays(blurred, 1).times is None
 
 
 def test_rows_have_times_around_the_middle() -> None:
     for samples in (1, 3):
-        table = build_label_rays(make_ray_source(CAMERA, None, ROLLING), samples)
+        table = build_label_rays(ray_source_under(ROLLING), samples)
         assert table.times is not None
         image = assemble_grid(table, table.times[..., None], fill=np.float32(np.nan))[..., 0]
         rows = np.nanmean(image[samples // 2 :: samples], axis=1)
@@ -49,8 +54,8 @@ def test_rows_have_times_around_the_middle() -> None:
 
 
 def test_displaced_camera_has_rays_of_its_own() -> None:
-    displaced = build_label_rays(make_ray_source(CAMERA, Misalignment(x_m=0.003), None), 1)
-    aligned = build_label_rays(make_ray_source(CAMERA, None, None), 1)
+    displaced = build_label_rays(RaySource(CAMERA, Misalignment(x_m=0.003)), 1)
+    aligned = build_label_rays(RaySource(CAMERA), 1)
     common = np.isin(displaced.tiles, aligned.tiles)
     there = np.searchsorted(aligned.tiles, displaced.tiles[common])
     turn = np.abs(displaced.directions[common] - aligned.directions[there])
@@ -128,6 +133,6 @@ def test_numbers_of_robots_stay_below_the_largest() -> None:
 
 
 def test_world_of_too_many_objects_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_labels, "MAX_OBJECTS", 4)
+    monkeypatch.setattr(scene_labels, "_MAX_OBJECTS", 4)
     with pytest.raises(DomainError, match="5 objects, and labels number at most 4"):
         SceneLabels(SCENE)

@@ -28,7 +28,6 @@ from catoptra_server.frames.plan.camera import (
     choose_viewpoint,
     describe_viewpoint,
     explain_viewpoint,
-    leaves_choice,
     parse_effect_modes,
     parse_reference,
     parse_renderer,
@@ -172,14 +171,6 @@ CENTRAL = OmniCameraSpec(
     RenderSettings(central_error_px=0.25),
 )
 LIMIT_M = near_limit_m(CAMERA_VIEWPOINT_CHOICE)
-
-
-@pytest.mark.parametrize(
-    ("spec", "expected"),
-    [(AUTO, True), (NEVER, False), (ALWAYS, False), (CENTRAL, False), (PRECISE, False)],
-)
-def test_only_auto_leaves_a_choice(spec: OmniCameraSpec, expected: bool) -> None:
-    assert leaves_choice(spec) is expected
 
 
 def test_viewpoint_is_one_from_the_near_limit_on() -> None:

@@ -22,11 +22,9 @@ from catoptra_server.frames.plan.costs import (
     CostModel,
     PlanTiming,
     added_ms,
-    cost_group,
     default_cache_folder,
     describe_rates,
     fit_cost_model,
-    fit_nonnegative_rates,
     hash_scene,
 )
 from catoptra_server.frames.plan.plans import plan_from_settings
@@ -91,15 +89,11 @@ def test_model_of_noisy_times_has_no_negative_rates() -> None:
 
 
 def test_rates_of_decreasing_times_are_their_mean() -> None:
-    amounts = np.array([[1.0, 1.0], [1.0, 2.0]])
-    fixed, growing = fit_nonnegative_rates(amounts, np.array([2.0, 1.0]))
+    times_ms = ((1, 2.0), (2, 1.0))
+    measured = [PlanTiming(make_plan(RendererKind.TRACE, n), {"other": ms}) for n, ms in times_ms]
+    fixed, growing = fit_cost_model(CAMERA, measured).rates["trace"]["other"]
     assert growing == 0.0
     assert 1.0 < fixed < 2.0
-
-
-def test_cost_group_separates_renderers() -> None:
-    plans = (make_plan(RendererKind.TRACE, 1), raster_plan(1, 1.0))
-    assert len({cost_group(plan) for plan in plans}) == 2
 
 
 def test_prediction_for_an_unmeasured_group_raises() -> None:

@@ -18,7 +18,7 @@ from catoptra_protocol.optics.image_plane import pixel_sample_positions
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
-from catoptra_server.frames.plan.faces import regions_by_density, regions_of_size
+from catoptra_server.frames.plan.faces import face_regions, regions_of_size
 from catoptra_server.render.projection.atlas import (
     OUTSIDE_MIRROR,
     Atlas,
@@ -36,7 +36,7 @@ def pack_uniform(limit_deg: float, *, size: int = 64, max_texels: int = 16384) -
 
 def pack_dense(rim_deg: float) -> Atlas:
     camera = make_omni_camera(rim_deg=rim_deg)
-    parts = regions_by_density(camera, camera.rim_rad, texels_per_px=1.0)
+    parts = face_regions(camera, camera.rim_rad, size_px=0, texels_per_px=1.0)
     return pack_atlas(parts, guard_texels=2, max_texels=16384)
 
 

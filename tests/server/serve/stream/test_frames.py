@@ -1,8 +1,4 @@
-"""Channels that requests select, and variants that cannot be.
-
-Labels as parts of a message, and their record.
-
-Frames of one client: the newest one, once per request."""
+"""Frames of one client: the newest of the channel that a request selects, once, with its labels."""
 
 from __future__ import annotations
 

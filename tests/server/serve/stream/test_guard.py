@@ -1,10 +1,4 @@
-"""Identities of ZeroMQ peers, in one piece and byte by byte.
-
-Bytes of ZeroMQ peers, in one piece and byte by byte: only endless messages raise.
-
-One direction of a connection: order, backpressure, pauses and ends.
-
-The connection guard: unchanged bytes, rejected connections, and complete clean-up."""
+"""The connection guard: identities, endless messages, backpressure, and complete clean-up."""
 
 from __future__ import annotations
 

@@ -1,16 +1,4 @@
-"""Server information of the bundled robot and field.
-
-True landmarks at once; projections once the simulation has computed them.
-
-Replies about points of an image, once the simulation has cast the ray.
-
-A plan request passes through simulation and render thread, and has one reply.
-
-Replies to state requests, once the simulation has collected the state.
-
-What clients share: the set of connected ones.
-
-Replies about the server itself."""
+"""Replies of the stream: about the server at once, about robots once the simulation answers."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Messages that wait for room: their order, their bounds, and the one frame.
-
-Folders of living and of killed servers.
-
-The ROUTER socket: complete delivery, full and disconnected peers, and a port that is in use."""
+"""The ROUTER socket, its private folder, and messages that wait for room."""
 
 from __future__ import annotations
 

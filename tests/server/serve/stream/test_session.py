@@ -1,8 +1,4 @@
-"""Exactly one reply to each request.
-
-Lines of reports, made once for all clients that read the same report.
-
-The robot of a client, with a simulation whose events and replies the test plays."""
+"""One robot of a client, by a scripted simulation: exactly one reply to each request."""
 
 from __future__ import annotations
 

@@ -1,10 +1,4 @@
-"""The WebSocket of a page: the stream's requests as JSON, frames as binary messages.
-
-Headers of responses, and documents that a browser has already.
-
-Robots that a page drives stop when its requests end.
-
-One connection of the web port: held back when it sends too much, its errors contained."""
+"""One WebSocket of the page: requests as JSON, frames, robots that stop, input held back."""
 
 from __future__ import annotations
 

@@ -1,12 +1,4 @@
-"""The files of the page by address.
-
-The table of a camera against the camera model itself.
-
-Sections of triangles by a level plane.
-
-The description of the server for the page.
-
-Documents by address, made once."""
+"""What the page reads by GET: files, tables of cameras, the floor plan, the description."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.plans import plan_from_settings
-from catoptra_server.frames.plan.renderers import choose_renderer
+from catoptra_server.frames.renderers import choose_renderer
 from catoptra_server.render.render_settings import PerPixel, RenderSettings
 from catoptra_server.render.renderer import Image
 from catoptra_server.world.camera_state import CameraState

@@ -1,8 +1,8 @@
-"""Ground truth of an exposure: what the rays of the pixels meet, without any error of the picture.
+"""Ground truth of an image: what the rays of its pixels meet, without any error of the picture.
 
-Rays of the exact camera model through the centres of the pixels, whatever renderer, plan or mirror
-mesh draws the picture; ids are never interpolated. A camera whose labels nobody requests costs
-nothing here.
+Rays go through the centres of the pixels by the exact camera model, whatever renderer, plan or
+mirror mesh draws the picture; nothing is interpolated. Nothing is prepared before the first
+request.
 """
 
 from __future__ import annotations

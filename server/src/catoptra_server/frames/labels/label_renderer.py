@@ -1,16 +1,15 @@
-"""Ground truth of frames: rays of their cameras, prepared once, and what these meet.
+"""Ground truth of images: rays of their cameras, prepared once, and what these meet.
 
 Belongs to the thread of the renderers. The rays of a camera are kept as long as there is room.
 
-Fraction of each object that others hide: of the pixels that it would have alone in the world.
-
-Rays of pixels in a cone around the object's box are cast at its own triangles. At most MAX_RAYS of
-them, evenly spread over the image, decide: the standard error of the fraction is then below 0.01.
-
-Optical flow: where the point that a pixel shows is in the image of another exposure.
-
-The point moves with its object; its pixel there is that of the exact camera model; it is unknown
-where the point is outside that image, or where the ray of that pixel meets something else first.
+* Labels are found along the rays of the picture where its rays and times are theirs: proofs and
+  hits serve both, and the picture keeps its bytes. Else they are traced by themselves.
+* Occluded fraction: of the pixels that an object would have alone in the world, the part that
+  others hide. Rays in a cone around the object's box are cast at its own triangles; at most 4096 of
+  them, evenly spread over the image, leave a standard error below 0.01.
+* _Flow: the point that a pixel shows moves with its object; its pixel in the other exposure is that
+  of the exact camera model. It is unknown where the point is outside that image, or where that
+  pixel's ray meets something else first.
 """
 
 from __future__ import annotations
@@ -37,8 +36,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects.medium.misalignment import lookup_offset_map
 from catoptra_server.frames.labels.labels import (
-    DrawnExposure,
     LabelCamera,
+    LabelledImage,
     RaySource,
     SceneLabels,
     build_label_rays,
@@ -63,13 +62,13 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 
-MAX_RAYS = 4096
+_MAX_RAYS = 4096
 
 # Whether rays from (n, 3) origins along (n, 3) unit directions meet an object.
 _RayTest = Callable[[Floats, Floats], Bools]
 
 
-class PixelRayGrid:
+class _PixelRayGrid:
     """Rays of the pixels' centres in the mirror frame."""
 
     def __init__(self, table: RayTable) -> None:
@@ -87,7 +86,7 @@ class PixelRayGrid:
         """Largest distance of an origin from the viewpoint."""
 
 
-class OcclusionMeter:
+class _OcclusionMeter:
     """Occluded fractions of the objects of one world; meshes are committed at their first use."""
 
     def __init__(self, scene: SceneMesh, labels: SceneLabels, instruction_set: str = AUTO) -> None:
@@ -109,7 +108,7 @@ class OcclusionMeter:
         self,
         objects: tuple[LabelledObject, ...],
         ids: npt.NDArray[np.uint16],
-        rays: PixelRayGrid,
+        rays: _PixelRayGrid,
         camera_state: CameraState,
     ) -> dict[int, float]:
         """Occluded fraction of each object in view, by number.
@@ -160,8 +159,8 @@ class OcclusionMeter:
         return lambda origins, ways: caster.closest_triangles(origins, ways)[1] >= 0
 
 
-def _candidates(rays: PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
-    """Numbers of at most MAX_RAYS pixels whose rays may meet a sphere in the mirror frame."""
+def _candidates(rays: _PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDArray[np.intp]:
+    """Numbers of at most _MAX_RAYS pixels whose rays may meet a sphere in the mirror frame."""
     possible = rays.valid.reshape(-1)
     distance = float(np.linalg.norm(centre))
     reach = radius_m + rays.max_miss_m
@@ -170,13 +169,13 @@ def _candidates(rays: PixelRayGrid, centre: Floats, radius_m: float) -> npt.NDAr
         along = rays.directions.reshape(-1, 3) @ (centre / distance).astype(np.float32)
         possible = possible & (along >= cosine)
     pixels = np.flatnonzero(possible)
-    step = len(pixels) / MAX_RAYS
-    return pixels if step <= 1.0 else pixels[(np.arange(MAX_RAYS) * step).astype(np.intp)]
+    step = len(pixels) / _MAX_RAYS
+    return pixels if step <= 1.0 else pixels[(np.arange(_MAX_RAYS) * step).astype(np.intp)]
 
 
 def _hidden_fraction(
     meets: _RayTest,
-    rays: PixelRayGrid,
+    rays: _PixelRayGrid,
     pixels: npt.NDArray[np.intp],
     object_from_mirror: Pose,
     is_visible: Bools,
@@ -192,7 +191,7 @@ def _hidden_fraction(
     return 1.0 - float(is_visible.sum() / own.sum()) if own.any() else 0.0
 
 
-Flow = npt.NDArray[np.float32]
+_Flow = npt.NDArray[np.float32]
 
 # A point is visible if the ray of its pixel ends as far away, up to float32 and to the slope of its
 # facet: a pixel's ray passes the point by a few hundred thousandths of the distance.
@@ -206,7 +205,7 @@ _AIM_STEPS = 9
 _MIN_PLACE = 1e-300
 
 
-def find_flow(
+def _find_flow(
     renderer: TraceRenderer,
     rays: TracedRays,
     source: RaySource,
@@ -215,7 +214,7 @@ def find_flow(
     ids: npt.NDArray[np.uint16],
     motions: Mapping[int, Pose],
     gone: Collection[int],
-) -> Flow:
+) -> _Flow:
     """(h, w, 2) displacement of each pixel's point from here to the other image, px.
 
     Args:
@@ -441,9 +440,9 @@ class _PreparedRays:
         return mask_of_rays(self.table).astype(np.uint8)
 
     @cached_property
-    def grid(self) -> PixelRayGrid:
+    def grid(self) -> _PixelRayGrid:
         """The same rays in rows, for occluded fractions."""
-        return PixelRayGrid(self.table)
+        return _PixelRayGrid(self.table)
 
 
 class LabelRenderer:
@@ -465,12 +464,12 @@ class LabelRenderer:
         self._renderer = renderer
         self.labels = SceneLabels(scene)
         """Numbers of objects and classes."""
-        self._meter = OcclusionMeter(scene, self.labels, instruction_set)
+        self._meter = _OcclusionMeter(scene, self.labels, instruction_set)
         self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
 
     def render(
         self,
-        drawn: DrawnExposure,
+        image: LabelledImage,
         channels: Collection[str],
         other: CameraState | None = None,
         found_beside: PixelLabels | None = None,
@@ -478,7 +477,7 @@ class LabelRenderer:
         """Ground truth of an exposure.
 
         Args:
-            drawn: The exposure.
+            image: The image that they are of.
             channels: Names of the channels that are wanted.
             other: State of the frame that `flow` leads to, with the objects of that frame; None:
                 there is no such frame, and the flow is unknown.
@@ -489,21 +488,21 @@ class LabelRenderer:
             DomainError: There is no channel of a name.
         """
         wanted = {channel.name for channel in parse_channels(tuple(channels))}
-        found = self._trace(drawn, wanted) if found_beside is None else dict(found_beside)
+        found = self._trace(image, wanted) if found_beside is None else dict(found_beside)
         if "flow" in wanted:
-            found |= self._find_flow(drawn, found, other)
+            found |= self._flow_of(image, found, other)
         if "valid" in wanted:
-            found["valid"] = self._prepare(drawn.ray_source, 1).mask.copy()
-        objects = self.labels.describe(drawn.camera_state.objects)
+            found["valid"] = self._prepare(image.ray_source, 1).mask.copy()
+        objects = self.labels.describe(image.camera_state.objects)
         return GroundTruth(
             {name: found[name] for name in LABEL_CHANNELS if name in wanted}, objects
         )
 
-    def request(self, drawn: DrawnExposure, channels: Collection[str]) -> LabelRequest | None:
+    def request(self, image: LabelledImage, channels: Collection[str]) -> LabelRequest | None:
         """Labels that the rays of a picture find while it is drawn, for a part of the time.
 
         Args:
-            drawn: The exposure, of which no picture is drawn yet.
+            image: The image, of which no picture is drawn yet.
             channels: Names of the channels that are wanted.
 
         Returns:
@@ -512,31 +511,31 @@ class LabelRenderer:
         Raises:
             DomainError: There is no channel of a name.
         """
-        is_of_same_rays = drawn.ray_source == RaySource(drawn.camera)
+        is_of_same_rays = image.ray_source == RaySource(image.camera)
         wanted = {channel.name for channel in parse_channels(tuple(channels))}
-        if not is_of_same_rays or drawn.camera_state.shutter is not None or wanted <= {"valid"}:
+        if not is_of_same_rays or image.camera_state.shutter is not None or wanted <= {"valid"}:
             return None
-        return self._make_request(drawn, wanted)
+        return self._make_request(image, wanted)
 
-    def _make_request(self, drawn: DrawnExposure, wanted: set[str]) -> LabelRequest:
+    def _make_request(self, image: LabelledImage, wanted: set[str]) -> LabelRequest:
         # Flow begins at the points of the objects that pixels show.
         needed = wanted | ({"ids", "point"} if "flow" in wanted else set())
-        centres = self._prepare(drawn.ray_source, 1).table
-        return LabelRequest(frozenset(needed), self._tables(drawn.camera_state), centres)
+        centres = self._prepare(image.ray_source, 1).table
+        return LabelRequest(frozenset(needed), self._tables(image.camera_state), centres)
 
-    def _trace(self, drawn: DrawnExposure, wanted: set[str]) -> PixelLabels:
+    def _trace(self, image: LabelledImage, wanted: set[str]) -> PixelLabels:
         """Labels without a picture."""
-        request = self._make_request(drawn, wanted)
+        request = self._make_request(image, wanted)
         # Only agreement takes more rays than those of the pixels' centres.
-        samples = drawn.samples if "agreement" in wanted else 1
-        rays = self._prepare(drawn.ray_source, samples).rays
-        return rays.label_pixels(label_exposure(drawn.camera_state), request)
+        samples = image.samples if "agreement" in wanted else 1
+        rays = self._prepare(image.ray_source, samples).rays
+        return rays.label_pixels(label_exposure(image.camera_state), request)
 
-    def measure_occlusion(self, drawn: DrawnExposure, truth: GroundTruth) -> dict[int, float]:
+    def measure_occlusion(self, image: LabelledImage, truth: GroundTruth) -> dict[int, float]:
         """Hidden fraction of each object in view, by number; of ground truth with `ids`."""
-        prepared = self._prepare(drawn.ray_source, 1)
+        prepared = self._prepare(image.ray_source, 1)
         ids = truth.channels["ids"]
-        return self._meter.measure(truth.objects, ids, prepared.grid, drawn.camera_state)
+        return self._meter.measure(truth.objects, ids, prepared.grid, image.camera_state)
 
     def _tables(self, camera_state: CameraState) -> LabelTables:
         """Numbers of the objects of an exposure."""
@@ -547,24 +546,24 @@ class LabelRenderer:
             self.labels.class_table,
         )
 
-    def _find_flow(
-        self, drawn: DrawnExposure, found: PixelLabels, other: CameraState | None
+    def _flow_of(
+        self, image: LabelledImage, found: PixelLabels, other: CameraState | None
     ) -> PixelLabels:
         if other is None:
-            height_px, width_px = drawn.camera.height_px, drawn.camera.width_px
+            height_px, width_px = image.camera.height_px, image.camera.width_px
             unknown = np.full((height_px, width_px, 2), np.nan, dtype=np.float32)
             return {"flow": unknown}
         motions = {
             self.labels.number_of(there): there.world_from_object @ here.world_from_object.inverse()
-            for here in drawn.camera_state.objects
+            for here in image.camera_state.objects
             for there in other.objects
             if self.labels.number_of(here) == self.labels.number_of(there)
         }
-        gone = {self.labels.number_of(here) for here in drawn.camera_state.objects} - set(motions)
-        flow = find_flow(
+        gone = {self.labels.number_of(here) for here in image.camera_state.objects} - set(motions)
+        flow = _find_flow(
             self._renderer,
-            self._prepare(drawn.ray_source, 1).rays,
-            drawn.ray_source,
+            self._prepare(image.ray_source, 1).rays,
+            image.ray_source,
             other,
             found["point"],
             found["ids"],

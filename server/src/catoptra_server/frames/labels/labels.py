@@ -1,9 +1,9 @@
-"""Rays of the pixels' centres, and of their samples: the exact camera model, in one table.
+"""What labels are of: the image, the rays of its pixels, and the objects of its world.
 
-Of a displaced capture camera (`Misalignment`) each pixel has the ray of the point that its light
-came from; of a rolling shutter each ray has the time of its row.
-
-Numbers, classes and boxes of all objects of a world.
+The image decides the objects in view, the rows of a rolling shutter and a displaced capture camera.
+Of a displaced one each pixel has the ray of the point that its light came from (`Misalignment`);
+under a rolling shutter each ray has the time of its row. _Numbers, classes and boxes of objects
+follow from the world and the order of spawning.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from catoptra_server.render.trace.trace_engine import (
     TracedExposure,
     assemble_grid,
 )
-from catoptra_server.world.camera_state import CameraState, Shutter
+from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import ROBOT_CLASS
@@ -62,8 +62,8 @@ class RaySource:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DrawnExposure:
-    """An exposure as its picture was drawn."""
+class LabelledImage:
+    """The image that labels are of: everything about it that they depend on."""
 
     camera: LabelCamera
     """Exact model of the camera."""
@@ -78,16 +78,10 @@ class DrawnExposure:
     def ray_source(self) -> RaySource:
         """Everything that the rays depend on, but for the poses."""
         displaced = (one for one in self.image_effects if isinstance(one, Misalignment))
-        return make_ray_source(self.camera, next(displaced, None), self.camera_state.shutter)
-
-
-def make_ray_source(
-    camera: LabelCamera, misalignment: Misalignment | None, shutter: Shutter | None
-) -> RaySource:
-    """Source of the rays of a camera under the effects of a frame."""
-    if shutter is None or shutter.readout_s == 0.0:
-        return RaySource(camera, misalignment)
-    return RaySource(camera, misalignment, shutter.exposure_s, shutter.readout_s)
+        misalignment, shutter = next(displaced, None), self.camera_state.shutter
+        if shutter is None or shutter.readout_s == 0.0:
+            return RaySource(self.camera, misalignment)
+        return RaySource(self.camera, misalignment, shutter.exposure_s, shutter.readout_s)
 
 
 def build_label_rays(source: RaySource, samples: int) -> RayTable:
@@ -157,10 +151,10 @@ def mask_of_rays(table: RayTable) -> Bools:
     return np.asarray(grid[..., 0] > 0.0)
 
 
-Numbers = npt.NDArray[np.uint16]
+_Numbers = npt.NDArray[np.uint16]
 
 # Values of 16 bits, some of them for robots.
-MAX_OBJECTS = 65000
+_MAX_OBJECTS = 65000
 _MAX_NUMBER = 65535
 # Headings that a box may have: those of the largest walls of its object.
 _MAX_HEADINGS = 16
@@ -188,21 +182,21 @@ class SceneLabels:
         Raises:
             DomainError: The world has more objects than numbers.
         """
-        if len(scene.objects) > MAX_OBJECTS:
+        if len(scene.objects) > _MAX_OBJECTS:
             raise DomainError(
                 f"this world has {len(scene.objects)} objects, and labels number at most "
-                f"{MAX_OBJECTS}: give items that belong together one Name="
+                f"{_MAX_OBJECTS}: give items that belong together one Name="
             )
         self._scene = scene
         names = {one.class_name for one in scene.objects} | {ROBOT_CLASS}
         self.classes = tuple(sorted(names))
         """Name of each class, the first of number 1."""
         self._class_numbers = {name: number for number, name in enumerate(self.classes, 1)}
-        self.triangle_numbers: Numbers = (scene.object_index + 1).astype(np.uint16)
+        self.triangle_numbers: _Numbers = (scene.object_index + 1).astype(np.uint16)
         """(n,) number of each triangle's object."""
 
     @cached_property
-    def class_table(self) -> Numbers:
+    def class_table(self) -> _Numbers:
         """(65536,) number of the class of each object's number; robots' behind the scene's."""
         table = np.full(_MAX_NUMBER + 1, self._class_numbers[ROBOT_CLASS], dtype=np.uint16)
         static = [self._class_numbers[one.class_name] for one in self._scene.objects]

@@ -1,9 +1,8 @@
-"""Decisions before a frame is rendered: renderer, plan, and the bound of the plan's error.
+"""Plans of cameras: renderer, numbers and error bound, chosen before a frame is rendered.
 
-From settings to a plan: `render_planner` chooses for one camera, by explicit numbers
-(`explicit_plan`) or by an accuracy target (`candidate_plans`, `error_bound`, `cost_model`,
-`plan_choice`); `exposure_budget` limits the renderings of a long exposure. Nothing here needs a
-GPU; nothing on a GPU decides.
+`planner` chooses for one camera: by explicit numbers (`plans`), or by an accuracy target among
+`candidates` with an error bound (`error_bound`) and a predicted time (`costs`). Nothing here needs
+a GPU, and nothing on a GPU decides. Frames enter by `frame_plan` alone.
 """
 
 from __future__ import annotations

@@ -1,15 +1,12 @@
-"""Cameras to plan and prepare views for: the camera model with the requested settings.
+"""Cameras to render: camera models with settings, their variants, and the choice of a viewpoint.
 
-Other settings for a camera's frames, beside the ones of its robot: for comparison, by anyone.
+A variant changes nothing of the camera that it belongs to: a viewer may try what accuracy and
+effects cost while the robot's own client goes on with the frames it chose.
 
-A variant changes nothing of the camera that it belongs to, so that a viewer may try what accuracy
-and effects cost while the robot's own client goes on with the frames it chose.
-
-Choice between the exact rays of a mirror without a viewpoint and rays from its best one.
-
-Seen from afar both are one: rays miss the best viewpoint by millimetres, which is an angle at the
-distance of what they show. `Central=auto` leaves the choice to each frame, by the nearest thing of
-the scene; the near limit is the distance from which the image errs by at most the allowed pixels.
+A mirror without a viewpoint has a ray for each sample. Seen from afar, its rays and those from its
+best viewpoint are one: they miss it by millimetres, an angle that falls with the distance of what
+they show. `Central=auto` leaves the choice to each frame, by the nearest thing of the scene. From
+the near limit on, the image errs by at most the allowed pixels.
 """
 
 from __future__ import annotations
@@ -227,24 +224,11 @@ def _parse(enum: type[_EnumT], name: str, noun: str) -> _EnumT:
 _SELF_VIEW = "SelfView"
 
 
-def leaves_choice(spec: CameraSpec) -> bool:
-    """Whether each frame of a camera may be drawn exactly or from one viewpoint.
-
-    Not with a tolerance, which the bound of the approximation, larger than its error, would use up.
-    """
-    return (
-        isinstance(spec, OmniCameraSpec)
-        and spec.render_settings.central_error_px > 0.0
-        and not spec.render_settings.accuracy_target.max_error_px
-        and not spec.camera.is_central
-    )
-
-
 def choose_viewpoint(spec: OmniCameraSpec, nearest_m: float) -> OmniCameraSpec:
     """Camera to draw: from one viewpoint where nothing is nearer than the near limit.
 
     Args:
-        spec: A camera that leaves the choice.
+        spec: A camera that leaves the choice to each frame.
         nearest_m: Distance of the nearest thing in view, or less.
     """
     if nearest_m < _find_near_limit_m(spec.camera, spec.render_settings.central_error_px):

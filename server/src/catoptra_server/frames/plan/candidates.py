@@ -1,15 +1,10 @@
-"""Candidate plans of a camera, and the few of them that are timed: the settings of each renderer.
+"""Candidate plans of a camera with their bounds and predicted times, from a few timed plans.
 
-Candidates vary every number of a plan in useful steps; some 130 for a camera with both renderers.
+Candidates vary every number of a plan in useful steps: some 130 for a camera with both renderers.
 Mesh and exact mirror are never exchanged for each other: a mesh costs more and shows less, but a
-robot's file that has one describes its mirror.
-
-Measured frame times of a few plans: median milliseconds of each stage, on this machine.
-
-One to two seconds a renderer on two cores, most of it preparation of views. The plans come from
-`candidate_plans`, the rates fitted to their times belong to `cost_model`.
-
-Candidates of one camera with their bounds and times, from measured costs of all renderers.
+robot's file that has one describes its mirror. Seven plans of this scene and camera are rendered
+for a few frames each, 1 to 3 s in all, most of it preparation; rates fitted to their medians
+(`costs.py`) predict the others. Constants of another machine are never used.
 """
 
 from __future__ import annotations
@@ -41,7 +36,7 @@ from catoptra_server.frames.plan.plans import (
     plan_from_settings,
     plan_view_size,
 )
-from catoptra_server.frames.plan.renderers import RendererPool
+from catoptra_server.frames.renderers import RendererPool
 from catoptra_server.render.render_settings import MirrorSurface, RenderSettings
 from catoptra_server.render.renderer import Renderer, RenderPlan, View
 from catoptra_server.render.renderer_kind import RendererKind
@@ -124,7 +119,7 @@ def _calibration_settings(kind: RendererKind, surface: MirrorSurface) -> Iterato
         yield replace(base, samples=samples, texels_per_px=texels_per_px, face_samples=face_samples)
 
 
-Clock = Callable[[], float]
+_Clock = Callable[[], float]
 
 # Nine frames give a stable median; slow frames stop at five, so that a million triangles at several
 # samples do not hold up the first frame of a camera by seconds. Three were off by up to a half on a
@@ -145,7 +140,7 @@ def measure_costs(
     surface: MirrorSurface,
     camera_states: Sequence[CameraState],
     *,
-    clock: Clock = time.perf_counter,
+    clock: _Clock = time.perf_counter,
 ) -> list[PlanTiming]:
     """Measure the calibration plans of a renderer.
 
@@ -164,7 +159,7 @@ def measure_costs(
 
 
 def _measure_stages(
-    view: View, camera_states: Sequence[CameraState], clock: Clock
+    view: View, camera_states: Sequence[CameraState], clock: _Clock
 ) -> dict[str, float]:
     turns = itertools.cycle(camera_states)
     for _ in range(_NUM_WARM_UP_FRAMES):

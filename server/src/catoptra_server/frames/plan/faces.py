@@ -1,19 +1,18 @@
-"""Footprint of the texels of cube faces, in the image and as angles at the viewpoint.
-
-A face is flat, the mirror is not, and regions have densities of their own, so the size of a texel
-varies over the image. Two derivatives give the size: that of the image position by the direction
-(the camera model), and that of the position on a face's plane by the direction. In texels and
-pixels they form a 2 x 2 matrix at each pixel; the inverses of its singular values are the longest
-and the shortest extent of a texel in pixels.
-
-Regions of the cube's faces that a mirror sees, and their texel densities.
+"""Regions of the cube's faces that a mirror sees, their texel densities, and a texel's footprint.
 
 The image determines the density: where the mirror images one radian on R pixels radially and T
 pixels tangentially, a step on a face covers a number of pixels, and a texel must not be longer than
-one of them, or a fraction of one. The bottom face, which the mirror shows smallest, needs a third
-of the side of the side faces at the rim. Cutting the side faces at the horizon would save another
-third of the texels; but triangles across the cut would be rendered twice, which costs a large scene
-more.
+one of them, or a fraction of one. Each face gets the window that the mirror sees, with as many
+columns and rows as its densest pixel needs: 36 % fewer texels than faces of one size
+(`tests/measurements/face_parts.py`). The bottom face, which the mirror shows smallest, needs a
+third of the side of the side faces at the rim. Cutting the side faces at the horizon would save
+another third; but triangles across the cut would be rendered twice, which costs a large scene more.
+
+A face is flat, the mirror is not, and regions have densities of their own, so the size of a texel
+varies over the image. Two derivatives give that footprint: of the image position by the direction
+(the camera model), and of the position on a face's plane by the direction. In texels and pixels
+they form a 2 x 2 matrix at each pixel; the inverses of its singular values are the longest and the
+shortest extent of a texel in pixels.
 """
 
 from __future__ import annotations
@@ -151,8 +150,8 @@ def _weighted_rms(values: Floats, weight: Floats) -> float:
 
 # 512 MiB of linear light for all regions. The longest side leaves space for two regions in a
 # texture of 16 384.
-MAX_TEXELS = 2**26
-MAX_SIDE_TEXELS = 2**13
+_MAX_TEXELS = 2**26
+_MAX_SIDE_TEXELS = 2**13
 # The density varies so slowly that the largest on a grid of this side is within 0.1 %.
 _GRID_SIDE = 65
 # Of a mirror the tangential density is near the radial one; of an equidistant lens it is four times
@@ -160,7 +159,7 @@ _GRID_SIDE = 65
 _MAX_TANGENTIAL = 4.0
 
 
-def visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:
+def _visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:
     """Smallest window of a face that contains all directions up to an incidence angle."""
     if face is Face.U:
         return FaceWindow()
@@ -186,7 +185,7 @@ def face_regions(
     """
     if size_px:
         return regions_of_size(max_incidence_rad, size_px)
-    return regions_by_density(camera, max_incidence_rad, texels_per_px=texels_per_px)
+    return _regions_by_density(camera, max_incidence_rad, texels_per_px=texels_per_px)
 
 
 def max_face_size_px(regions: tuple[FaceRegion, ...]) -> int:
@@ -199,7 +198,7 @@ def max_face_size_px(regions: tuple[FaceRegion, ...]) -> int:
 def regions_of_size(max_incidence_rad: float, size_px: int) -> tuple[FaceRegion, ...]:
     """Regions of all visible faces, with `size_px` texels for 90 degrees."""
     windows = {
-        face: visible_window(face, max_incidence_rad) for face in visible_faces(max_incidence_rad)
+        face: _visible_window(face, max_incidence_rad) for face in visible_faces(max_incidence_rad)
     }
     half = 0.5 * size_px
     return tuple(FaceRegion(f, w, half, half) for f, w in windows.items() if not w.is_empty)
@@ -207,13 +206,13 @@ def regions_of_size(max_incidence_rad: float, size_px: int) -> tuple[FaceRegion,
 
 # A start needs those of each camera three times: for limits of memory, and for its plan.
 @lru_cache(maxsize=64)
-def regions_by_density(
+def _regions_by_density(
     camera: OmniCamera, max_incidence_rad: float, *, texels_per_px: float
 ) -> tuple[FaceRegion, ...]:
     """Regions with the density that the image needs, up to an incidence angle.
 
-    No texel is longer than a pixel over `texels_per_px`, unless the atlas would exceed MAX_TEXELS
-    or MAX_SIDE_TEXELS: all are then coarser by one factor.
+    No texel is longer than a pixel over `texels_per_px`, unless the atlas would exceed _MAX_TEXELS
+    or _MAX_SIDE_TEXELS: all are then coarser by one factor.
     """
     regions: list[FaceRegion] = []
     for region in regions_of_size(max_incidence_rad, 2):
@@ -247,7 +246,7 @@ def _max_density(
     points = np.concatenate(
         (np.stack(grid, axis=-1).reshape(-1, 2), _boundary_points(max_incidence_rad, region))
     )
-    covered = pixels_per_unit(camera, region.face, points)
+    covered = _pixels_per_unit(camera, region.face, points)
     is_visible = (
         _incidence_rad(_directions_from_face_points(region.face, points))
         <= max_incidence_rad + 1e-9
@@ -271,7 +270,7 @@ def _boundary_points(max_incidence_rad: float, region: FaceRegion) -> Floats:
     return inside
 
 
-def pixels_per_unit(camera: OmniCamera, face: Face, points: Floats) -> Floats:
+def _pixels_per_unit(camera: OmniCamera, face: Face, points: Floats) -> Floats:
     """Pixels that a unit of s and a unit of t cover, at points on a face.
 
     A step perpendicular to a direction of length n moves the image by R / n radially and T / n
@@ -328,8 +327,8 @@ def _incidence_rad(directions: Floats) -> Floats:
 
 def _limit_texels(regions: tuple[FaceRegion, ...]) -> tuple[FaceRegion, ...]:
     """Regions coarsened by one factor, where texels or sides exceed the limits."""
-    area_factor = MAX_TEXELS / sum(region.num_texels for region in regions)
-    side_factor = MAX_SIDE_TEXELS / max(max(region.size_texels) for region in regions)
+    area_factor = _MAX_TEXELS / sum(region.num_texels for region in regions)
+    side_factor = _MAX_SIDE_TEXELS / max(max(region.size_texels) for region in regions)
     # Texels grow with the square of the density, sides with the density.
     factor = min(1.0, math.sqrt(area_factor), side_factor)
     return tuple(

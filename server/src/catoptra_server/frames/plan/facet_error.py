@@ -1,9 +1,9 @@
-"""Displacement by a mirror mesh, evaluated on its facets in float64.
+"""Displacement by a mirror mesh, evaluated on its facets in float64; and the measure of any error.
 
 On a facet all is known in closed form: a point, its pixel in the capture camera, the direction
 interpolated there, and the pixel to which the camera model projects that direction. The distance of
-the two pixels is the error. It is evaluated on a grid of each triangle, borders included, and only
-in sectors that neither mesh nor cube repeat.
+the two pixels is the error. A grid of each triangle is evaluated, borders included, and only in
+sectors that neither mesh nor cube repeat.
 
 From a grid to a bound: the error vanishes at the corners, and in between is a quadratic form sum
 a_ij w_i w_j of the barycentric weights, up to terms that fall with the next power of the facet's
@@ -11,9 +11,6 @@ size. The error of linear interpolation between grid points 1/k apart is the sam
 smaller. So the largest error is at most the grid's divided by 1 - 1/k^2. Terms that are not
 quadratic, such as kinks where a coarse facet looks past the mirror's asymptote, are of first order
 in 1/k and smaller by a facet's angle: pi / S of 1/k is added for them.
-
-Displacement of an image from the camera model: the measure of every component of an error
-bound.
 """
 
 from __future__ import annotations
@@ -68,7 +65,7 @@ def apply_floor(error: GeometricError, floor: GeometricError) -> GeometricError:
 
 
 # Rings of the bound by place: a picture of 640 px has rings of 5 px.
-NUM_RADII = 64
+_NUM_RADII = 64
 _SAME_RADIUS = 1e-9
 # Finest first; even, as the quadrature needs. Two steps overstate the error by a third: 1 / (1 -
 # 1/4).
@@ -91,7 +88,7 @@ def facet_error(camera: OmniCamera, tessellation: Tessellation) -> GeometricErro
 
 
 def facet_error_by_radius(camera: OmniCamera, tessellation: Tessellation) -> tuple[float, ...]:
-    """Largest displacement in each of NUM_RADII rings of equal width from centre to rim, pixels.
+    """Largest displacement in each of _NUM_RADII rings of equal width from centre to rim, pixels.
 
     Raises:
         DomainError: An orthographic camera; a mesh is projected from a pinhole.
@@ -133,14 +130,14 @@ def _max_by_radius(
 ) -> tuple[float, ...]:
     """Largest of (n, q) errors in each ring that a triangle reaches into."""
     # By whole triangles: between the points of its grid an error belongs to all of a triangle.
-    radius = np.linalg.norm(projected.point_px, axis=-1) / camera.rim_radius_px * NUM_RADII
+    radius = np.linalg.norm(projected.point_px, axis=-1) / camera.rim_radius_px * _NUM_RADII
     largest = np.where(projected.is_near_image, error_px, 0.0).max(axis=1)
     # Corners on the border of two rings belong to both.
-    first = np.clip(np.floor(radius.min(axis=1) - _SAME_RADIUS).astype(int), 0, NUM_RADII - 1)
-    last = np.clip(np.floor(radius.max(axis=1) + _SAME_RADIUS).astype(int), 0, NUM_RADII - 1)
+    first = np.clip(np.floor(radius.min(axis=1) - _SAME_RADIUS).astype(int), 0, _NUM_RADII - 1)
+    last = np.clip(np.floor(radius.max(axis=1) + _SAME_RADIUS).astype(int), 0, _NUM_RADII - 1)
     return tuple(
         float(largest[(first <= ring) & (ring <= last)].max(initial=0.0))
-        for ring in range(NUM_RADII)
+        for ring in range(_NUM_RADII)
     )
 
 

@@ -1,27 +1,18 @@
-"""Plan from explicit numbers: those of the robot's file, defaults for the rest.
+"""A camera's plan: by explicit numbers, or the one of many candidates that meets a target.
 
-The numbers are followed as they are; nothing is weighed. With an accuracy target `plan_choice`
-picks one of many such plans.
+Explicit numbers, those of the robot's file and defaults for the rest, are followed as they are, by
+the chosen renderer if it can show the image; nothing is weighed. For an accuracy target every
+candidate has an error bound, `ErrorBound.outline_error_px`, and a predicted time. A perspective
+image needs neither faces nor mirror: its plan is a number of samples. Sizes of views in memory
+follow from a plan's numbers alone.
 
-Size of a view in memory, from the numbers of its plan alone.
-
-Plan of a perspective camera's frames: the number of samples, with a reason.
-
-A perspective image needs no faces and no mirror, so nothing else is left to decide.
-
-Choice of a plan for an accuracy target: the cheapest within a tolerance, the best in a budget.
-
-Every candidate has an error bound, `ErrorBound.outline_error_px`, and a predicted time. Candidates
-that another one beats in both are dropped; the others form a Pareto front, from the cheapest to the
-most accurate. A choice is a point of the front and names both neighbours, so that a client
-sees the price of a little more accuracy, and the gain of a little less.
-
-Choice of a plan by explicit numbers: that of the chosen renderer, if it can show the image.
-
-Budget of a long exposure: a limit of its time samples, each of which renders the whole image.
-
-Counted in rays, not in milliseconds, so that a frame depends on its camera state and plan alone. An
-object costs the rays that may meet it, and the placing of its triangles.
+* Candidates that another one beats in both error and time are dropped; the others form a Pareto
+  front, from the cheapest to the most accurate. A choice is a point of the front and names both
+  neighbours: a client sees the price of a little more accuracy, and the gain of a little less.
+* A tolerance takes the cheapest plan within, a budget the most accurate. In conflict the budget
+  wins.
+* A long exposure is limited in rays, not in milliseconds, so that a frame depends on its camera
+  state and plan alone. An object costs the rays that may meet it, and the placing of its triangles.
 """
 
 from __future__ import annotations
@@ -65,7 +56,7 @@ DEFAULT_SAMPLES = 2
 # measured in tests/measurements/raster_faces.py.
 DEFAULT_FACE_SAMPLES = 1
 # Finer faces cost in proportion and gain little, measured likewise.
-DEFAULT_TEXELS_PER_PX = 1.0
+_DEFAULT_TEXELS_PER_PX = 1.0
 
 
 def requested_samples(settings: RenderSettings) -> int:
@@ -87,7 +78,7 @@ def plan_from_settings(
         camera,
         limit_rad,
         size_px=settings.face_size_px,
-        texels_per_px=settings.texels_per_px or DEFAULT_TEXELS_PER_PX,
+        texels_per_px=settings.texels_per_px or _DEFAULT_TEXELS_PER_PX,
     )
     return RenderPlan(
         renderer=kind,
@@ -380,21 +371,20 @@ _SHUTTER_EFFECTS = frozenset((MotionBlur.name, RollingShutter.name))
 def limit_time_samples(
     camera_state: CameraState, camera: RadialCamera, plan: RenderPlan | PerspectivePlan
 ) -> CameraState:
-    """Camera state whose exposure stays within the budget of rays; itself without a shutter."""
+    """Camera state with a shutter whose exposure stays within the budget of rays."""
     shutter = camera_state.shutter
-    if shutter is None:
-        return camera_state
+    assert shutter is not None, "an exposure without a shutter has no time samples"
     viewpoint, objects = camera_state.world_from_mirror.translation, camera_state.objects
     pixel_rays = camera.width_px * camera.height_px * plan.samples**2
     object_rays = sum(
-        covered_fraction(one, viewpoint) * pixel_rays + _RAYS_PER_TRIANGLE * len(one.mesh)
+        _covered_fraction(one, viewpoint) * pixel_rays + _RAYS_PER_TRIANGLE * len(one.mesh)
         for one in objects
     )
     limit = min(int(MAX_EXPOSURE_RAYS / (pixel_rays + object_rays)), shutter.max_time_samples)
     return replace(camera_state, shutter=replace(shutter, max_time_samples=limit))
 
 
-def covered_fraction(dynamic_object: DynamicObject, viewpoint: Floats) -> float:
+def _covered_fraction(dynamic_object: DynamicObject, viewpoint: Floats) -> float:
     """Fraction of all directions from a (3,) point that an object's bounding sphere covers."""
     distance_m = float(np.linalg.norm(dynamic_object.centre - viewpoint))
     radius_m = dynamic_object.mesh.radius_m

@@ -1,6 +1,6 @@
 """The raster renderer: OpenGL 3.3 core on EGL, without a window.
 
-Only this package imports moderngl. Import the package on demand, as `frames/plan/renderers.py`
+Only this package imports moderngl. Import the package on demand, as `frames/renderers.py`
 does: a machine without OpenGL runs the server with the trace renderer. Raster has been measured
 with Mesa's software drivers only, never on a graphics processor.
 """

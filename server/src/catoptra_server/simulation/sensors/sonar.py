@@ -25,7 +25,7 @@ from catoptra_server.simulation.sensors.sensor import (
 
 # The cone of a level sonar meets the floor at 80 degrees or more from the normal. All captures of
 # real servers have ranges beyond that point: a floor gives no echo, oblique walls do.
-MAX_ECHO_INCIDENCE_RAD = math.radians(75.0)
+_MAX_ECHO_INCIDENCE_RAD = math.radians(75.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class SonarDescription:
     num_cones: int = 3
     """Rings of rays around the axis that sample the cone."""
     rays_per_cone: int = 8
-    max_incidence_rad: float = MAX_ECHO_INCIDENCE_RAD
+    max_incidence_rad: float = _MAX_ECHO_INCIDENCE_RAD
     """Largest angle between a ray off the axis and a surface normal that gives an echo."""
 
 
@@ -144,7 +144,7 @@ def _read_description(item: ConfiguredSensor) -> SonarDescription:
         noise_m=item.get_float("Noise", 0.0, 10.0),
         num_cones=item.section.get_int("NumberOfCones", 3, min_value=0, max_value=64),
         rays_per_cone=item.section.get_int("TracesPerCone", 8, min_value=1, max_value=256),
-        max_incidence_rad=item.get_float("MaxAngleOfIncidence", MAX_ECHO_INCIDENCE_RAD, 3.1416),
+        max_incidence_rad=item.get_float("MaxAngleOfIncidence", _MAX_ECHO_INCIDENCE_RAD, 3.1416),
     )
 
 

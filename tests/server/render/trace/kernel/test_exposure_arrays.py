@@ -12,7 +12,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.frames.labels.labels import build_label_rays, make_ray_source
+from catoptra_server.frames.labels.labels import RaySource, build_label_rays
 from catoptra_server.render.trace.kernel.exposure_arrays import (
     CentreMatch,
     ObjectTable,
@@ -255,7 +255,7 @@ def test_tables_have_even_steps_and_central_cameras_no_origins() -> None:
     assert owned.struct.origin_r is None
 
 
-SOURCE = make_ray_source(CAMERAS["paper"], None, None)
+SOURCE = RaySource(CAMERAS["paper"])
 CENTRES = build_label_rays(SOURCE, 1)
 LABEL_TABLES = LabelTables(*(np.zeros(4, dtype=np.uint16) for _ in range(3)))
 
@@ -289,7 +289,7 @@ def test_only_wanted_channels_have_an_address() -> None:
 def test_proofs_of_whole_tiles_hold_for_the_centres_of_their_pixels(
     camera: OmniCamera, samples: int
 ) -> None:
-    source = make_ray_source(camera, None, None)
+    source = RaySource(camera)
     table, centres = build_label_rays(source, samples), build_label_rays(source, 1)
     found = match(table, centres)
     at = found.centre_tile

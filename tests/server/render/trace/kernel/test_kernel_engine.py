@@ -14,7 +14,7 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.frames.labels.labels import build_label_rays, make_ray_source
+from catoptra_server.frames.labels.labels import RaySource, build_label_rays
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
 from catoptra_server.render.trace.ray_table import RayTable
 from catoptra_server.render.trace.trace_engine import (
@@ -170,7 +170,7 @@ def test_description_names_instruction_set_packets_and_threads() -> None:
         assert engine.description == "kernel (Embree sse4.2, packets of 4), 3 threads"
 
 
-SOURCE = make_ray_source(CAMERAS["paper"], None, None)
+SOURCE = RaySource(CAMERAS["paper"])
 TABLES = LabelTables(
     np.ones(len(SCENE), dtype=np.uint16),
     np.full(len(STATE.objects), 2, dtype=np.uint16),

@@ -10,7 +10,7 @@ import pytest
 from catoptra_protocol.labels.channels import LABEL_CHANNELS
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.frames.labels.label_renderer import DrawnExposure
+from catoptra_server.frames.labels.label_renderer import LabelledImage
 from catoptra_server.render.trace.reference.meshes import (
     FirstHits,
     PlacedMesh,
@@ -114,7 +114,7 @@ def test_engines_label_alike(name: str, state) -> None:
     found = []
     for engine in ("kernel", "reference"):
         with open_labels(engine) as labels:
-            drawn = DrawnExposure(CAMERAS[name], state, samples=3)
+            drawn = LabelledImage(CAMERAS[name], state, samples=3)
             found.append(labels.render(drawn, tuple(LABEL_CHANNELS), STATE).channels)
     kernel, reference = found
     same = kernel["ids"] == reference["ids"]

@@ -15,8 +15,8 @@ import pytest
 
 import catoptra_server
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
-from catoptra_server.frames.plan import renderers as renderer_choice
-from catoptra_server.frames.plan.renderers import (
+from catoptra_server.frames import renderers as renderer_choice
+from catoptra_server.frames.renderers import (
     RendererChoice,
     RendererPool,
     choose_renderer,
@@ -46,7 +46,7 @@ def choose(requested: str, *, is_reproducible: bool = False) -> RendererChoice:
 
 @pytest.fixture
 def _no_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(raster.gl_device, "EGL_LIBRARY", "libabsent.so.1")
+    monkeypatch.setattr(raster.device, "EGL_LIBRARY", "libabsent.so.1")
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ def test_auto_offers_the_other_renderer_in_its_place() -> None:
 @pytest.mark.usefixtures("_without_gpu_files")
 def test_auto_that_traces_does_not_load_opengl() -> None:
     program = (
-        "import sys; from catoptra_server.frames.plan import renderer_choice as module;"
+        "import sys; from catoptra_server.frames import renderers as module;"
         "module._GPU_FILES = ();"
         "from catoptra_server.world.world_description import World;"
         "from catoptra_server.world.scene_mesh import build_scene;"
@@ -139,7 +139,7 @@ def test_unknown_renderer_is_rejected_with_the_existing_names() -> None:
 
 def test_trace_does_not_load_opengl() -> None:
     program = (
-        "import sys; from catoptra_server.frames.plan.renderers import choose_renderer;"
+        "import sys; from catoptra_server.frames.renderers import choose_renderer;"
         "from catoptra_server.world.world_description import World;"
         "from catoptra_server.world.scene_mesh import build_scene;"
         "world = World('empty', ()); choose_renderer('trace', build_scene(world), world);"
@@ -178,7 +178,7 @@ MODULES_THAT_KNOW_THE_KINDS = {
     "commands/doctor/devices.py",
     "frames/plan/candidates.py",
     "frames/plan/costs.py",
-    "frames/plan/renderers.py",
+    "frames/renderers.py",
     "render/renderer_kind.py",
 }
 

@@ -1,17 +1,20 @@
-"""Choice of a renderer, with its reason: the one module that creates renderers.
+"""Renderers of one scene: chosen with a reason, created on demand, made anew and replaced.
 
-As named; else raster where a graphics processor answers; else trace. On a processor the kernel
-draws faster than software OpenGL in 28 of 30 cases, by 1.2 to 20 times, and loses 1.18 and 1.38
-times with 4 x 4 samples under two lamps (tests/measurements/renderer_comparison.py): a rule with
-fitted rates, and trials of both renderers at run time, bought no more than these two. A renderer's
-library is imported only when that renderer is chosen or probed, so a machine without OpenGL runs
-trace.
+The one module that creates renderers. A renderer's library is imported only when that renderer is
+chosen or probed, so a machine without OpenGL runs trace. Which view a renderer draws is decided
+elsewhere. Belongs to the thread that made the first renderer: OpenGL contexts are bound to threads.
 
-To add a renderer: a member of `RendererKind`, a function here, its settings in `candidate_plans`.
+* `auto` is raster where a graphics processor answers, else trace. On a processor the kernel is
+  faster than software OpenGL in 28 of 30 cases, by 1.2 to 20 times, and loses 1.18 and 1.38 times
+  with 4 x 4 samples under two lamps (`tests/measurements/renderer_comparison.py`). A rule with
+  fitted rates, and trials of both at run time, bought no more than these two cases.
+* Under lockstep, in data sets and in studies `auto` is trace: bytes do not depend on the machine.
+* Raster has its image effects from the kernel, too, by reading its linear image back: less than a
+  millisecond on llvmpipe, where the same formulas as shaders took several times as long. Raster has
+  never run on a real GPU.
 
-The renderers of one scene: created on demand, made anew after a failure, and replaced.
-
-Belongs to the thread that made the first renderer: OpenGL contexts are bound to threads.
+To add a renderer: a member of `RendererKind`, a function here, its settings in
+`plan/candidates.py`.
 """
 
 from __future__ import annotations
@@ -53,7 +56,7 @@ log = logging.getLogger(__name__)
 # Mali, Adreno. Loading OpenGL to find that out takes 0.1 s of every start.
 _GPU_FILES = ("/dev/dri/renderD*", "/dev/nvidia[0-9]*", "/dev/dxg", "/dev/mali*", "/dev/kgsl*")
 
-RendererFactory = Callable[[], Renderer]
+_RendererFactory = Callable[[], Renderer]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,11 +66,11 @@ class RendererChoice:
     renderer: Renderer
     kind: RendererKind
     reason: str
-    factories: Mapping[RendererKind, RendererFactory] = field(default_factory=dict)
+    factories: Mapping[RendererKind, _RendererFactory] = field(default_factory=dict)
     """Factories of the renderers that may draw, to be called in the thread of the first one: its
     own, to be made anew, and others in its place; a renderer requested by name has its own alone.
     """
-    tracer: RendererFactory | None = None
+    tracer: _RendererFactory | None = None
     """Factory of the renderer whose rays label frames, whichever draws them."""
 
 
@@ -131,7 +134,7 @@ def choose_renderer(
 def _make_choice(
     kind: RendererKind,
     reason: str,
-    factories: Mapping[RendererKind, RendererFactory],
+    factories: Mapping[RendererKind, _RendererFactory],
     inputs: _Scene,
     renderer: Renderer | None = None,
 ) -> RendererChoice:
