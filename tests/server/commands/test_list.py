@@ -5,53 +5,67 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 
-from catoptra_server.commands.list import (
-    KINDS,
-    describe_version,
-    list_entries,
-    main,
-    read_first_sentence,
-)
-from catoptra_server.config.known_names import find_configuration
+from catoptra_server.commands.list import describe_version, main, read_first_sentence
+from catoptra_server.config.known_names import FileKind, find_configuration
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.render.renderer_kind import INSTRUCTION_SETS
 from helpers.trace_kernels import open_kernel
 from helpers.worlds import make_test_world
 
+KINDS = ["robots", "worlds", "cameras", "landmarks", "datasets", "classes"]
+ListEntries = Callable[[str], list[dict[str, str]]]
+
+
+@pytest.fixture
+def list_entries(capsys: pytest.CaptureFixture[str]) -> ListEntries:
+    """Entries of a kind, as the command prints them for programs."""
+
+    def entries(kind: str) -> list[dict[str, str]]:
+        assert main([kind, "--json"]) == 0
+        found: list[dict[str, str]] = json.loads(capsys.readouterr().out)
+        return found
+
+    return entries
+
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_entry_of_each_kind_has_a_description_and_a_file(kind: str) -> None:
-    entries = list(list_entries([kind]))
+def test_entry_of_each_kind_has_a_description_and_a_file(
+    list_entries: ListEntries, kind: str
+) -> None:
+    entries = list_entries(kind)
     assert entries
     for entry in entries:
-        assert entry.kind == kind
-        assert entry.description
-        assert Path(entry.path).is_file()
+        assert entry["kind"] == kind
+        assert entry["description"]
+        assert Path(entry["path"]).is_file()
 
 
 @pytest.mark.parametrize("kind", ["robots", "worlds"])
-def test_name_that_is_listed_is_found_by_the_server(kind: str) -> None:
-    for entry in list_entries([kind]):
-        assert find_configuration(kind, entry.name) == Path(entry.path)  # type: ignore[arg-type]
+def test_name_that_is_listed_is_found_by_the_server(
+    list_entries: ListEntries, kind: FileKind
+) -> None:
+    for entry in list_entries(kind):
+        assert find_configuration(kind, entry["name"]) == Path(entry["path"])
 
 
-def test_class_is_listed_with_every_file_that_serves_it() -> None:
-    listed = {(entry.name, entry.path) for entry in list_entries(["classes"])}
+def test_class_is_listed_with_every_file_that_serves_it(list_entries: ListEntries) -> None:
+    listed = {(entry["name"], entry["path"]) for entry in list_entries("classes")}
     served = {
-        (robot.class_name, entry.path)
-        for entry in list_entries(["robots"])
-        for robot in read_robots(Path(entry.path))[0]
+        (robot.class_name, entry["path"])
+        for entry in list_entries("robots")
+        for robot in read_robots(Path(entry["path"]))[0]
     }
     assert listed == served
 
 
-def test_class_is_described_by_cameras_and_sensors() -> None:
-    described = {entry.description for entry in list_entries(["classes"])}
+def test_class_is_described_by_cameras_and_sensors(list_entries: ListEntries) -> None:
+    described = {entry["description"] for entry in list_entries("classes")}
     assert (
         "--robot p2at_omni: mirror camera OmniCamPillar_Link4 360 x 360 px, Odometry, GroundTruth"
         in described
@@ -79,13 +93,7 @@ def test_first_sentence_is_that_of_the_comment_at_the_head(
 def test_list_prints_a_heading_for_each_kind(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.rstrip(":") for line in lines if not line.startswith(" ")] == [*KINDS]
-
-
-def test_list_as_json_has_the_entries(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["landmarks", "--json"]) == 0
-    (entry,) = json.loads(capsys.readouterr().out)
-    assert (entry["kind"], entry["name"]) == ("landmarks", "four_legged_2006")
+    assert [line.rstrip(":") for line in lines if not line.startswith(" ")] == KINDS
 
 
 def test_list_to_a_reader_that_has_left_ends_without_an_error(

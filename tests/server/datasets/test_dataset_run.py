@@ -12,7 +12,6 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.dataset_run import (
     ProgressReport,
     complete_run,
-    format_duration,
     prepare_run,
 )
 from helpers.dataset_recipes import write_drive, write_recipe
@@ -98,5 +97,9 @@ def test_log_gets_a_line_seldom_and_one_at_the_end() -> None:
     ("seconds", "text"),
     [(0.2, "0 s"), (59.4, "59 s"), (200.0, "3 min 20 s"), (7500.0, "2 h 05 min")],
 )
-def test_duration_is_short(seconds: float, text: str) -> None:
-    assert format_duration(seconds) == text
+def test_remaining_time_is_short(seconds: float, text: str) -> None:
+    clock = Clock()
+    progress = ProgressReport("tour", 2, 0, io.StringIO(), clock)
+    clock.now_s = seconds
+    progress.count_samples(1)
+    assert progress.describe().endswith(f" a second, {text} left")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.datasets.dataset_stage import find_digest_error
+from catoptra_server.datasets.pinned_process import WorkerRefusedError
 from helpers.configs import ROBOTS, Edit, write_edited_copy, write_small_world
 from helpers.dataset_recipes import CAMERA, FISHEYE, stage_recipe, write_recipe
 
@@ -55,10 +55,11 @@ def test_digest_depends_on_the_names_of_a_mesh_file_s_nodes(tmp_path: Path) -> N
     assert len(digests) == 2
 
 
-def test_worker_with_other_files_is_told(tmp_path: Path) -> None:
+def test_worker_with_other_files_is_refused(tmp_path: Path) -> None:
     stage = stage_recipe(write_recipe(tmp_path))
-    assert not find_digest_error(stage, stage.digest)
-    assert "differ from those of the driver" in find_digest_error(stage, "0" * 64)
+    stage.require_digest(stage.digest)
+    with pytest.raises(WorkerRefusedError, match="differ from those of the driver"):
+        stage.require_digest("0" * 64)
 
 
 def test_camera_that_is_not_there_is_an_error_with_its_line(tmp_path: Path) -> None:

@@ -12,10 +12,8 @@ import pytest
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.dataset_run import prepare_run
 from catoptra_server.datasets.local_workers import (
-    MAX_ATTEMPTS,
     DatasetInterruptedError,
     LocalWorkers,
-    run_in_pinned_process,
 )
 from catoptra_server.datasets.shards import ShardJob
 from helpers.dataset_recipes import write_drive, write_recipe
@@ -72,7 +70,7 @@ def test_shard_whose_workers_all_die_is_an_error_that_names_the_sample(job: Shar
     workers = LocalWorkers(job, 1, count=count)
     with pytest.raises(
         CatoptraError,
-        match=rf"shard 0: {MAX_ATTEMPTS} workers have ended .* sample [01]: ended by SIGKILL",
+        match=r"shard 0: 3 workers have ended .* sample [01]: ended by SIGKILL",
     ):
         list(workers.draw([0]))
 
@@ -103,34 +101,3 @@ def test_interruption_ends_the_workers(job: ShardJob) -> None:
         list(workers.draw([0, 1, 2]))
     assert pids
     assert not workers.pids
-
-
-def read_variable(name: str) -> str | None:
-    """Variable of this process."""
-    return os.environ.get(name)
-
-
-def fail() -> None:
-    """Raise an error of ours."""
-    raise CatoptraError("recipe.ini:3: wrong")
-
-
-def die() -> None:
-    """End as a killed process does."""
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def test_process_has_the_variables_and_this_one_has_not() -> None:
-    before = os.environ.get("OPENBLAS_CORETYPE")
-    assert run_in_pinned_process("avx2", read_variable, "OPENBLAS_CORETYPE") == "Haswell"
-    assert os.environ.get("OPENBLAS_CORETYPE") == before
-
-
-def test_error_of_the_function_is_raised_here() -> None:
-    with pytest.raises(CatoptraError, match=r"recipe.ini:3: wrong"):
-        run_in_pinned_process("avx2", fail)
-
-
-def test_death_is_an_error() -> None:
-    with pytest.raises(CatoptraError, match="has ended: exit status -9"):
-        run_in_pinned_process("avx2", die)

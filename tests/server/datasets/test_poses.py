@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,14 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError, ConfigError
 from catoptra_server.datasets.poses import (
+    PoseNotFreeError,
     PoseSource,
     check_given_poses,
     draw_brightness,
     draw_free_pose,
-    find_fault,
     find_place,
     random_source,
-    sequence_length,
+    require_free_pose,
 )
 from catoptra_server.datasets.recipe import DrivePoses, GivenPoses, RandomPoses
 from catoptra_server.datasets.recipe_file import read_recipe
@@ -31,7 +32,6 @@ def test_random_poses_go_through_all_worlds_and_cameras(tmp_path: Path) -> None:
     recipe = read_recipe(
         write_recipe(tmp_path, cameras=(CAMERA, FISHEYE), lines=("Worlds=warehouse",))
     )
-    assert sequence_length(recipe) == 1
     places = [find_place(recipe, index) for index in range(8)]
     assert [(p.world, p.camera) for p in places] == [(0, 0), (0, 1), (1, 0), (1, 1)] * 2
     assert [p.sequence for p in places] == list(range(8))
@@ -95,20 +95,22 @@ def test_pose_is_free_beside_walls_and_on_the_floor_alone(
     tmp_path: Path, x_m: float, y_m: float, fault: str
 ) -> None:
     loaded = stage(tmp_path)
-    found = find_fault(loaded.world(0), loaded.cameras[0], PlanarPose(x_m, y_m, 0.0))
-    assert (fault in found) if fault else not found
+    rejected = pytest.raises(PoseNotFreeError, match=fault) if fault else nullcontext()
+    with rejected:
+        require_free_pose(loaded.world(0), loaded.cameras[0], PlanarPose(x_m, y_m, 0.0))
 
 
 def test_world_without_any_floor_needs_none(tmp_path: Path) -> None:
     loaded = stage_recipe(write_recipe(tmp_path, world="incidence_rings"))
-    assert not find_fault(loaded.world(0), loaded.cameras[0], PlanarPose(0.0, 0.0, 0.0))
+    require_free_pose(loaded.world(0), loaded.cameras[0], PlanarPose(0.0, 0.0, 0.0))
 
 
 def test_clearance_counts(tmp_path: Path) -> None:
     loaded = stage(tmp_path)
     pose = PlanarPose(2.6, 1.0, 0.0)
-    assert not find_fault(loaded.world(0), loaded.cameras[0], pose, 0.05)
-    assert find_fault(loaded.world(0), loaded.cameras[0], pose, 0.2)
+    require_free_pose(loaded.world(0), loaded.cameras[0], pose, 0.05)
+    with pytest.raises(PoseNotFreeError, match="touches"):
+        require_free_pose(loaded.world(0), loaded.cameras[0], pose, 0.2)
 
 
 def test_random_poses_are_free_and_everywhere(tmp_path: Path) -> None:
@@ -118,7 +120,8 @@ def test_random_poses_are_free_and_everywhere(tmp_path: Path) -> None:
     poses = loaded.recipe.poses
     assert isinstance(poses, RandomPoses)
     found = [draw_free_pose(world, camera, poses, generator) for _ in range(60)]
-    assert not any(find_fault(world, camera, pose) for pose in found)
+    for pose in found:
+        require_free_pose(world, camera, pose)
     assert {(pose.x_m > 3.0, pose.y_m > 0.0) for pose in found} == {
         (right, ahead) for right in (True, False) for ahead in (True, False)
     }

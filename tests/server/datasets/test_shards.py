@@ -6,22 +6,20 @@ import errno
 import io
 import json
 import tarfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO, Any
 
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.shards import iterate_samples, shard_name
+from catoptra_server.datasets.pinned_process import WorkerRefusedError
 from catoptra_server.datasets.shards import (
-    PART_SUFFIX,
     ShardArtist,
     ShardJob,
-    WorkerRefusedError,
-    open_for_writing,
     read_record,
-    record_path,
     remove_parts,
     start_artist,
     write_shard,
@@ -76,18 +74,30 @@ def test_record_is_read_back_and_a_changed_shard_is_not_whole(tmp_path: Path) ->
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}", json.dumps({"sha256": 1})])
 def test_shard_with_a_damaged_record_is_not_whole(tmp_path: Path, content: str) -> None:
     write_shard(tmp_path, 0, SAMPLES)
-    record_path(tmp_path, 0).write_text(content, encoding="utf-8")
+    (tmp_path / "shards/000000.json").write_text(content, encoding="utf-8")
     assert read_record(tmp_path, 0) is None
 
 
-@pytest.mark.parametrize("room", [0, 700, 3000])
-def test_full_disk_leaves_nothing_and_says_so(tmp_path: Path, room: int) -> None:
-    def open_file(path: Path) -> BinaryIO:
-        open_for_writing(path).close()
-        return FullDisk(room)
+def replace_new_files(monkeypatch: pytest.MonkeyPatch, make_file: Callable[[], IO[bytes]]) -> None:
+    """Write other files in place of those that are created."""
+    open_path = Path.open
 
+    def open_or_replace(path: Path, mode: str = "r", *args: Any, **kwargs: Any) -> IO[Any]:
+        if mode != "xb":
+            return open_path(path, mode, *args, **kwargs)
+        open_path(path, mode).close()
+        return make_file()
+
+    monkeypatch.setattr(Path, "open", open_or_replace)
+
+
+@pytest.mark.parametrize("room", [0, 700, 3000])
+def test_full_disk_leaves_nothing_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    replace_new_files(monkeypatch, lambda: FullDisk(room))
     with pytest.raises(CatoptraError, match=r"the disk is full: .*000000.tar"):
-        write_shard(tmp_path, 0, SAMPLES, open_file)
+        write_shard(tmp_path, 0, SAMPLES)
     assert list((tmp_path / "shards").iterdir()) == []
     assert read_record(tmp_path, 0) is None
 
@@ -113,7 +123,7 @@ def test_whole_file_replaces_an_older_one_and_parts_are_removed(tmp_path: Path) 
     write_whole(path, [b"old"])
     write_whole(path, [b"n", b"ew"])
     assert path.read_bytes() == b"new"
-    (tmp_path / f"b.tar.host.1{PART_SUFFIX}").write_bytes(b"x")
+    (tmp_path / "b.tar.host.1.part").write_bytes(b"x")
     remove_parts(tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
@@ -140,14 +150,13 @@ def test_shards_have_the_same_hash_in_any_order(tmp_path: Path) -> None:
     assert hashes[0] == hashes[1]
 
 
-def test_full_disk_in_the_middle_of_a_shard_leaves_nothing(tmp_path: Path) -> None:
-    def open_file(path: Path) -> BinaryIO:
-        open_for_writing(path).close()
-        return open("/dev/full", "wb", buffering=0)
-
+def test_full_disk_in_the_middle_of_a_shard_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     artist = ShardArtist(stage_recipe(write_drive(tmp_path)))
+    replace_new_files(monkeypatch, lambda: open("/dev/full", "wb", buffering=0))
     with pytest.raises(CatoptraError, match=r"the disk is full: .*000000\.tar was not written"):
-        artist.draw_shard(tmp_path, 0, open_file=open_file)
+        artist.draw_shard(tmp_path, 0)
     artist.close()
     assert list((tmp_path / "shards").iterdir()) == []
 

@@ -1,12 +1,9 @@
 """`catoptra-server explain`: effects that a robot's cameras need in a world, and their cost.
 
-The decisions are the server's own; the milliseconds are medians of frames rendered here.
-
-Milliseconds of every effect that a frame draws.
-
-Effects with a stage of their own have its time. All others change what the renderer traces or
-rasterizes; their time is the difference between frames with and without them. Effects are added in
-optical order, so that all times and the rest add up to the frame.
+The decisions are the server's own; the milliseconds are medians of frames rendered here. Effects
+with a stage of their own have its time. All others change what the renderer traces or rasterizes:
+their time is the difference between frames with and without them. Effects are added in optical
+order, so that all times and the rest add up to the frame.
 """
 
 from __future__ import annotations
@@ -53,9 +50,223 @@ from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.world_description import Twist
 
+_EXIT_FAILURE = 2
 # Of each kind of frame, by turns; the first prepares the view and fills caches.
 _NUM_FRAMES = 9
 _WARM_UP = 2
+
+
+@dataclass(frozen=True, slots=True)
+class PlanarVelocity:
+    """Velocity of a robot in its own axes."""
+
+    forward_m_s: float = 0.0
+    right_m_s: float = 0.0
+    """Sideways, to the robot's right."""
+    yaw_rate_rad_s: float = 0.0
+    """Clockwise seen from above."""
+
+    @property
+    def twist(self) -> Twist:
+        """Same motion as a twist of the robot's frame, in the robot's axes."""
+        return Twist((self.forward_m_s, self.right_m_s, 0.0), (0.0, 0.0, self.yaw_rate_rad_s))
+
+
+ZERO_VELOCITY = PlanarVelocity()
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command; return the exit status, 0, or 2 after a message for a failure."""
+    parsed = _build_parser().parse_args(arguments)
+    try:
+        startup = read_startup_config(
+            [find_configuration("robots", parsed.robot)], find_configuration("worlds", parsed.world)
+        )
+        reports = [
+            *_explain_cameras(
+                startup, renderer=parsed.renderer, pose=parsed.pose, velocity=parsed.velocity
+            )
+        ]
+    except CatoptraError as error:
+        print(f"catoptra-server explain: {error}", file=sys.stderr)
+        return _EXIT_FAILURE
+    if parsed.json:
+        print(json.dumps([asdict(report) for report in reports], indent=2))
+    else:
+        print("\n\n".join(map(str, reports)) or "no robot has a camera")
+    return 0
+
+
+def _build_parser() -> argparse.ArgumentParser:
+    parser = CommandParser(
+        prog="catoptra-server explain",
+        description="Report the effects that a robot's cameras need in a world, with their cost.",
+    )
+    add = parser.add_argument
+    add("--robot", required=True, metavar="FILE", help="robot ini, or the name of a bundled one")
+    add("--world", required=True, metavar="FILE", help="world ini, or the name of a bundled one")
+    add("--renderer", choices=RENDERER_NAMES, default=AUTO)
+    add("--pose", type=_parse_pose, metavar="X,Y,YAW",
+        help="pose of the robot, in metres and radians; default: the first start pose")  # fmt: skip
+    add("--velocity", type=_parse_velocity, metavar="VX,VY,YAWRATE", default=ZERO_VELOCITY,
+        help="velocity of the robot during the exposure: metres a second ahead and to the right, "
+             "radians a second clockwise from above; default: at rest")  # fmt: skip
+    add("--json", action="store_true", help="print JSON")
+    return parser
+
+
+def _parse_pose(text: str) -> PlanarPose:
+    return PlanarPose(*_parse_three_floats(text, "a pose is three numbers X,Y,YAW"))
+
+
+def _parse_velocity(text: str) -> PlanarVelocity:
+    return PlanarVelocity(*_parse_three_floats(text, "a velocity is three numbers VX,VY,YAWRATE"))
+
+
+def _parse_three_floats(text: str, expected: str) -> tuple[float, float, float]:
+    """Three finite numbers, separated by commas."""
+    try:
+        first, second, third = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{expected}, not {text!r}") from None
+    if not all(map(math.isfinite, (first, second, third))):
+        raise argparse.ArgumentTypeError(f"{expected}, not {text!r}")
+    return first, second, third
+
+
+@dataclass(frozen=True, slots=True)
+class _CameraEffectReport:
+    """Decisions about the effects of one camera, and the time of a frame."""
+
+    robot: str
+    """Class of the robot."""
+    camera: str
+    plan: str
+    effects: tuple[EffectDecision, ...]
+    """Decisions in optical order."""
+    effect_ms: dict[str, float]
+    """Median milliseconds of each effect that the frame draws, of scene effects by difference."""
+    other_ms: float
+    """Median milliseconds of all else."""
+    viewpoint: str = ""
+    """Miss, near limit and clearance of a mirror without a single viewpoint; empty for others."""
+
+    def __str__(self) -> str:
+        # Sums of the numbers as they are printed, so that the lines agree to the last digit.
+        effects_ms = sum(round(ms, 1) for ms in self.effect_ms.values())
+        other_ms = round(self.other_ms, 1)
+        head = f"{self.robot} {self.camera}: {self.plan}"
+        cost = (
+            f"a frame takes {other_ms + effects_ms:.1f} ms: {effects_ms:.1f} ms for effects, "
+            f"{other_ms:.1f} ms for all else"
+        )
+        # Only a mirror without a viewpoint has a line of it.
+        viewpoint = (self.viewpoint,) if self.viewpoint else ()
+        effects = format_decisions(self.effects, self.effect_ms)
+        return "\n".join((head, *viewpoint, effects, cost))
+
+
+def _explain_cameras(
+    startup: StartupConfig,
+    *,
+    renderer: str,
+    pose: PlanarPose | None = None,
+    velocity: PlanarVelocity = ZERO_VELOCITY,
+) -> Iterator[_CameraEffectReport]:
+    """Yield the report of each camera of the robot classes, the omnidirectional one first.
+
+    Args:
+        pose: Pose of the robot; None: the world's first start pose.
+        velocity: Velocity of the robot during the exposure.
+    """
+    for robot in startup.robots:
+        requests = _request_views(robot, pose or _start_pose(startup), velocity)
+        if requests:
+            yield from _explain_views(startup, robot, requests, renderer)
+
+
+def _explain_views(
+    startup: StartupConfig,
+    robot: RobotDescription,
+    requests: Mapping[str, ViewRequest],
+    renderer: str,
+) -> Iterator[_CameraEffectReport]:
+    choice = choose_renderer(renderer, startup.scene, startup.world)
+    # With the frame times that servers on this machine have kept, as a server's own choice.
+    cache = CostCache(default_cache_folder(), startup.scene)
+    summarizer = SceneSummarizer(startup.scene, startup.world)
+    views = ViewCache(RenderPlanner(RendererPool(choice), cache), summarizer)
+    try:
+        for name, request in requests.items():
+            times = measure_effect_times(views.render, request)
+            yield _CameraEffectReport(
+                robot.class_name,
+                name,
+                times.view.frame_plan.plan_text,
+                times.view.effect_decisions,
+                dict(times.effect_ms),
+                times.other_ms,
+                _explain_viewpoint(request, summarizer),
+            )
+    finally:
+        views.close()
+
+
+def _explain_viewpoint(request: ViewRequest, summarizer: SceneSummarizer) -> str:
+    """Line of a camera whose mirror has no viewpoint; empty for others."""
+    if not isinstance(request.camera, OmniCameraSpec):
+        return ""
+    nearest_m = summarizer.min_distance_m(
+        request.camera_state, has_ego_body=shows_ego_body(request.camera)
+    )
+    return explain_viewpoint(request.camera, nearest_m)
+
+
+def _request_views(
+    robot: RobotDescription, pose: PlanarPose, velocity: PlanarVelocity
+) -> dict[str, ViewRequest]:
+    """View of each camera by name, all joints at 0."""
+    requests: dict[str, ViewRequest] = {}
+    for omni in robot.omni_cameras:
+        spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
+        state = build_camera_state(robot, omni, pose, velocity)
+        requests[omni.name] = ViewRequest(spec, state)
+    base, twist = _place_robot(robot, pose, velocity)
+    for description in robot.perspective_cameras:
+        camera = PerspectiveCameraSensor(description, robot)
+        state = mounted_camera_state(base, camera.robot_from_camera({}), twist=twist)
+        requests[camera.name] = ViewRequest(camera.camera_spec(), state)
+    return requests
+
+
+def build_camera_state(
+    robot: RobotDescription, omni: OmniCameraDescription, pose: PlanarPose, velocity: PlanarVelocity
+) -> CameraState:
+    """State of a robot's omnidirectional camera at a pose, while the robot drives."""
+    base, twist = _place_robot(robot, pose, velocity)
+    mesh = build_ego_mesh(robot)
+    return mounted_camera_state(
+        base,
+        robot.robot_from_omni(omni, {}),
+        twist=twist,
+        ego_body=DynamicObject(mesh, base, twist) if mesh is not None else None,
+    )
+
+
+def _place_robot(
+    robot: RobotDescription, pose: PlanarPose, velocity: PlanarVelocity
+) -> tuple[Pose, Twist]:
+    """Pose and motion of the chassis in the world."""
+    base = pose.at_height(robot.drive.ride_height_m)
+    return base, velocity.twist.rotate(base.rotation)
+
+
+def _start_pose(startup: StartupConfig) -> PlanarPose:
+    """First start pose of the world; the origin for a world without one."""
+    # Position and heading only: height and tilt follow from the floor and the robot's ride height.
+    for start in startup.world.starts:
+        return PlanarPose(start.location_m[0], start.location_m[1], start.rotation_rad[2])
+    return PlanarPose(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,11 +330,6 @@ def measure_effect_times(
     return EffectTimes(view, {name: effect_ms[name] for name in drawn}, cumulative[0])
 
 
-def _acts_on_frame(decision: EffectDecision) -> bool:
-    """Whether a frame draws an effect: where it is on, and where the frame itself decided."""
-    return decision.enabled or decision.basis is DecisionBasis.MEASURED
-
-
 def _leave_out(request: ViewRequest, names: Sequence[str]) -> ViewRequest:
     """Same view without some of its effects."""
     camera = request.camera
@@ -138,6 +344,11 @@ def _leave_out(request: ViewRequest, names: Sequence[str]) -> ViewRequest:
     return replace(request, camera=bare)
 
 
+def _acts_on_frame(decision: EffectDecision) -> bool:
+    """Whether a frame draws an effect: where it is on, and where the frame itself decided."""
+    return decision.enabled or decision.basis is DecisionBasis.MEASURED
+
+
 def _limit_by_later(times_ms: Sequence[float]) -> list[float]:
     """Times of frames with ever more effects, none above that of a frame with more.
 
@@ -148,219 +359,3 @@ def _limit_by_later(times_ms: Sequence[float]) -> list[float]:
     for one in reversed(times_ms[:-1]):
         limited.append(min(one, limited[-1]))
     return limited[::-1]
-
-
-_EXIT_FAILURE = 2
-
-
-@dataclass(frozen=True, slots=True)
-class PlanarVelocity:
-    """Velocity of a robot in its own axes."""
-
-    forward_m_s: float = 0.0
-    right_m_s: float = 0.0
-    """Sideways, to the robot's right."""
-    yaw_rate_rad_s: float = 0.0
-    """Clockwise seen from above."""
-
-    @property
-    def twist(self) -> Twist:
-        """Same motion as a twist of the robot's frame, in the robot's axes."""
-        return Twist((self.forward_m_s, self.right_m_s, 0.0), (0.0, 0.0, self.yaw_rate_rad_s))
-
-
-ZERO_VELOCITY = PlanarVelocity()
-
-
-@dataclass(frozen=True, slots=True)
-class _CameraEffectReport:
-    """Decisions about the effects of one camera, and the time of a frame."""
-
-    robot: str
-    """Class of the robot."""
-    camera: str
-    plan: str
-    effects: tuple[EffectDecision, ...]
-    """Decisions in optical order."""
-    effect_ms: dict[str, float]
-    """Median milliseconds of each effect that the frame draws, of scene effects by difference."""
-    other_ms: float
-    """Median milliseconds of all else."""
-    viewpoint: str = ""
-    """Miss, near limit and clearance of a mirror without a single viewpoint; empty for others."""
-
-    def __str__(self) -> str:
-        # Sums of the numbers as they are printed, so that the lines agree to the last digit.
-        effects_ms = sum(round(ms, 1) for ms in self.effect_ms.values())
-        other_ms = round(self.other_ms, 1)
-        head = f"{self.robot} {self.camera}: {self.plan}"
-        cost = (
-            f"a frame takes {other_ms + effects_ms:.1f} ms: {effects_ms:.1f} ms for effects, "
-            f"{other_ms:.1f} ms for all else"
-        )
-        # Only a mirror without a viewpoint has a line of it.
-        viewpoint = (self.viewpoint,) if self.viewpoint else ()
-        effects = format_decisions(self.effects, self.effect_ms)
-        return "\n".join((head, *viewpoint, effects, cost))
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Run the command; return the exit status, 0, or 2 after a message for a failure."""
-    parsed = _build_parser().parse_args(arguments)
-    try:
-        startup = read_startup_config(
-            [find_configuration("robots", parsed.robot)], find_configuration("worlds", parsed.world)
-        )
-        reports = [
-            *_explain_cameras(
-                startup, renderer=parsed.renderer, pose=parsed.pose, velocity=parsed.velocity
-            )
-        ]
-    except CatoptraError as error:
-        print(f"catoptra-server explain: {error}", file=sys.stderr)
-        return _EXIT_FAILURE
-    if parsed.json:
-        print(json.dumps([asdict(report) for report in reports], indent=2))
-    else:
-        print("\n\n".join(map(str, reports)) or "no robot has a camera")
-    return 0
-
-
-def _explain_cameras(
-    startup: StartupConfig,
-    *,
-    renderer: str,
-    pose: PlanarPose | None = None,
-    velocity: PlanarVelocity = ZERO_VELOCITY,
-) -> Iterator[_CameraEffectReport]:
-    """Yield the report of each camera of the robot classes, the omnidirectional one first.
-
-    Args:
-        pose: Pose of the robot; None: the world's first start pose.
-        velocity: Velocity of the robot during the exposure.
-    """
-    for robot in startup.robots:
-        requests = _request_views(robot, pose or _start_pose(startup), velocity)
-        if requests:
-            yield from _explain_views(startup, robot, requests, renderer)
-
-
-def build_camera_state(
-    robot: RobotDescription, omni: OmniCameraDescription, pose: PlanarPose, velocity: PlanarVelocity
-) -> CameraState:
-    """State of a robot's omnidirectional camera at a pose, while the robot drives."""
-    base, twist = _place_robot(robot, pose, velocity)
-    mesh = build_ego_mesh(robot)
-    return mounted_camera_state(
-        base,
-        robot.robot_from_omni(omni, {}),
-        twist=twist,
-        ego_body=DynamicObject(mesh, base, twist) if mesh is not None else None,
-    )
-
-
-def _place_robot(
-    robot: RobotDescription, pose: PlanarPose, velocity: PlanarVelocity
-) -> tuple[Pose, Twist]:
-    """Pose and motion of the chassis in the world."""
-    base = pose.at_height(robot.drive.ride_height_m)
-    return base, velocity.twist.rotate(base.rotation)
-
-
-def _request_views(
-    robot: RobotDescription, pose: PlanarPose, velocity: PlanarVelocity
-) -> dict[str, ViewRequest]:
-    """View of each camera by name, all joints at 0."""
-    requests: dict[str, ViewRequest] = {}
-    for omni in robot.omni_cameras:
-        spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
-        state = build_camera_state(robot, omni, pose, velocity)
-        requests[omni.name] = ViewRequest(spec, state)
-    base, twist = _place_robot(robot, pose, velocity)
-    for description in robot.perspective_cameras:
-        camera = PerspectiveCameraSensor(description, robot)
-        state = mounted_camera_state(base, camera.robot_from_camera({}), twist=twist)
-        requests[camera.name] = ViewRequest(camera.camera_spec(), state)
-    return requests
-
-
-def _explain_views(
-    startup: StartupConfig,
-    robot: RobotDescription,
-    requests: Mapping[str, ViewRequest],
-    renderer: str,
-) -> Iterator[_CameraEffectReport]:
-    choice = choose_renderer(renderer, startup.scene, startup.world)
-    # With the frame times that servers on this machine have kept, as a server's own choice.
-    cache = CostCache(default_cache_folder(), startup.scene)
-    summarizer = SceneSummarizer(startup.scene, startup.world)
-    views = ViewCache(RenderPlanner(RendererPool(choice), cache), summarizer)
-    try:
-        for name, request in requests.items():
-            times = measure_effect_times(views.render, request)
-            yield _CameraEffectReport(
-                robot.class_name,
-                name,
-                times.view.frame_plan.plan_text,
-                times.view.effect_decisions,
-                dict(times.effect_ms),
-                times.other_ms,
-                _explain_viewpoint(request, summarizer),
-            )
-    finally:
-        views.close()
-
-
-def _explain_viewpoint(request: ViewRequest, summarizer: SceneSummarizer) -> str:
-    """Line of a camera whose mirror has no viewpoint; empty for others."""
-    if not isinstance(request.camera, OmniCameraSpec):
-        return ""
-    nearest_m = summarizer.min_distance_m(
-        request.camera_state, has_ego_body=shows_ego_body(request.camera)
-    )
-    return explain_viewpoint(request.camera, nearest_m)
-
-
-def _start_pose(startup: StartupConfig) -> PlanarPose:
-    """First start pose of the world; the origin for a world without one."""
-    # Position and heading only: height and tilt follow from the floor and the robot's ride height.
-    for start in startup.world.starts:
-        return PlanarPose(start.location_m[0], start.location_m[1], start.rotation_rad[2])
-    return PlanarPose(0.0, 0.0, 0.0)
-
-
-def _build_parser() -> argparse.ArgumentParser:
-    parser = CommandParser(
-        prog="catoptra-server explain",
-        description="Report the effects that a robot's cameras need in a world, with their cost.",
-    )
-    add = parser.add_argument
-    add("--robot", required=True, metavar="FILE", help="robot ini, or the name of a bundled one")
-    add("--world", required=True, metavar="FILE", help="world ini, or the name of a bundled one")
-    add("--renderer", choices=RENDERER_NAMES, default=AUTO)
-    add("--pose", type=_parse_pose, metavar="X,Y,YAW",
-        help="pose of the robot, in metres and radians; default: the first start pose")  # fmt: skip
-    add("--velocity", type=_parse_velocity, metavar="VX,VY,YAWRATE", default=ZERO_VELOCITY,
-        help="velocity of the robot during the exposure: metres a second ahead and to the right, "
-             "radians a second clockwise from above; default: at rest")  # fmt: skip
-    add("--json", action="store_true", help="print JSON")
-    return parser
-
-
-def _parse_pose(text: str) -> PlanarPose:
-    return PlanarPose(*_parse_three_floats(text, "a pose is three numbers X,Y,YAW"))
-
-
-def _parse_velocity(text: str) -> PlanarVelocity:
-    return PlanarVelocity(*_parse_three_floats(text, "a velocity is three numbers VX,VY,YAWRATE"))
-
-
-def _parse_three_floats(text: str, expected: str) -> tuple[float, float, float]:
-    """Three finite numbers, separated by commas."""
-    try:
-        first, second, third = map(float, text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{expected}, not {text!r}") from None
-    if not all(map(math.isfinite, (first, second, third))):
-        raise argparse.ArgumentTypeError(f"{expected}, not {text!r}")
-    return first, second, third

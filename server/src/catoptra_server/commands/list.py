@@ -2,8 +2,7 @@
 
 Robots, worlds, landmarks and recipes of data sets are described by the first sentence of the
 comment that heads their file, cameras by title and source, classes by what would be built.
-
-`catoptra-server --version`: version, system and the engine that traces, in one line.
+`catoptra-server --version` prints one line: version, system and the kernel's instruction set.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from catoptra_server.render.trace.kernel.library import (
 from catoptra_server.runtime.options import CommandParser
 from catoptra_server.simulation.robot_description import RobotDescription
 
-KINDS = ("robots", "worlds", "cameras", "landmarks", "datasets", "classes")
+_KINDS = ("robots", "worlds", "cameras", "landmarks", "datasets", "classes")
 # The comment at the head of an ini or csv file.
 _COMMENT = re.compile(r"(?:[;#].*\n?)+")
 _SENTENCE = re.compile(r"(.*?\.)(?:\s|$)")
@@ -43,7 +42,7 @@ class _ListEntry:
     """One name that a command or a client's INIT accepts."""
 
     kind: str
-    """One of `KINDS`."""
+    """One of `_KINDS`."""
     name: str
     description: str
     path: str
@@ -61,11 +60,11 @@ def main(arguments: Sequence[str]) -> int:
         "--world, --landmarks and `dataset` take, cameras for robots and studies, and the classes "
         "that INIT can spawn from each robot file.",
     )
-    parser.add_argument("kind", nargs="?", choices=KINDS, metavar="|".join(KINDS),
+    parser.add_argument("kind", nargs="?", choices=_KINDS, metavar="|".join(_KINDS),
         help="default: all")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print a JSON list")
     parsed = parser.parse_args(arguments)
-    entries = list(list_entries([parsed.kind] if parsed.kind else KINDS))
+    entries = list(_list_entries([parsed.kind] if parsed.kind else _KINDS))
     try:
         if parsed.json:
             print(json.dumps([asdict(entry) for entry in entries], indent=2))
@@ -88,7 +87,7 @@ def _print_entries(entries: Sequence[_ListEntry]) -> None:
         print(entry)
 
 
-def list_entries(kinds: Sequence[str]) -> Iterator[_ListEntry]:
+def _list_entries(kinds: Sequence[str]) -> Iterator[_ListEntry]:
     """Yield the entries of each kind, sorted by name."""
     for kind in kinds:
         match kind:
@@ -103,16 +102,16 @@ def list_entries(kinds: Sequence[str]) -> Iterator[_ListEntry]:
                 yield from sorted(_list_classes(), key=lambda entry: (entry.name, entry.path))
 
 
+def _describe_file(kind: str, path: Path) -> _ListEntry:
+    return _ListEntry(kind, path.stem, read_first_sentence(path), str(path))
+
+
 def read_first_sentence(path: Path) -> str:
     """First sentence of the comment at the head of a file; empty without one."""
     comment = _COMMENT.match(path.read_text(encoding="utf-8"))
     words = re.sub(r"\s*\n[;#]?\s*", " ", comment[0]).lstrip(";# ").strip() if comment else ""
     sentence = _SENTENCE.match(words)
     return sentence[1] if sentence else words
-
-
-def _describe_file(kind: str, path: Path) -> _ListEntry:
-    return _ListEntry(kind, path.stem, read_first_sentence(path), str(path))
 
 
 def _describe_camera(file: CameraFile) -> _ListEntry:

@@ -55,8 +55,31 @@ def main(arguments: Sequence[str], termination: Termination) -> int:
             return _EXIT_FAILURE
 
 
-def _report(text: str) -> None:
-    print(f"catoptra-server dataset: {text}", file=sys.stderr)
+def _build_parser() -> argparse.ArgumentParser:
+    parser = CommandParser(
+        prog="catoptra-server dataset",
+        description="Draw pictures with ground truth by a recipe: sample i depends on the recipe "
+        "and i alone. An interrupted run goes on by the same command.",
+    )
+    add = parser.add_argument
+    add("recipe", nargs="?", default="", metavar="RECIPE",
+        help="recipe file, or a bundled one's name; not needed to read back")  # fmt: skip
+    add("--out", required=True, type=Path, metavar="DIR", help="folder, made if absent")
+    add("--workers", type=_parse_workers, default=count_processors(), metavar="N",
+        help="processes of one thread each; default: one for each processor")  # fmt: skip
+    add("--ray", default="", metavar="local|ADDRESS",
+        help="draw by Ray: on this machine, or on the cluster of an address")  # fmt: skip
+    add("--verify", action="store_true",
+        help="read back every shard, and compare its hash")  # fmt: skip
+    add("--sheet", action="store_true",
+        help=f"write {SHEET_NAME}: {NUM_SAMPLES} samples with all channels")  # fmt: skip
+    return parser
+
+
+def _parse_workers(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= _MAX_WORKERS:
+        raise argparse.ArgumentTypeError(f"a number from 1 to {_MAX_WORKERS}, not {text!r}")
+    return int(text)
 
 
 def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Connection) -> int:
@@ -84,15 +107,6 @@ def _run(parsed: argparse.Namespace, interrupt: multiprocessing.connection.Conne
     print(_describe_result(run))
     _read_back(parsed)
     return 0
-
-
-def _read_back(parsed: argparse.Namespace) -> None:
-    """Do what is asked for with a whole data set."""
-    if parsed.verify:
-        for line in verify_dataset(parsed.out):
-            print(line)
-    if parsed.sheet:
-        print(write_sheet(parsed.out))
 
 
 def _draw(
@@ -123,28 +137,14 @@ def _describe_result(run: PreparedRun) -> str:
     return f"{run.folder}: {recipe.num_samples} samples in {recipe.num_shards} shards"
 
 
-def _build_parser() -> argparse.ArgumentParser:
-    parser = CommandParser(
-        prog="catoptra-server dataset",
-        description="Draw pictures with ground truth by a recipe: sample i depends on the recipe "
-        "and i alone. An interrupted run goes on by the same command.",
-    )
-    add = parser.add_argument
-    add("recipe", nargs="?", default="", metavar="RECIPE",
-        help="recipe file, or a bundled one's name; not needed to read back")  # fmt: skip
-    add("--out", required=True, type=Path, metavar="DIR", help="folder, made if absent")
-    add("--workers", type=_parse_workers, default=count_processors(), metavar="N",
-        help="processes of one thread each; default: one for each processor")  # fmt: skip
-    add("--ray", default="", metavar="local|ADDRESS",
-        help="draw by Ray: on this machine, or on the cluster of an address")  # fmt: skip
-    add("--verify", action="store_true",
-        help="read back every shard, and compare its hash")  # fmt: skip
-    add("--sheet", action="store_true",
-        help=f"write {SHEET_NAME}: {NUM_SAMPLES} samples with all channels")  # fmt: skip
-    return parser
+def _read_back(parsed: argparse.Namespace) -> None:
+    """Do what is asked for with a whole data set."""
+    if parsed.verify:
+        for line in verify_dataset(parsed.out):
+            print(line)
+    if parsed.sheet:
+        print(write_sheet(parsed.out))
 
 
-def _parse_workers(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= _MAX_WORKERS:
-        raise argparse.ArgumentTypeError(f"a number from 1 to {_MAX_WORKERS}, not {text!r}")
-    return int(text)
+def _report(text: str) -> None:
+    print(f"catoptra-server dataset: {text}", file=sys.stderr)

@@ -1,16 +1,9 @@
-"""The folder of a data set: begun, resumed, finished; never one that only looks whole.
+"""The folder of a data set: begun, resumed, finished, read back; never one that only looks whole.
 
 While shards are drawn, `unfinished.json` says what the folder is going to hold. The manifest
-`dataset.json` takes its place at the very end, so a folder with a manifest is whole.
-
-Index of a data set as a Parquet file, where pyarrow is installed: a row for each sample.
-
-Files beside the shards: calibrations, trajectories, COCO annotations, a Parquet index.
-
-They are read back from the metadata of the samples, of which the shards' other files are skipped,
-so that they hold what the shards hold.
-
-A data set read back: every hash, every file of every sample.
+`dataset.json` takes its place at the very end, so a folder with a manifest is whole. Beside the
+shards are calibrations, trajectories, COCO annotations and, where pyarrow is installed, a Parquet
+index. They are made from the metadata in the shards, so that they hold what the shards hold.
 """
 
 from __future__ import annotations
@@ -53,148 +46,16 @@ from catoptra_server.datasets.shards import (
 )
 
 _INDEX_NAME = "index.parquet"
-_REMEDY = "pip install 'catoptra-server[parquet]', or leave parquet out of the recipe's Formats"
-
-_COLUMNS = ("key", "index", "sequence", "step", "time_s", "world", "camera", "robot", "brightness")
-
-
-def require_pyarrow() -> None:
-    """Raise CatoptraError where pyarrow is missing: before anything is drawn."""
-    try:
-        import pyarrow.parquet  # noqa: F401 - asks whether it can be imported
-    except ImportError as error:
-        raise CatoptraError(f"a Parquet index needs pyarrow: {_REMEDY}") from error
-
-
-def write_parquet_index(folder: Path, metadata: Iterable[Mapping[str, Any]]) -> None:
-    """Write the index of a data set.
-
-    Args:
-        folder: Folder of the data set.
-        metadata: Of all samples, in order.
-    """
-    require_pyarrow()
-    import pyarrow
-    import pyarrow.parquet
-
-    rows = [_row(one) for one in metadata]
-    file = io.BytesIO()
-    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), file)
-    write_whole(folder / _INDEX_NAME, [file.getvalue()])
-
-
-def _row(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    row = {name: metadata[name] for name in _COLUMNS}
-    pose = metadata["world_from_camera"]
-    names = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
-    values = (*pose["position_m"], *pose["quaternion_xyzw"])
-    return row | dict(zip(names, values, strict=True))
-
-
 _CALIBRATION_FOLDER = "calibration"
 _COCO_NAME = "annotations.json"
 _TRAJECTORY_FOLDER = "trajectories"
-
+_REMEDY = "pip install 'catoptra-server[parquet]', or leave parquet out of the recipe's Formats"
+_COLUMNS = ("key", "index", "sequence", "step", "time_s", "world", "camera", "robot", "brightness")
 # Members of an annotation that a COCO file has.
 _COCO_MEMBERS = (
     *("id", "name", "class", "area_px", "box_px", "mask"),
     *("spherical_box", "occluded_fraction"),
 )
-
-
-def iterate_metadata(folder: Path, recipe: Recipe) -> Iterator[dict[str, Any]]:
-    """Yield the metadata of all samples, in order.
-
-    Raises:
-        CatoptraError: A shard is missing or damaged.
-    """
-    for number in range(recipe.num_shards):
-        path = folder / shard_name(number)
-        for sample in iterate_samples(path, frozenset({METADATA})):
-            try:
-                yield json.loads(sample.files[METADATA])
-            except (KeyError, ValueError) as error:
-                raise CatoptraError(f"{path}: sample {sample.key} has no metadata") from error
-
-
-def write_summaries(folder: Path, stage: DatasetStage) -> None:
-    """Write the files that a recipe asks for.
-
-    Raises:
-        CatoptraError: A shard cannot be read, a file not written, or a package is missing.
-    """
-    recipe = stage.recipe
-    for camera in stage.cameras:
-        calibration = folder / _CALIBRATION_FOLDER / camera.name
-        try:
-            write_calibration(
-                camera.spec.camera,
-                calibration,
-                name=camera.name,
-                picture=camera.spec.camera.picture,
-                robot_from_mirror=camera.omni.robot_from_mirror.rotation,
-            )
-        except OSError as error:
-            raise CatoptraError(f"{calibration} cannot be written: {error.strerror}") from error
-    if "coco" in recipe.formats:
-        content = coco_from_images([_coco_image(one) for one in iterate_metadata(folder, recipe)])
-        write_whole(folder / _COCO_NAME, [json.dumps(content, sort_keys=True).encode()])
-    if "tum" in recipe.formats:
-        _write_trajectories(folder, recipe)
-    if "parquet" in recipe.formats:
-        write_parquet_index(folder, iterate_metadata(folder, recipe))
-
-
-def describe_cameras(folder: Path, stage: DatasetStage) -> dict[str, Any]:
-    """Members of the manifest: each camera's model, and its calibration files."""
-    return {
-        camera.name: {
-            "robot": camera.robot.class_name,
-            "model": [
-                list(pair)
-                for pair in pairs_from_omni_camera(
-                    camera.spec.camera, camera.robot.viewpoint_height_m(camera.omni)
-                )
-            ],
-            "calibration": sorted(
-                path.relative_to(folder).as_posix()
-                for path in (folder / _CALIBRATION_FOLDER / camera.name).iterdir()
-            ),
-        }
-        for camera in stage.cameras
-    }
-
-
-def _coco_image(metadata: Mapping[str, Any]) -> CocoImage:
-    width_px, height_px = metadata["size_px"]
-    # All images are in memory at once: without outlines and corners, four fifths of a record.
-    objects = [{name: one[name] for name in _COCO_MEMBERS} for one in metadata["objects"]]
-    return CocoImage(f"{metadata['key']}.{PICTURE}", width_px, height_px, objects)
-
-
-def _write_trajectories(folder: Path, recipe: Recipe) -> None:
-    """Write the camera's poses of each sequence as TUM's text: t x y z qx qy qz qw a line."""
-    lines: list[str] = []
-    sequence = 0
-    for metadata in iterate_metadata(folder, recipe):
-        if metadata["sequence"] != sequence:
-            _write_trajectory(folder, sequence, lines)
-            sequence, lines = metadata["sequence"], []
-        lines.append(_trajectory_line(metadata))
-    _write_trajectory(folder, sequence, lines)
-
-
-def _write_trajectory(folder: Path, sequence: int, lines: list[str]) -> None:
-    path = folder / _TRAJECTORY_FOLDER / f"{sequence:06d}.txt"
-    write_whole(path, ["".join(lines).encode()])
-
-
-def _trajectory_line(metadata: Mapping[str, Any]) -> str:
-    pose = metadata["world_from_camera"]
-    numbers = (metadata["time_s"], *pose["position_m"], *pose["quaternion_xyzw"])
-    return " ".join(f"{number:.9g}" for number in numbers) + "\n"
-
-
 # The least that PNG files and metadata take, of their raw size: pictures of flat colours.
 _MIN_PNG_FRACTION = 0.02
 
@@ -330,6 +191,24 @@ def finish_folder(
     (folder / UNFINISHED_NAME).unlink(missing_ok=True)
 
 
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Manifest of a whole data set.
+
+    Raises:
+        CatoptraError: The folder holds none, or one that is not finished.
+    """
+    path = folder / MANIFEST_NAME
+    if not path.exists() and (folder / UNFINISHED_NAME).exists():
+        raise CatoptraError(f"{folder} is not finished: run the command of its recipe again")
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        if manifest["format"] != FORMAT_VERSION:
+            raise CatoptraError(f"{path} is of format {manifest['format']}: not {FORMAT_VERSION}")
+        return {name: manifest[name] for name in ("name", "channels", "shards", "samples")}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CatoptraError(f"{path} is no manifest of a data set: {error}") from error
+
+
 def verify_dataset(folder: Path) -> Iterator[str]:
     """Read a data set back, and yield a line about each shard.
 
@@ -351,24 +230,6 @@ def verify_dataset(folder: Path) -> Iterator[str]:
     if num_samples != manifest["samples"]:
         raise CatoptraError(f"{folder} has {num_samples} of {manifest['samples']} samples")
     yield f"{folder}: all {num_samples} samples are as they were written"
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """Manifest of a whole data set.
-
-    Raises:
-        CatoptraError: The folder holds none, or one that is not finished.
-    """
-    path = folder / MANIFEST_NAME
-    if not path.exists() and (folder / UNFINISHED_NAME).exists():
-        raise CatoptraError(f"{folder} is not finished: run the command of its recipe again")
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-        if manifest["format"] != FORMAT_VERSION:
-            raise CatoptraError(f"{path} is of format {manifest['format']}: not {FORMAT_VERSION}")
-        return {name: manifest[name] for name in ("name", "channels", "shards", "samples")}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CatoptraError(f"{path} is no manifest of a data set: {error}") from error
 
 
 def _check_sample(path: Path, sample: StoredSample, suffixes: set[str]) -> str:
@@ -402,3 +263,129 @@ def decode_array(suffix: str, content: bytes) -> np.ndarray[Any, Any]:
         return decode_png(content)
     array: np.ndarray[Any, Any] = np.load(io.BytesIO(content), allow_pickle=False)
     return array
+
+
+def describe_cameras(folder: Path, stage: DatasetStage) -> dict[str, Any]:
+    """Members of the manifest: each camera's model, and its calibration files."""
+    return {
+        camera.name: {
+            "robot": camera.robot.class_name,
+            "model": [
+                list(pair)
+                for pair in pairs_from_omni_camera(
+                    camera.spec.camera, camera.robot.viewpoint_height_m(camera.omni)
+                )
+            ],
+            "calibration": sorted(
+                path.relative_to(folder).as_posix()
+                for path in (folder / _CALIBRATION_FOLDER / camera.name).iterdir()
+            ),
+        }
+        for camera in stage.cameras
+    }
+
+
+def write_summaries(folder: Path, stage: DatasetStage) -> None:
+    """Write the files that a recipe asks for.
+
+    Raises:
+        CatoptraError: A shard cannot be read, a file not written, or a package is missing.
+    """
+    recipe = stage.recipe
+    for camera in stage.cameras:
+        calibration = folder / _CALIBRATION_FOLDER / camera.name
+        try:
+            write_calibration(
+                camera.spec.camera,
+                calibration,
+                name=camera.name,
+                picture=camera.spec.camera.picture,
+                robot_from_mirror=camera.omni.robot_from_mirror.rotation,
+            )
+        except OSError as error:
+            raise CatoptraError(f"{calibration} cannot be written: {error.strerror}") from error
+    if "coco" in recipe.formats:
+        content = coco_from_images([_coco_image(one) for one in iterate_metadata(folder, recipe)])
+        write_whole(folder / _COCO_NAME, [json.dumps(content, sort_keys=True).encode()])
+    if "tum" in recipe.formats:
+        _write_trajectories(folder, recipe)
+    if "parquet" in recipe.formats:
+        write_parquet_index(folder, iterate_metadata(folder, recipe))
+
+
+def iterate_metadata(folder: Path, recipe: Recipe) -> Iterator[dict[str, Any]]:
+    """Yield the metadata of all samples, in order.
+
+    Raises:
+        CatoptraError: A shard is missing or damaged.
+    """
+    for number in range(recipe.num_shards):
+        path = folder / shard_name(number)
+        for sample in iterate_samples(path, frozenset({METADATA})):
+            try:
+                yield json.loads(sample.files[METADATA])
+            except (KeyError, ValueError) as error:
+                raise CatoptraError(f"{path}: sample {sample.key} has no metadata") from error
+
+
+def _coco_image(metadata: Mapping[str, Any]) -> CocoImage:
+    width_px, height_px = metadata["size_px"]
+    # All images are in memory at once: without outlines and corners, four fifths of a record.
+    objects = [{name: one[name] for name in _COCO_MEMBERS} for one in metadata["objects"]]
+    return CocoImage(f"{metadata['key']}.{PICTURE}", width_px, height_px, objects)
+
+
+def _write_trajectories(folder: Path, recipe: Recipe) -> None:
+    """Write the camera's poses of each sequence as TUM's text: t x y z qx qy qz qw a line."""
+    lines: list[str] = []
+    sequence = 0
+    for metadata in iterate_metadata(folder, recipe):
+        if metadata["sequence"] != sequence:
+            _write_trajectory(folder, sequence, lines)
+            sequence, lines = metadata["sequence"], []
+        lines.append(_trajectory_line(metadata))
+    _write_trajectory(folder, sequence, lines)
+
+
+def _write_trajectory(folder: Path, sequence: int, lines: list[str]) -> None:
+    path = folder / _TRAJECTORY_FOLDER / f"{sequence:06d}.txt"
+    write_whole(path, ["".join(lines).encode()])
+
+
+def _trajectory_line(metadata: Mapping[str, Any]) -> str:
+    pose = metadata["world_from_camera"]
+    numbers = (metadata["time_s"], *pose["position_m"], *pose["quaternion_xyzw"])
+    return " ".join(f"{number:.9g}" for number in numbers) + "\n"
+
+
+def require_pyarrow() -> None:
+    """Raise CatoptraError where pyarrow is missing: before anything is drawn."""
+    try:
+        import pyarrow.parquet  # noqa: F401 - asks whether it can be imported
+    except ImportError as error:
+        raise CatoptraError(f"a Parquet index needs pyarrow: {_REMEDY}") from error
+
+
+def write_parquet_index(folder: Path, metadata: Iterable[Mapping[str, Any]]) -> None:
+    """Write the index of a data set.
+
+    Args:
+        folder: Folder of the data set.
+        metadata: Of all samples, in order.
+    """
+    require_pyarrow()
+    import pyarrow
+    import pyarrow.parquet
+
+    rows = [_row(one) for one in metadata]
+    file = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), file)
+    write_whole(folder / _INDEX_NAME, [file.getvalue()])
+
+
+def _row(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    row = {name: metadata[name] for name in _COLUMNS}
+    pose = metadata["world_from_camera"]
+    names = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+    values = (*pose["position_m"], *pose["quaternion_xyzw"])
+    return row | dict(zip(names, values, strict=True))

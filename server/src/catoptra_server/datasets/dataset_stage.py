@@ -24,6 +24,7 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
+from catoptra_server.datasets.pinned_process import WorkerRefusedError
 from catoptra_server.datasets.recipe import CameraChoice, Recipe, WorldChoice
 from catoptra_server.frames.multi_view import Tile
 from catoptra_server.frames.plan.camera import OmniCameraSpec
@@ -39,47 +40,6 @@ from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.world_description import MeshFile, World
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RecipeWorld:
-    """A world, loaded."""
-
-    choice: WorldChoice
-    world: World
-    scene: SceneMesh
-    caster: KernelRayCaster
-    obstacles: CollisionIndex
-    """Obstacles of all robots of the recipe."""
-    has_floor: bool
-    """Whether there is a floor at all; test patterns around a camera have none."""
-
-    @property
-    def name(self) -> str:
-        """Name in samples."""
-        return self.choice.name
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RecipeCamera:
-    """A camera and the robot that carries it."""
-
-    choice: CameraChoice
-    name: str
-    """Name in samples: that of the camera file, or of robot file and camera."""
-    robot: RobotDescription
-    omni: OmniCameraDescription
-    sensor: OmniCameraSensor
-    spec: OmniCameraSpec
-    """Camera at the size of its images, with its own effects."""
-    ego_mesh: ObjectMesh | None
-    """The robot itself, where the camera's effects may show it."""
-
-    @property
-    def tile(self) -> Tile | None:
-        """Tile of the size that the recipe asks for; None for the camera's own."""
-        size = self.choice.size_px
-        return Tile(0, 0, *size) if size else None
 
 
 class DatasetStage:
@@ -124,6 +84,23 @@ class DatasetStage:
             for camera in self.cameras:
                 digest.update(f"{camera.name} {camera.spec!r}".encode())
         return digest.hexdigest()
+
+    def require_digest(self, expected: str) -> None:
+        """Check that this process has read what a driver has read.
+
+        Raises:
+            WorkerRefusedError: A file differs, or cannot be read here.
+        """
+        try:
+            digest = self.digest
+        except (ConfigError, OSError) as error:
+            raise WorkerRefusedError(
+                f"a file of the recipe cannot be read here: {error}"
+            ) from error
+        if digest != expected:
+            raise WorkerRefusedError(
+                "recipe, worlds, robots or cameras differ from those of the driver"
+            )
 
     def _read_cameras(self) -> Iterator[RecipeCamera]:
         for choice in self.recipe.cameras:
@@ -191,18 +168,48 @@ class DatasetStage:
         self._files += [path for path in file.paths if path not in self._files]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RecipeWorld:
+    """A world, loaded."""
+
+    choice: WorldChoice
+    world: World
+    scene: SceneMesh
+    caster: KernelRayCaster
+    obstacles: CollisionIndex
+    """Obstacles of all robots of the recipe."""
+    has_floor: bool
+    """Whether there is a floor at all; test patterns around a camera have none."""
+
+    @property
+    def name(self) -> str:
+        """Name in samples."""
+        return self.choice.name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecipeCamera:
+    """A camera and the robot that carries it."""
+
+    choice: CameraChoice
+    name: str
+    """Name in samples: that of the camera file, or of robot file and camera."""
+    robot: RobotDescription
+    omni: OmniCameraDescription
+    sensor: OmniCameraSensor
+    spec: OmniCameraSpec
+    """Camera at the size of its images, with its own effects."""
+    ego_mesh: ObjectMesh | None
+    """The robot itself, where the camera's effects may show it."""
+
+    @property
+    def tile(self) -> Tile | None:
+        """Tile of the size that the recipe asks for; None for the camera's own."""
+        size = self.choice.size_px
+        return Tile(0, 0, *size) if size else None
+
+
 def _has_floor(scene: SceneMesh) -> bool:
     """Whether some triangle lies on the ground and faces up."""
     is_low = (np.abs(scene.corners[..., 2]) <= GROUND_CLEARANCE_M).all(axis=-1)
     return bool((is_low & (scene.normals[:, 2] < 0.0)).any())
-
-
-def find_digest_error(stage: DatasetStage, expected: str) -> str:
-    """Why a worker must not draw for a driver; empty where both have the same files."""
-    try:
-        digest = stage.digest
-    except (ConfigError, OSError) as error:
-        return f"a file of the recipe cannot be read here: {error}"
-    if digest != expected:
-        return "recipe, worlds, robots or cameras differ from those of the driver"
-    return ""

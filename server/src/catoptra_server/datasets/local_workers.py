@@ -2,145 +2,33 @@
 
 Processes are spawned, since OpenGL contexts and threads do not survive a fork. A worker that dies
 takes its shard with it: another worker draws it again, a bounded number of times. Workers end with
-the driver: their next word to it fails.
-
-Processes whose libraries are pinned to an instruction set from their start.
-
-NumPy chooses its code while it is loaded: scenes that it computes differ in their last bits between
-AVX2 and AVX-512, and so do pictures. What a data set is compared by is computed in such a process.
+the driver: their next message to it fails.
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import signal
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.datasets.sample_renderer import pinning_variables
+from catoptra_server.datasets.pinned_process import start_pinned_process
 from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, start_artist
 
-_T = TypeVar("_T")
-
-
-def _start_pinned_process(
-    instruction_set: str, target: Callable[..., None], *args: object
-) -> tuple[Any, Connection]:
-    """Start a process that gets a connection as its last argument.
-
-    Returns:
-        The process, and this end of the connection, which the end of the process closes.
-    """
-    # Spawned: a fork has this process's NumPy, and neither its threads nor its OpenGL context.
-    context = multiprocessing.get_context("spawn")
-    own, others = context.Pipe()
-    with _set_environment(pinning_variables(instruction_set)):
-        process = context.Process(target=target, args=(*args, others), daemon=True)
-        process.start()
-    # Closed here, so that the end of the process closes the pipe.
-    others.close()
-    return process, own
-
-
-@contextmanager
-def _set_environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Environment variables for processes that are started in a block."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def run_in_pinned_process(instruction_set: str, function: Callable[..., _T], *args: object) -> _T:
-    """Result of a function, called in a process of its own.
-
-    Args:
-        instruction_set: Instruction set of the process.
-        function: A function that the process can import.
-        args: Its arguments.
-
-    Raises:
-        CatoptraError: As the function does, or the process has ended without a result.
-    """
-    process, connection = _start_pinned_process(instruction_set, _answer, function, args)
-    try:
-        result, error = connection.recv()
-    except EOFError:
-        process.join()
-        raise CatoptraError(
-            f"a process that reads the recipe has ended: exit status {process.exitcode}"
-        ) from None
-    finally:
-        connection.close()
-    process.join()
-    if error:
-        raise CatoptraError(error)
-    answer: _T = result
-    return answer
-
-
-def _answer(function: Callable[..., _T], args: tuple[object, ...], connection: Connection) -> None:
-    try:
-        connection.send((function(*args), ""))
-    except CatoptraError as error:
-        connection.send((None, str(error)))
-
-
-MAX_ATTEMPTS = 3
+_MAX_ATTEMPTS = 3
 """Times that a shard is drawn whose worker dies."""
-
 # Time for a worker to end after its pipe is closed; a sample takes less.
 _JOIN_S = 5.0
-
-
-class DatasetInterruptedError(CatoptraError):
-    """The user has ended the drawing of a data set."""
-
-
-# Words of workers to their driver.
-@dataclass(frozen=True, slots=True)
-class _WorkerReady:
-    """The worker has loaded the recipe."""
-
-
-@dataclass(frozen=True, slots=True)
-class _SampleStarted:
-    """The worker begins a sample."""
-
-    index: int
-
-
-@dataclass(frozen=True, slots=True)
-class _WorkerFailed:
-    """The worker cannot go on; another one could not either."""
-
-    reason: str
-
-
 # Called when a sample is begun (index, True), and with (number, False) for samples lost.
 _CountSamples = Callable[[int, bool], None]
 
 
-@dataclass(slots=True, eq=False)
-class _Worker:
-    process: Any  # multiprocessing.context.SpawnProcess, which has no public name
-    connection: Connection
-    shard: int | None = None
-    sample: int | None = None
-    num_begun: int = 0
+class DatasetInterruptedError(CatoptraError):
+    """The user has ended the drawing of a data set."""
 
 
 class LocalWorkers:
@@ -196,7 +84,7 @@ class LocalWorkers:
 
     def _start_workers(self, number: int) -> None:
         while len(self._workers) < number:
-            process, connection = _start_pinned_process(
+            process, connection = start_pinned_process(
                 self._job.instruction_set, _run_worker, self._job
             )
             self._workers.append(_Worker(process, connection))
@@ -245,12 +133,12 @@ class LocalWorkers:
         end = _describe_exit(worker.process.exitcode)
         if worker.shard is None:
             self._num_failed_starts += worker.sample is None
-            if self._num_failed_starts >= MAX_ATTEMPTS:
+            if self._num_failed_starts >= _MAX_ATTEMPTS:
                 raise CatoptraError(f"workers end before their first sample: {end}")
             return
         attempts = self._attempts[worker.shard] = self._attempts.get(worker.shard, 0) + 1
         self._count(worker.num_begun, False)
-        if attempts >= MAX_ATTEMPTS:
+        if attempts >= _MAX_ATTEMPTS:
             at = "before its first sample" if worker.sample is None else f"sample {worker.sample}"
             raise CatoptraError(
                 f"shard {worker.shard}: {attempts} workers have ended while they drew it, the last "
@@ -267,12 +155,33 @@ class LocalWorkers:
         self._workers.clear()
 
 
-def _describe_exit(code: int | None) -> str:
-    if code is None or code >= 0:
-        return f"exit status {code}"
-    name = signal.Signals(-code).name
-    hint = ", as when memory is short" if -code == signal.SIGKILL else ""
-    return f"ended by {name}{hint}"
+@dataclass(slots=True, eq=False)
+class _Worker:
+    process: Any  # multiprocessing.context.SpawnProcess, which has no public name
+    connection: Connection
+    shard: int | None = None
+    sample: int | None = None
+    num_begun: int = 0
+
+
+# Words of workers to their driver.
+@dataclass(frozen=True, slots=True)
+class _WorkerReady:
+    """The worker has loaded the recipe."""
+
+
+@dataclass(frozen=True, slots=True)
+class _SampleStarted:
+    """The worker begins a sample."""
+
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class _WorkerFailed:
+    """The worker cannot go on; another one could not either."""
+
+    reason: str
 
 
 def _run_worker(job: ShardJob, connection: Connection) -> None:
@@ -310,3 +219,11 @@ def _send_last_word(connection: Connection, word: _WorkerFailed) -> None:
         connection.send(word)
     except OSError:
         pass
+
+
+def _describe_exit(code: int | None) -> str:
+    if code is None or code >= 0:
+        return f"exit status {code}"
+    name = signal.Signals(-code).name
+    hint = ", as when memory is short" if -code == signal.SIGKILL else ""
+    return f"ended by {name}{hint}"

@@ -1,27 +1,19 @@
-"""Which world, camera, pose and light a sample has: a function of the recipe and the index alone.
+"""World, camera, pose, motion and light of each sample, by the recipe and its index alone.
 
 Samples of one sequence follow each other: a whole path, drive or grid, or one random pose. The next
-sequence has the next world and camera of all combinations, cameras changing first.
-
-Free space of a robot in a world: where it stands on a floor, touches nothing and is in nothing.
-
-Contact is that of driving robots (`simulation/collision_index.py`), seen from above. Two rays more
-tell what outlines cannot: one down for the floor, and level ones for the inside of a solid, whose
-surface is met from behind on all sides.
-
-Sections of a recipe that say where its samples are taken: random, grid, path or drive.
+sequence has the next world and camera of all combinations, cameras changing first. The sections of
+a recipe that say where its samples are taken:
 
     [Catoptra.RandomPoses]  Clearance, MaxTries, X, Y, Yaw, Speed, YawRate
     [Catoptra.GridPoses]    X, Y, Yaw: (Min=,Max=,Count=)
     [Catoptra.PathPoses]    Points=(X=,Y=), one a line; Spacing, Speed
     [Catoptra.DrivePoses]   Samples, Interval, WheelSpeed, Hold; for its start, all of RandomPoses
 
-The robot stands on the floor: a pose is X, Y in metres and Yaw in radians, clockwise from above.
-
-Poses and motions of samples: random in free space, given in the recipe, or driven.
-
-A drive repeats the simulation's ticks from the start of its sequence, so that any process can take
-it up anywhere; the last drive is kept, since its samples are mostly drawn one after the other.
+A pose is X, Y in metres and Yaw in radians, clockwise from above; the robot stands on the floor. A
+pose is free by the contact of driving robots (`simulation/collision_index.py`), seen from above.
+Rays tell what outlines cannot: one down for the floor, and level ones for the inside of a solid,
+whose surface is met from behind on all sides. A drive repeats the simulation's ticks from the start
+of its sequence, so that any process can take it up anywhere.
 """
 
 from __future__ import annotations
@@ -57,6 +49,20 @@ from catoptra_server.world.camera_state import NoiseSeed
 from catoptra_server.world.obstacle_grid import GROUND_CLEARANCE_M
 from catoptra_server.world.world_description import AT_REST, Twist
 
+POSE_KINDS = ("random", "grid", "path", "drive")
+_TICK_S = 0.02
+"""Tick of drives, that of a server by default."""
+_FULL_TURN = ValueRange(0.0, 2.0 * math.pi)
+_ZERO = ValueRange(0.0, 0.0)
+_MAX_TURN_RAD = 100.0
+_MAX_SPEED = 100.0
+# Each pose is checked against the obstacles of each world before anything is drawn.
+_MAX_POSES = 1_000_000
+_MAX_COUNT = 10_000
+_NUM_LEVEL_RAYS = 8
+# Above sills and carpets, which robots drive over.
+_RAY_HEIGHT_M = 0.1
+
 
 @dataclass(frozen=True, slots=True)
 class SamplePlace:
@@ -71,25 +77,30 @@ class SamplePlace:
     camera: int
 
 
-def sequence_length(recipe: Recipe) -> int:
-    """Samples of a sequence."""
-    if isinstance(recipe.poses, GivenPoses):
-        return len(recipe.poses.poses)
-    return recipe.poses.num_samples if isinstance(recipe.poses, DrivePoses) else 1
-
-
 def find_place(recipe: Recipe, index: int) -> SamplePlace:
     """Place of a sample."""
-    sequence, step = divmod(index, sequence_length(recipe))
+    sequence, step = divmod(index, _sequence_length(recipe))
     world, camera = divmod(
         sequence % (len(recipe.worlds) * len(recipe.cameras)), len(recipe.cameras)
     )
     return SamplePlace(index, sequence, step, world, camera)
 
 
+def _sequence_length(recipe: Recipe) -> int:
+    """Samples of a sequence."""
+    if isinstance(recipe.poses, GivenPoses):
+        return len(recipe.poses.poses)
+    return recipe.poses.num_samples if isinstance(recipe.poses, DrivePoses) else 1
+
+
 def random_source(recipe: Recipe, purpose: str) -> RandomSource:
     """Random numbers of the samples, or sequences, for one purpose."""
     return RandomSource.from_names(recipe.seed, "dataset", purpose)
+
+
+def seed_noise(stage: DatasetStage, place: SamplePlace) -> NoiseSeed:
+    """Seed of the image noise of a sample: another in each, whatever the camera."""
+    return NoiseSeed.from_source(random_source(stage.recipe, "noise"), place.index)
 
 
 def draw_brightness(recipe: Recipe, index: int) -> float:
@@ -99,24 +110,188 @@ def draw_brightness(recipe: Recipe, index: int) -> float:
     return recipe.brightness.level(int(number))
 
 
-_NUM_LEVEL_RAYS = 8
-# Above sills and carpets, which robots drive over.
-_RAY_HEIGHT_M = 0.1
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotMotion:
+    """Robot of a sample at the time of its exposure."""
+
+    time_s: float
+    """Since the begin of the sequence."""
+    world_from_robot: Pose
+    twist: Twist
+    """In world axes, referred to the chassis."""
 
 
-def find_fault(
+@dataclass(frozen=True, slots=True, eq=False)
+class _SampleMotion:
+    """Robot now and at the next sample of the sequence."""
+
+    now: RobotMotion
+    next: RobotMotion | None
+    """None at the end of a path, and where samples do not follow each other."""
+
+
+class PoseSource:
+    """Poses of the samples of a recipe, for one process."""
+
+    def __init__(self, stage: DatasetStage) -> None:
+        self._stage = stage
+        self._recipe = stage.recipe
+        self._drive: tuple[int, list[RobotMotion]] = (-1, [])
+        """Number of the last drive's sequence, and its motions."""
+
+    def find_motion(self, place: SamplePlace) -> _SampleMotion:
+        """Robot of a sample.
+
+        Raises:
+            CatoptraError: There is no free space for a random pose.
+        """
+        poses = self._recipe.poses
+        if isinstance(poses, GivenPoses):
+            return self._given_motion(poses, place)
+        if isinstance(poses, RandomPoses):
+            return _SampleMotion(self._random_motion(poses, place), None)
+        if self._drive[0] != place.sequence:
+            self._drive = (place.sequence, self._simulate_drive(poses, place))
+        motions = self._drive[1]
+        return _SampleMotion(motions[place.step], motions[place.step + 1])
+
+    def _given_motion(self, poses: GivenPoses, place: SamplePlace) -> _SampleMotion:
+        camera = self._stage.cameras[place.camera]
+        steps = [place.step, place.step + 1]
+        motions = [_given_robot(camera, poses, step) for step in steps if step < len(poses.poses)]
+        has_next = poses.is_path and len(motions) > 1
+        return _SampleMotion(motions[0], motions[1] if has_next else None)
+
+    def _random_motion(self, poses: RandomPoses, place: SamplePlace) -> RobotMotion:
+        world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
+        generator = random_source(self._recipe, "pose").generator(place.index)
+        pose = draw_free_pose(world, camera, poses, generator)
+        motion = random_source(self._recipe, "motion").generator(place.index)
+        speed, rate = poses.speed_m_s.draw(motion), poses.yaw_rate_rad_s.draw(motion)
+        return RobotMotion(0.0, _stand(camera, pose), _planar_twist(pose, speed, rate))
+
+    def _simulate_drive(self, poses: DrivePoses, place: SamplePlace) -> list[RobotMotion]:
+        """Motions of all samples of a drive, and of one more for the last one's flow."""
+        world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
+        recipe, sequence = self._recipe, place.sequence
+        start = draw_free_pose(
+            world, camera, poses.start, random_source(recipe, "pose").generator(sequence)
+        )
+        robot = Robot(camera.robot, start, name=f"drive {sequence}", seed=recipe.seed, time_s=0.0)
+        speeds = random_source(recipe, "wheel speeds").generator(sequence)
+        motions: list[RobotMotion] = []
+        ticks_a_sample, hold_ticks = round(poses.interval_s / _TICK_S), 0
+        for tick in range(poses.num_samples * ticks_a_sample + 1):
+            time_s = tick * _TICK_S
+            if tick % ticks_a_sample == 0:
+                motions.append(RobotMotion(time_s, robot.world_from_robot, robot.twist))
+            if hold_ticks == 0:
+                left, right = (poses.wheel_speed_rad_s.draw(speeds) for _ in range(2))
+                hold_ticks = max(1, round(poses.hold_s.draw(speeds) / _TICK_S))
+                robot.drive_wheels(Drive(left=left, right=right), time_s)
+            hold_ticks -= 1
+            robot.step(_TICK_S, time_s + _TICK_S, world.obstacles.obstacles_near(robot, ()))
+        return motions
+
+
+def _given_robot(camera: RecipeCamera, poses: GivenPoses, step: int) -> RobotMotion:
+    pose = poses.poses[step].pose
+    twist = _planar_twist(pose, poses.speed_m_s, 0.0)
+    return RobotMotion(step * poses.interval_s, _stand(camera, pose), twist)
+
+
+def _stand(camera: RecipeCamera, pose: PlanarPose) -> Pose:
+    return pose.at_height(camera.robot.drive.ride_height_m)
+
+
+def _planar_twist(pose: PlanarPose, speed_m_s: float, yaw_rate_rad_s: float) -> Twist:
+    if speed_m_s == 0.0 and yaw_rate_rad_s == 0.0:
+        return AT_REST
+    linear = (speed_m_s * math.cos(pose.yaw_rad), speed_m_s * math.sin(pose.yaw_rad), 0.0)
+    return Twist(linear, (0.0, 0.0, yaw_rate_rad_s))
+
+
+class PoseNotFreeError(CatoptraError):
+    """A robot cannot stand at a pose; says why."""
+
+
+def require_free_pose(
     world: RecipeWorld, camera: RecipeCamera, pose: PlanarPose, clearance_m: float = 0.0
-) -> str:
-    """Why a robot cannot stand at a pose; empty for a free one."""
+) -> None:
+    """Check that a robot can stand at a pose.
+
+    Raises:
+        PoseNotFreeError: It touches an obstacle, has no floor below, or is inside a solid.
+    """
     place = np.array([[pose.x_m, pose.y_m]])
     is_free = world.obstacles.are_free(
         camera.robot, place, clearance_m, yaw_rad=pose.yaw_rad, robots=()
     )
     if not bool(is_free[0]):
-        return "the robot touches an obstacle"
+        raise PoseNotFreeError("the robot touches an obstacle")
     if world.has_floor and not _has_floor(world, pose):
-        return "there is no floor below"
-    return "it is inside a solid" if _is_inside_solid(world, pose) else ""
+        raise PoseNotFreeError("there is no floor below")
+    if _is_inside_solid(world, pose):
+        raise PoseNotFreeError("it is inside a solid")
+
+
+def draw_free_pose(
+    world: RecipeWorld, camera: RecipeCamera, poses: RandomPoses, generator: np.random.Generator
+) -> PlanarPose:
+    """Random pose in free space, uniform over the allowed area.
+
+    Raises:
+        CatoptraError: No free pose within the tries that the recipe allows.
+    """
+    low, high = world.scene.box_min, world.scene.box_max
+    x_m = poses.x_m or ValueRange(float(low[0]), float(high[0]))
+    y_m = poses.y_m or ValueRange(float(low[1]), float(high[1]))
+    reason = ""
+    for _ in range(poses.max_tries):
+        # Three numbers a try, so that the next try does not depend on the reason of this one.
+        pose = PlanarPose(*(values.draw(generator) for values in (x_m, y_m, poses.yaw_rad)))
+        try:
+            require_free_pose(world, camera, pose, poses.clearance_m)
+        except PoseNotFreeError as error:
+            reason = str(error)
+        else:
+            return pose
+    raise CatoptraError(
+        f"{poses.where}: no free pose for {camera.robot.class_name} in world {world.name} within "
+        f"{poses.max_tries} tries (the last one: {reason}); give X= and Y= a free area, lower "
+        "Clearance or raise MaxTries"
+    )
+
+
+def check_given_poses(stage: DatasetStage) -> None:
+    """Check every given pose in each world and for each robot that takes it.
+
+    Raises:
+        CatoptraError: A pose is not free; names file, line, pose and reason.
+    """
+    poses = stage.recipe.poses
+    if not isinstance(poses, GivenPoses):
+        return
+    checked: set[tuple[int, str, int]] = set()
+    recipe = stage.recipe
+    # Sequences repeat after all combinations of worlds and cameras.
+    num_places = len(poses.poses) * len(recipe.worlds) * len(recipe.cameras)
+    for index in range(min(recipe.num_samples, num_places)):
+        place = find_place(recipe, index)
+        camera = stage.cameras[place.camera]
+        key = (place.world, camera.robot.class_name, place.step)
+        if key in checked:
+            continue
+        checked.add(key)
+        given, world = poses.poses[place.step], stage.world(place.world)
+        try:
+            require_free_pose(world, camera, given.pose)
+        except PoseNotFreeError as error:
+            x, y, yaw = given.pose.x_m, given.pose.y_m, given.pose.yaw_rad
+            raise CatoptraError(
+                f"{given.where}: pose {place.step + 1} (X={x:g}, Y={y:g}, Yaw={yaw:g}) is not free "
+                f"for {camera.robot.class_name} in world {world.name}: {error}"
+            ) from error
 
 
 def _has_floor(world: RecipeWorld, pose: PlanarPose) -> bool:
@@ -136,44 +311,6 @@ def _is_inside_solid(world: RecipeWorld, pose: PlanarPose) -> bool:
 
 def _origin(pose: PlanarPose) -> Floats:
     return np.array([[pose.x_m, pose.y_m, -_RAY_HEIGHT_M]])
-
-
-def draw_free_pose(
-    world: RecipeWorld, camera: RecipeCamera, poses: RandomPoses, generator: np.random.Generator
-) -> PlanarPose:
-    """Random pose in free space, uniform over the allowed area.
-
-    Raises:
-        CatoptraError: No free pose within the tries that the recipe allows.
-    """
-    low, high = world.scene.box_min, world.scene.box_max
-    x_m = poses.x_m or ValueRange(float(low[0]), float(high[0]))
-    y_m = poses.y_m or ValueRange(float(low[1]), float(high[1]))
-    fault = ""
-    for _ in range(poses.max_tries):
-        # Three numbers a try, so that the next try does not depend on the reason of this one.
-        pose = PlanarPose(*(values.draw(generator) for values in (x_m, y_m, poses.yaw_rad)))
-        fault = find_fault(world, camera, pose, poses.clearance_m)
-        if not fault:
-            return pose
-    raise CatoptraError(
-        f"{poses.where}: no free pose for {camera.robot.class_name} in world {world.name} within "
-        f"{poses.max_tries} tries (the last one: {fault}); give X= and Y= a free area, lower "
-        "Clearance or raise MaxTries"
-    )
-
-
-POSE_KINDS = ("random", "grid", "path", "drive")
-_TICK_S = 0.02
-"""Tick of drives, that of a server by default."""
-
-_FULL_TURN = ValueRange(0.0, 2.0 * math.pi)
-_ZERO = ValueRange(0.0, 0.0)
-_MAX_TURN_RAD = 100.0
-_MAX_SPEED = 100.0
-# Each pose is checked against the obstacles of each world before anything is drawn.
-_MAX_POSES = 1_000_000
-_MAX_COUNT = 10_000
 
 
 def read_poses(file: IniFile, kind: str) -> PoseRecipe:
@@ -283,139 +420,3 @@ def _read_drive(section: SectionReader) -> DrivePoses:
             section, "Hold", ValueRange(0.5, 2.0), min_value=_TICK_S, max_value=3600.0
         ),
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RobotMotion:
-    """Robot of a sample at the time of its exposure."""
-
-    time_s: float
-    """Since the begin of the sequence."""
-    world_from_robot: Pose
-    twist: Twist
-    """In world axes, referred to the chassis."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _SampleMotion:
-    """Robot now and at the next sample of the sequence."""
-
-    now: RobotMotion
-    next: RobotMotion | None
-    """None at the end of a path, and where samples do not follow each other."""
-
-
-class PoseSource:
-    """Poses of the samples of a recipe, for one process."""
-
-    def __init__(self, stage: DatasetStage) -> None:
-        self._stage = stage
-        self._recipe = stage.recipe
-        self._drive: tuple[int, list[RobotMotion]] = (-1, [])
-        """Number of the last drive's sequence, and its motions."""
-
-    def find_motion(self, place: SamplePlace) -> _SampleMotion:
-        """Robot of a sample.
-
-        Raises:
-            CatoptraError: There is no free space for a random pose.
-        """
-        poses = self._recipe.poses
-        if isinstance(poses, GivenPoses):
-            return self._given_motion(poses, place)
-        if isinstance(poses, RandomPoses):
-            return _SampleMotion(self._random_motion(poses, place), None)
-        if self._drive[0] != place.sequence:
-            self._drive = (place.sequence, self._simulate_drive(poses, place))
-        motions = self._drive[1]
-        return _SampleMotion(motions[place.step], motions[place.step + 1])
-
-    def _given_motion(self, poses: GivenPoses, place: SamplePlace) -> _SampleMotion:
-        camera = self._stage.cameras[place.camera]
-        steps = [place.step, place.step + 1]
-        motions = [_given_robot(camera, poses, step) for step in steps if step < len(poses.poses)]
-        has_next = poses.is_path and len(motions) > 1
-        return _SampleMotion(motions[0], motions[1] if has_next else None)
-
-    def _random_motion(self, poses: RandomPoses, place: SamplePlace) -> RobotMotion:
-        world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
-        generator = random_source(self._recipe, "pose").generator(place.index)
-        pose = draw_free_pose(world, camera, poses, generator)
-        motion = random_source(self._recipe, "motion").generator(place.index)
-        speed, rate = poses.speed_m_s.draw(motion), poses.yaw_rate_rad_s.draw(motion)
-        return RobotMotion(0.0, _stand(camera, pose), _planar_twist(pose, speed, rate))
-
-    def _simulate_drive(self, poses: DrivePoses, place: SamplePlace) -> list[RobotMotion]:
-        """Motions of all samples of a drive, and of one more for the last one's flow."""
-        world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
-        recipe, sequence = self._recipe, place.sequence
-        start = draw_free_pose(
-            world, camera, poses.start, random_source(recipe, "pose").generator(sequence)
-        )
-        robot = Robot(camera.robot, start, name=f"drive {sequence}", seed=recipe.seed, time_s=0.0)
-        speeds = random_source(recipe, "wheel speeds").generator(sequence)
-        motions: list[RobotMotion] = []
-        ticks_a_sample, hold_ticks = round(poses.interval_s / _TICK_S), 0
-        for tick in range(poses.num_samples * ticks_a_sample + 1):
-            time_s = tick * _TICK_S
-            if tick % ticks_a_sample == 0:
-                motions.append(RobotMotion(time_s, robot.world_from_robot, robot.twist))
-            if hold_ticks == 0:
-                left, right = (poses.wheel_speed_rad_s.draw(speeds) for _ in range(2))
-                hold_ticks = max(1, round(poses.hold_s.draw(speeds) / _TICK_S))
-                robot.drive_wheels(Drive(left=left, right=right), time_s)
-            hold_ticks -= 1
-            robot.step(_TICK_S, time_s + _TICK_S, world.obstacles.obstacles_near(robot, ()))
-        return motions
-
-
-def seed_noise(stage: DatasetStage, place: SamplePlace) -> NoiseSeed:
-    """Seed of the image noise of a sample: another in each, whatever the camera."""
-    return NoiseSeed.from_source(random_source(stage.recipe, "noise"), place.index)
-
-
-def check_given_poses(stage: DatasetStage) -> None:
-    """Check every given pose in each world and for each robot that takes it.
-
-    Raises:
-        CatoptraError: A pose is not free; names file, line, pose and reason.
-    """
-    poses = stage.recipe.poses
-    if not isinstance(poses, GivenPoses):
-        return
-    checked: set[tuple[int, str, int]] = set()
-    recipe = stage.recipe
-    # Sequences repeat after all combinations of worlds and cameras.
-    num_places = len(poses.poses) * len(recipe.worlds) * len(recipe.cameras)
-    for index in range(min(recipe.num_samples, num_places)):
-        place = find_place(recipe, index)
-        camera = stage.cameras[place.camera]
-        key = (place.world, camera.robot.class_name, place.step)
-        if key in checked:
-            continue
-        checked.add(key)
-        given, world = poses.poses[place.step], stage.world(place.world)
-        fault = find_fault(world, camera, given.pose)
-        if fault:
-            x, y, yaw = given.pose.x_m, given.pose.y_m, given.pose.yaw_rad
-            raise CatoptraError(
-                f"{given.where}: pose {place.step + 1} (X={x:g}, Y={y:g}, Yaw={yaw:g}) is not free "
-                f"for {camera.robot.class_name} in world {world.name}: {fault}"
-            )
-
-
-def _given_robot(camera: RecipeCamera, poses: GivenPoses, step: int) -> RobotMotion:
-    pose = poses.poses[step].pose
-    twist = _planar_twist(pose, poses.speed_m_s, 0.0)
-    return RobotMotion(step * poses.interval_s, _stand(camera, pose), twist)
-
-
-def _stand(camera: RecipeCamera, pose: PlanarPose) -> Pose:
-    return pose.at_height(camera.robot.drive.ride_height_m)
-
-
-def _planar_twist(pose: PlanarPose, speed_m_s: float, yaw_rate_rad_s: float) -> Twist:
-    if speed_m_s == 0.0 and yaw_rate_rad_s == 0.0:
-        return AT_REST
-    linear = (speed_m_s * math.cos(pose.yaw_rad), speed_m_s * math.sin(pose.yaw_rad), 0.0)
-    return Twist(linear, (0.0, 0.0, yaw_rate_rad_s))

@@ -1,8 +1,8 @@
 """Shards drawn by Ray, on this machine or on a cluster: a task for each shard.
 
-Ray starts the workers, spreads the tasks and repeats those of machines that are lost; nothing of
-that is done here. Recipe and folder are at the same paths on all machines. A worker whose code,
-libraries or processor differ refuses.
+Ray starts the workers, spreads the tasks and repeats those of machines that are lost: no scheduler
+is ours. Recipe and folder are at the same paths on all machines. A worker whose code, libraries or
+processor differ refuses.
 """
 
 from __future__ import annotations
@@ -14,21 +14,18 @@ from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.local_workers import DatasetInterruptedError
-from catoptra_server.datasets.sample_renderer import pinning_variables
+from catoptra_server.datasets.pinned_process import pinning_variables
 from catoptra_server.datasets.shards import ShardArtist, ShardJob, ShardRecord, start_artist
 
 _LOCAL = "local"
 """Address of a cluster that is started on this machine, for this run."""
 _REMEDY = "pip install 'catoptra-server[ray]' on all machines, or draw with --workers"
-
 # Times that Ray repeats a shard whose worker or machine is lost.
 _MAX_RETRIES = 3
 # Tasks known to Ray at a time, for each processor: enough that none waits for the driver.
 _TASKS_A_PROCESSOR = 4
-
 # A part of the time that the process has to end after a signal.
 _INTERRUPT_INTERVAL_S = 0.1
-
 # Called with the number of samples of each finished shard.
 _CountShard = Callable[[int], None]
 

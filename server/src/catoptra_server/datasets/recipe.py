@@ -1,10 +1,7 @@
-"""Recipe of a data set: frozen data, as read by `recipe_file`. Metres, radians, seconds.
+"""Recipe of a data set as frozen data, and values that only recipes have. Metres, radians, seconds.
 
-Values of recipes that other ini files do not have: ranges, and lists of words.
-
-Effects of a recipe: modes for all its cameras, and ranges that parameters are drawn from.
-
-An effect that the recipe names replaces the camera's own, parameters included; the others stay.
+A recipe is read by `recipe_file`, its poses by `poses`. A range is drawn anew for each sample. An
+effect that the recipe names replaces the camera's own, parameters included; the others stay.
 Effects that need a mirror, or a single viewpoint, are left out for cameras without.
 """
 
@@ -22,6 +19,7 @@ from catoptra_server.config.camera_sections import (
     read_effect_settings,
     read_lens_effect_settings,
 )
+from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import suggest_name
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import Entry
@@ -34,18 +32,59 @@ from catoptra_server.effects.effect import (
 )
 from catoptra_server.simulation.robot_description import PlanarPose
 
+_EXAMPLE = "(Min=0,Max=1)"
+_EFFECTS_SECTION = "Catoptra.Effects"
+
 
 @dataclass(frozen=True, slots=True)
-class ValueRange:
-    """Closed range of a number that each sample draws; low = high for a fixed one."""
+class Recipe:
+    """All that the samples of a data set follow from."""
 
-    low: float
-    high: float
+    path: Path
+    text: str
+    """Content of the file."""
+    name: str
+    num_samples: int
+    seed: int
+    samples_per_shard: int
+    worlds: tuple[WorldChoice, ...]
+    cameras: tuple[CameraChoice, ...]
+    poses: PoseRecipe
+    brightness: BrightnessLevels
+    effects: EffectOverrides
+    channels: tuple[str, ...]
+    """Names of channels of ground truth beside the picture."""
+    formats: tuple[str, ...]
+    """Files beside the shards: of FORMATS."""
+    renderer: str
+    instruction_set: str
 
-    def draw(self, generator: np.random.Generator) -> float:
-        """Uniform number of the range; takes one number of the generator even where fixed."""
-        # Always one: another number of the sample must not depend on whether this one is fixed.
-        return self.low + (self.high - self.low) * float(generator.random())
+    @property
+    def num_shards(self) -> int:
+        """Number of shards, the last one perhaps smaller."""
+        return -(-self.num_samples // self.samples_per_shard)
+
+    def shard_samples(self, shard: int) -> range:
+        """Indices of the samples of a shard."""
+        first = shard * self.samples_per_shard
+        return range(first, min(first + self.samples_per_shard, self.num_samples))
+
+    def sample_key(self, index: int) -> str:
+        """Name of a sample in files: its index, in as many digits for all."""
+        return f"{index:0{max(6, len(str(self.num_samples - 1)))}d}"
+
+
+@dataclass(frozen=True, slots=True)
+class WorldChoice:
+    """World of a recipe."""
+
+    file: Path
+    where: SourceLocation
+
+    @property
+    def name(self) -> str:
+        """Name in samples: that of the file, without suffix."""
+        return self.file.stem
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,16 +102,16 @@ class CameraChoice:
 
 
 @dataclass(frozen=True, slots=True)
-class WorldChoice:
-    """World of a recipe."""
+class ValueRange:
+    """Closed range of a number that each sample draws; low = high for a fixed one."""
 
-    file: Path
-    where: SourceLocation
+    low: float
+    high: float
 
-    @property
-    def name(self) -> str:
-        """Name in samples: that of the file, without suffix."""
-        return self.file.stem
+    def draw(self, generator: np.random.Generator) -> float:
+        """Uniform number of the range; takes one number of the generator even where fixed."""
+        # Always one: another number of the sample must not depend on whether this one is fixed.
+        return self.low + (self.high - self.low) * float(generator.random())
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,45 +202,104 @@ class EffectOverrides:
     where: SourceLocation = SourceLocation("")
 
 
-@dataclass(frozen=True, slots=True)
-class Recipe:
-    """All that the samples of a data set follow from."""
+def draw_effects(
+    overrides: EffectOverrides,
+    own: EffectSettings,
+    generator: np.random.Generator,
+    *,
+    has_mirror: bool,
+    has_viewpoint: bool,
+) -> EffectSettings:
+    """Settings of one sample: those of the camera, with the recipe's in their place.
 
-    path: Path
-    text: str
-    """Content of the file."""
-    name: str
-    num_samples: int
-    seed: int
-    samples_per_shard: int
-    worlds: tuple[WorldChoice, ...]
-    cameras: tuple[CameraChoice, ...]
-    poses: PoseRecipe
-    brightness: BrightnessLevels
-    effects: EffectOverrides
-    channels: tuple[str, ...]
-    """Names of channels of ground truth beside the picture."""
-    formats: tuple[str, ...]
-    """Files beside the shards: of FORMATS."""
-    renderer: str
-    instruction_set: str
+    Args:
+        overrides: Effects of the recipe.
+        own: Effects of the camera's own file.
+        generator: Random numbers of the sample's effects.
+        has_mirror: Whether the camera has a mirror.
+        has_viewpoint: Whether it has a single viewpoint.
 
-    @property
-    def num_shards(self) -> int:
-        """Number of shards, the last one perhaps smaller."""
-        return -(-self.num_samples // self.samples_per_shard)
-
-    def shard_samples(self, shard: int) -> range:
-        """Indices of the samples of a shard."""
-        first = shard * self.samples_per_shard
-        return range(first, min(first + self.samples_per_shard, self.num_samples))
-
-    def sample_key(self, index: int) -> str:
-        """Name of a sample in files: its index, in as many digits for all."""
-        return f"{index:0{max(6, len(str(self.num_samples - 1)))}d}"
+    Raises:
+        ConfigError: Drawn parameters cannot be drawn together.
+    """
+    if not overrides.modes:
+        return own
+    drawn = {key: values.draw(generator) for key, values in overrides.values}
+    wanted = _read_settings(overrides, drawn, has_mirror=has_mirror, has_viewpoint=has_viewpoint)
+    by_name = {one.effect.name: one for one in (*own.settings, *wanted.settings)}
+    ordered = tuple(by_name[kind.name] for kind in EFFECT_TYPES if kind.name in by_name)
+    return EffectSettings(
+        ordered,
+        threshold_grey_levels=own.threshold_grey_levels,
+        threshold_px=own.threshold_px,
+        basis=own.basis,
+    )
 
 
-_EXAMPLE = "(Min=0,Max=1)"
+def _read_settings(
+    overrides: EffectOverrides,
+    drawn: Mapping[str, float],
+    *,
+    has_mirror: bool,
+    has_viewpoint: bool,
+) -> EffectSettings:
+    """Settings of drawn parameters, by the readers of robot files: one place has all checks."""
+    kinds = {kind.name: kind for kind in EFFECT_TYPES}
+    modes = [
+        (name, mode)
+        for name, mode in overrides.modes
+        if _is_possible(kinds[name], has_mirror=has_mirror, has_viewpoint=has_viewpoint)
+    ]
+    texts = (*modes, *((key, repr(value)) for key, value in drawn.items()))
+    entries = [Entry(key, text, "", overrides.where) for key, text in texts]
+    section = SectionReader(_EFFECTS_SECTION, overrides.where, entries)
+    if has_mirror:
+        return read_effect_settings(section, has_viewpoint=has_viewpoint)
+    return read_lens_effect_settings(section)
+
+
+def _is_possible(kind: EffectType, *, has_mirror: bool, has_viewpoint: bool) -> bool:
+    if not has_mirror:
+        return not kind.needs_mirror
+    return has_viewpoint or not kind.needs_viewpoint
+
+
+def read_effects(file: IniFile) -> EffectOverrides:
+    """Effects of a recipe; none without a section of them.
+
+    Raises:
+        ConfigError: For an unknown mode, or a parameter whose range is empty or out of bounds.
+    """
+    section = file.get_section(_EFFECTS_SECTION)
+    modes, values = [], []
+    for kind in EFFECT_TYPES:
+        mode = section.get_choice(kind.name, [mode.value for mode in EffectMode], "")
+        if mode:
+            modes.append((kind.name, mode))
+    for parameter in _parameters():
+        low, high = parameter.min_value, parameter.max_value
+        if section.get_str(parameter.key, ""):
+            found = read_range(
+                section, parameter.key, ValueRange(0.0, 0.0), min_value=low, max_value=high
+            )
+            values.append((parameter.key, found))
+    overrides = EffectOverrides(tuple(modes), tuple(values), section.where)
+    # Combinations that cannot be drawn are found now, not in the middle of the data set.
+    for end in ("low", "high"):
+        drawn = {key: float(getattr(values, end)) for key, values in overrides.values}
+        for has_mirror in (True, False):
+            _read_settings(overrides, drawn, has_mirror=has_mirror, has_viewpoint=True)
+    return overrides
+
+
+def _parameters() -> Iterator[EffectParameter]:
+    """Yield the parameters of all effects, one that several share once."""
+    seen: set[str] = set()
+    for kind in EFFECT_TYPES:
+        for parameter in kind.parameters:
+            if parameter.key not in seen:
+                seen.add(parameter.key)
+                yield parameter
 
 
 def read_range(
@@ -270,105 +368,3 @@ def read_words(
             expected = f"words of {', '.join(allowed)}, with commas between, or all{hint}"
             raise section.make_error(key, expected=expected)
     return tuple(word for word in allowed if word in words)
-
-
-SECTION = "Catoptra.Effects"
-
-
-def read_effects(section: SectionReader) -> EffectOverrides:
-    """Effects of the section; none for an absent one.
-
-    Raises:
-        ConfigError: For an unknown mode, or a parameter whose range is empty or out of bounds.
-    """
-    modes, values = [], []
-    for kind in EFFECT_TYPES:
-        mode = section.get_choice(kind.name, [mode.value for mode in EffectMode], "")
-        if mode:
-            modes.append((kind.name, mode))
-    for parameter in _parameters():
-        low, high = parameter.min_value, parameter.max_value
-        if section.get_str(parameter.key, ""):
-            found = read_range(
-                section, parameter.key, ValueRange(0.0, 0.0), min_value=low, max_value=high
-            )
-            values.append((parameter.key, found))
-    overrides = EffectOverrides(tuple(modes), tuple(values), section.where)
-    # Combinations that cannot be drawn are found now, not in the middle of the data set.
-    for end in ("low", "high"):
-        drawn = {key: float(getattr(values, end)) for key, values in overrides.values}
-        for has_mirror in (True, False):
-            _read_settings(overrides, drawn, has_mirror=has_mirror, has_viewpoint=True)
-    return overrides
-
-
-def _parameters() -> Iterator[EffectParameter]:
-    """Yield the parameters of all effects, one that several share once."""
-    seen: set[str] = set()
-    for kind in EFFECT_TYPES:
-        for parameter in kind.parameters:
-            if parameter.key not in seen:
-                seen.add(parameter.key)
-                yield parameter
-
-
-def draw_effects(
-    overrides: EffectOverrides,
-    own: EffectSettings,
-    generator: np.random.Generator,
-    *,
-    has_mirror: bool,
-    has_viewpoint: bool,
-) -> EffectSettings:
-    """Settings of one sample: those of the camera, with the recipe's in their place.
-
-    Args:
-        overrides: Effects of the recipe.
-        own: Effects of the camera's own file.
-        generator: Random numbers of the sample's effects.
-        has_mirror: Whether the camera has a mirror.
-        has_viewpoint: Whether it has a single viewpoint.
-
-    Raises:
-        ConfigError: Drawn parameters cannot be drawn together.
-    """
-    if not overrides.modes:
-        return own
-    drawn = {key: values.draw(generator) for key, values in overrides.values}
-    wanted = _read_settings(overrides, drawn, has_mirror=has_mirror, has_viewpoint=has_viewpoint)
-    by_name = {one.effect.name: one for one in (*own.settings, *wanted.settings)}
-    ordered = tuple(by_name[kind.name] for kind in EFFECT_TYPES if kind.name in by_name)
-    return EffectSettings(
-        ordered,
-        threshold_grey_levels=own.threshold_grey_levels,
-        threshold_px=own.threshold_px,
-        basis=own.basis,
-    )
-
-
-def _read_settings(
-    overrides: EffectOverrides,
-    drawn: Mapping[str, float],
-    *,
-    has_mirror: bool,
-    has_viewpoint: bool,
-) -> EffectSettings:
-    """Settings of drawn parameters, by the readers of robot files: one place has all checks."""
-    kinds = {kind.name: kind for kind in EFFECT_TYPES}
-    modes = [
-        (name, mode)
-        for name, mode in overrides.modes
-        if _is_possible(kinds[name], has_mirror=has_mirror, has_viewpoint=has_viewpoint)
-    ]
-    texts = (*modes, *((key, repr(value)) for key, value in drawn.items()))
-    entries = [Entry(key, text, "", overrides.where) for key, text in texts]
-    section = SectionReader(SECTION, overrides.where, entries)
-    if has_mirror:
-        return read_effect_settings(section, has_viewpoint=has_viewpoint)
-    return read_lens_effect_settings(section)
-
-
-def _is_possible(kind: EffectType, *, has_mirror: bool, has_viewpoint: bool) -> bool:
-    if not has_mirror:
-        return not kind.needs_mirror
-    return has_viewpoint or not kind.needs_viewpoint

@@ -6,7 +6,7 @@
     [Catoptra.Effects]  modes and parameters as in a robot file; parameters may be ranges
 
 Worlds and Cameras are lines: `Worlds=corridor`, `Cameras=(Robot="p2at_omni")`. Files are paths
-relative to the recipe, or names of bundled ones. The sections of poses: `pose_sections`.
+relative to the recipe, or names of bundled ones. The sections of poses: `poses`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import report_unknown_names, suggest_name
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.datasets.poses import POSE_KINDS, read_poses
-from catoptra_server.datasets.recipe import SECTION as EFFECTS
 from catoptra_server.datasets.recipe import (
     BrightnessLevels,
     CameraChoice,
@@ -38,7 +37,6 @@ from catoptra_server.render.renderer_kind import INSTRUCTION_SETS, RendererKind
 
 _FORMATS = ("coco", "tum", "parquet")
 """Files that a recipe may have beside its shards."""
-
 _SECTION = "Catoptra.Dataset"
 _LIGHTS = "Catoptra.Lights"
 _RENDERERS = tuple(kind.value for kind in RendererKind)
@@ -80,7 +78,7 @@ def read_recipe(path: Path) -> Recipe:
         cameras=cameras,
         poses=poses,
         brightness=_read_brightness(file.get_section(_LIGHTS)),
-        effects=read_effects(file.get_section(EFFECTS)),
+        effects=read_effects(file),
         channels=_read_channels(section, poses),
         formats=read_words(section, "Formats", _FORMATS, ()),
         renderer=section.get_choice("Renderer", _RENDERERS, _DEFAULT_RENDERER),

@@ -1,13 +1,11 @@
-"""One sample of a data set: described by recipe and index alone, and rendered.
+"""One sample of a data set: described by recipe and index alone, annotated, and encoded to files.
 
-Annotations of a sample's objects: masks, boxes, cones and occluded fractions as JSON.
+**Sample i follows from the recipe and i.** Random numbers are counted, keyed by seed, purpose and
+index; plans follow settings; `pinned_process` pins the instruction sets of Embree, NumPy and
+OpenBLAS. What depends on order or machine (threads, measured costs, encoders) is fixed or refused.
 
-Metadata of a sample as JSON: where and how its picture was taken, what was decided for it.
-
-Files of a sample: PNG where values are small integers, NumPy's format where they are not.
-
-Ids and classes are never interpolated or compressed with loss. Normals are halved to float16: their
-angle stays within 0.03 degrees.
+Ids and classes are never interpolated or compressed with loss: small integers are PNG, all else has
+NumPy's format. Normals are halved to float16: their angle stays within 0.03 degrees.
 """
 
 from __future__ import annotations
@@ -53,6 +51,13 @@ from catoptra_server.simulation.sight import compute_landmark_visibility
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.objects import DynamicObject
 
+NEEDED_CHANNELS = frozenset({"ids", "valid"})
+"""Channels that annotations are made of, whether the recipe stores them or not."""
+# Directions of a camera of 640 px are 39 MB, and take 0.2 s.
+_MAX_SPHERE_BYTES = 512 * 2**20
+# Types in files that differ from those of the channel.
+_STORED_DTYPES = {"normal": np.dtype("<f2")}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleDescription:
@@ -70,21 +75,6 @@ class SampleDescription:
     motion: RobotMotion
     brightness: float
     """Factor of all lights."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RenderedSample:
-    """A sample as it is stored."""
-
-    key: str
-    rgb: Image
-    """(h, w, 3) uint8."""
-    channels: Mapping[str, npt.NDArray[Any]]
-    """Channels of ground truth by name, as in `labels/channels`."""
-    metadata: Mapping[str, Any]
-    """Content of the sample's JSON file: numbers, texts, lists and maps."""
-    objects: tuple[LabelledObject, ...] = ()
-    """Objects of the world, where channels were asked for."""
 
 
 class SampleDescriber:
@@ -145,16 +135,19 @@ class SampleDescriber:
         )
 
 
-NEEDED_CHANNELS = frozenset({"ids", "valid"})
-"""Channels that annotations are made of, whether the recipe stores them or not."""
+@dataclass(frozen=True, slots=True, eq=False)
+class RenderedSample:
+    """A sample as it is stored."""
 
-# Directions of a camera of 640 px are 39 MB, and take 0.2 s.
-_MAX_SPHERE_BYTES = 512 * 2**20
-
-
-def wants_annotations(recipe: Recipe) -> bool:
-    """Whether a recipe's samples have annotations: with the channel ids, or for a COCO file."""
-    return "ids" in recipe.channels or "coco" in recipe.formats
+    key: str
+    rgb: Image
+    """(h, w, 3) uint8."""
+    channels: Mapping[str, npt.NDArray[Any]]
+    """Channels of ground truth by name, as in `labels/channels`."""
+    metadata: Mapping[str, Any]
+    """Content of the sample's JSON file: numbers, texts, lists and maps."""
+    objects: tuple[LabelledObject, ...] = ()
+    """Objects of the world, where channels were asked for."""
 
 
 class SampleAnnotator:
@@ -202,6 +195,11 @@ class SampleAnnotator:
     @property
     def _num_bytes(self) -> int:
         return sum(sphere.directions.nbytes for sphere in self._spheres.values())
+
+
+def wants_annotations(recipe: Recipe) -> bool:
+    """Whether a recipe's samples have annotations: with the channel ids, or for a COCO file."""
+    return "ids" in recipe.channels or "coco" in recipe.formats
 
 
 def describe_sample_metadata(
@@ -285,10 +283,6 @@ def _describe_decision(decision: EffectDecision) -> dict[str, Any]:
 def _finite(value: float | None) -> float | None:
     """The number; None, which JSON has a text for, where it is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
-
-
-# Types in files that differ from those of the channel.
-_STORED_DTYPES = {"normal": np.dtype("<f2")}
 
 
 def encode_sample(sample: RenderedSample) -> dict[str, bytes]:

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import pytest
 
+from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_server.commands.doctor import devices as renderer_devices
-from catoptra_server.commands.doctor.devices import CheckResult, check_renderers, run_command
+from catoptra_server.commands.doctor.devices import (
+    CheckResult,
+    check_renderers,
+    list_egl_devices,
+    run_command,
+    run_in_subprocess,
+)
 from catoptra_server.commands.doctor.machine import Finding, Level, exit_status
+from helpers.opengl import device_or_skip
 
 
 def run_code(code: str, *, timeout_s: float = 30.0) -> CheckResult:
@@ -158,3 +167,32 @@ def test_self_test_when_the_description_names_the_renderer_shows_the_name_once(
     *_, finding = check_renderers(renderer, run_check)
     assert str(finding).count(f"{renderer}: ") <= 1
     assert ": 2 threads, 9 triangles: a disc" in str(finding)
+
+
+def test_devices_when_there_is_opengl_are_listed() -> None:
+    device_or_skip().close()
+    result = run_in_subprocess("egl-devices")
+    assert result.error == ""
+    assert result.values["devices"]
+
+
+def test_library_when_it_cannot_be_loaded_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(renderer_devices, "_EGL_LIBRARY", "libNoEGL.so.1")
+    with pytest.raises(RendererUnavailableError, match=r"libNoEGL\.so\.1 cannot be loaded"):
+        list_egl_devices()
+
+
+def test_library_when_broken_is_reported_by_the_child_process(tmp_path: Path) -> None:
+    (tmp_path / "libEGL.so.1").touch()
+    result = run_in_subprocess("egl-devices", environment={"LD_LIBRARY_PATH": str(tmp_path)})
+    assert "libEGL.so.1 cannot be loaded" in result.error
+
+
+def test_drivers_when_absent_leave_no_device(tmp_path: Path) -> None:
+    device_or_skip().close()
+    result = run_in_subprocess(
+        "egl-devices", environment={"__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)}
+    )
+    if not result.error and result.values["devices"]:
+        pytest.skip("needs libglvnd: this libEGL is a driver itself")
+    assert not result.values.get("devices")

@@ -1,6 +1,8 @@
 """`python -m catoptra_server.commands.doctor CHECK`: one check in a process of its own, as JSON.
 
-The child side of `subprocess_check`; the command for users is `catoptra-server doctor`.
+The child's side of `devices.py:run_in_subprocess`; the command for users is
+`catoptra-server doctor`. Crashing questions run here: about libraries, drivers and whatever loads
+them. So does the self-test of a renderer, by the plan's own bound.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ def run_check(check: str, arguments: list[str]) -> dict[str, Any]:
     # Imported in each case: a library that cannot be loaded fails its own check only.
     match check:
         case "egl-devices":
-            from catoptra_server.commands.doctor.egl_devices import list_egl_devices
+            from catoptra_server.commands.doctor.devices import list_egl_devices
 
             return {"devices": list_egl_devices()}
         case "self-test":
@@ -40,7 +42,7 @@ def run_check(check: str, arguments: list[str]) -> dict[str, Any]:
 
             robots = [Path(w) for w in arguments[1 : 1 + int(arguments[0])]]
             worlds = [Path(w) for w in arguments[1 + int(arguments[0]) :]]
-            return {"findings": [found.as_dict() for found in check_configurations(robots, worlds)]}
+            return {"findings": [found.to_json() for found in check_configurations(robots, worlds)]}
     raise SystemExit(f"no check is named {check!r}")
 
 

@@ -1,4 +1,8 @@
-"""Command line of `catoptra-server doctor`: run the checks, print findings, set the exit status."""
+"""Command line of `catoptra-server doctor`: run the checks, print findings, set the exit status.
+
+Checks are in `machine`, `devices` and `self_test`. To add one, write a function that yields
+findings, and its line in `_run_checks`.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,6 @@ from catoptra_server.commands.doctor.machine import (
     check_view_port,
     exit_status,
     fault,
-    finding_from_dict,
 )
 from catoptra_server.config.known_names import bundled_files, find_configuration
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
@@ -43,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
             print(finding, flush=True)
     status = exit_status(findings)
     if parsed.json:
-        print(json.dumps({"status": status, "findings": [f.as_dict() for f in findings]}, indent=2))
+        print(json.dumps({"status": status, "findings": [f.to_json() for f in findings]}, indent=2))
     else:
         print(_summarize(findings))
     return status
@@ -93,7 +96,7 @@ def _check_configurations(robots: Sequence[str], worlds: Sequence[str]) -> Itera
     if result.error:
         remedy = "see the packages above"
         yield fault("configurations", f"cannot be read: {result.error}", remedy=remedy)
-    yield from map(finding_from_dict, result.values.get("findings", ()))
+    yield from map(Finding.from_json, result.values.get("findings", ()))
 
 
 def _build_parser() -> argparse.ArgumentParser:

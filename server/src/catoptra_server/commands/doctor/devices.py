@@ -1,16 +1,18 @@
-"""Checks in a process of their own, so that a crash there does not end the doctor.
+"""Renderers and devices of this machine, each tried in a process of its own.
 
-A driver may crash, hang or print to stdout; a library may fail to load. The result is the last line
-on stdout, a JSON object. `doctor/__main__` is the child's side.
+A driver may crash, hang or print to stdout; a library may fail to load: a check in a process of its
+own does not end the doctor. Its result is the last line on stdout, a JSON object; `__main__` is the
+child's side. Trace and, on each EGL device, raster draw a self-test. Missing OpenGL is a warning
+where `auto` falls back to trace, and a fault with `--renderer raster`.
 
-Check of renderers: a self-test of trace, and one of raster on each EGL device.
-
-Each runs in a process of its own. Missing OpenGL is a warning where `auto` falls back to trace, and
-a fault with `--renderer raster`.
+EGL's list of devices comes through its C interface, before any context is created; the query loads
+the drivers' libraries. Sources: EGL_EXT_device_enumeration, EGL_EXT_device_query,
+EGL_MESA_device_software, EGL_EXT_device_drm.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import signal
@@ -21,13 +23,32 @@ from dataclasses import field
 from pathlib import Path
 from typing import Any
 
+from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.commands.doctor.egl_devices import LIBRARY
 from catoptra_server.commands.doctor.machine import Finding, fault, ok, warning
 from catoptra_server.render.renderer_kind import EMBREEX_PACKAGE, has_embreex
 
 # The slowest check, a self-test on two busy processors, takes some seconds.
 _TIMEOUT_S = 60.0
+_OPENGL_PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
+# Folders in which libglvnd, the dispatching libEGL, searches for drivers.
+_VENDOR_FOLDERS = (Path("/etc/glvnd/egl_vendor.d"), Path("/usr/share/glvnd/egl_vendor.d"))
+_VENDOR_VARIABLES = ("__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS")
+_INSTALL_REMEDY = f"install {_OPENGL_PACKAGES} (Debian, Ubuntu); or start with --renderer trace"
+_REINSTALL_REMEDY = (
+    f"pip install --force-reinstall {EMBREEX_PACKAGE} (wheels exist for x86-64 and for macOS)"
+)
+_EGL_LIBRARY = "libEGL.so.1"
+# EGL_EXTENSIONS and EGL_DRM_DEVICE_FILE_EXT of egl.h and eglext.h.
+_EXTENSIONS = 0x3055
+_DRM_DEVICE_FILE = 0x3233
+# Far above the number of GPUs in one machine.
+_MAX_DEVICES = 32
+_FUNCTION_NAMES = (b"eglQueryDevicesEXT", b"eglQueryDeviceStringEXT")
+_QUERY_DEVICES = ctypes.CFUNCTYPE(
+    ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_void_p), ctypes.POINTER(ctypes.c_int)
+)
+_QUERY_STRING = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +59,10 @@ class CheckResult:
     """The printed object; empty after an error."""
     error: str = ""
     """Reason for the lack of a result, as a clause of a message; empty if there is a result."""
+
+
+_RunCheck = Callable[..., CheckResult]
+_MakeFinding = Callable[[str, str, str], Finding]
 
 
 def run_in_subprocess(*arguments: str, environment: Mapping[str, str] | None = None) -> CheckResult:
@@ -81,38 +106,6 @@ def run_command(
     return _parse_result(_last_line(process.stdout))
 
 
-def _parse_result(line: str) -> CheckResult:
-    try:
-        values = json.loads(line)
-    except ValueError:
-        values = None
-    if not isinstance(values, dict):
-        return CheckResult(error=f"the output is no JSON object: {line[:80]!r}")
-    return CheckResult(values)
-
-
-def _last_line(text: str) -> str:
-    lines = text.strip().splitlines()
-    return lines[-1].strip() if lines else ""
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:  # real-time signals have no names
-        return f"signal {number}"
-
-
-_OPENGL_PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
-# Folders in which libglvnd, the dispatching libEGL, searches for drivers.
-_VENDOR_FOLDERS = (Path("/etc/glvnd/egl_vendor.d"), Path("/usr/share/glvnd/egl_vendor.d"))
-_VENDOR_VARIABLES = ("__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS")
-_INSTALL_REMEDY = f"install {_OPENGL_PACKAGES} (Debian, Ubuntu); or start with --renderer trace"
-
-_RunCheck = Callable[..., CheckResult]
-_MakeFinding = Callable[[str, str, str], Finding]
-
-
 def check_renderers(renderer: str, run_check: _RunCheck = run_in_subprocess) -> Iterator[Finding]:
     """Yield the results of the self-tests.
 
@@ -133,19 +126,6 @@ def check_renderers(renderer: str, run_check: _RunCheck = run_in_subprocess) -> 
         yield from _check_opengl(run_check, _make_fault if is_only else _make_warning)
 
 
-_REINSTALL_REMEDY = (
-    f"pip install --force-reinstall {EMBREEX_PACKAGE} (wheels exist for x86-64 and for macOS)"
-)
-
-
-def _make_fault(topic: str, message: str, remedy: str) -> Finding:
-    return fault(topic, message, remedy=remedy)
-
-
-def _make_warning(topic: str, message: str, remedy: str) -> Finding:
-    return warning(topic, message, remedy=remedy)
-
-
 def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[Finding]:
     """Yield the devices of EGL, and the self-test of each. The server uses the first device."""
     listed = run_check("egl-devices")
@@ -155,7 +135,7 @@ def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[
         return
     devices = listed.values["devices"]
     if not devices:
-        message = f"raster cannot run: {LIBRARY} lists no device; {_describe_drivers()}"
+        message = f"raster cannot run: {_EGL_LIBRARY} lists no device; {_describe_drivers()}"
         yield make_finding("opengl", message, _INSTALL_REMEDY)
         return
     yield ok("opengl", f"EGL devices: {', '.join(devices)}; {_describe_drivers()}")
@@ -198,3 +178,74 @@ def _make_self_test_finding(
         return make_finding(topic, message, f"{remedy}; and report this as a bug")
     duration_s = result.values["duration_s"]
     return ok(topic, f"{description}: {measured} (bound {bound_px:.3f}) in {duration_s:.2f} s")
+
+
+def _make_fault(topic: str, message: str, remedy: str) -> Finding:
+    return fault(topic, message, remedy=remedy)
+
+
+def _make_warning(topic: str, message: str, remedy: str) -> Finding:
+    return warning(topic, message, remedy=remedy)
+
+
+def _parse_result(line: str) -> CheckResult:
+    try:
+        values = json.loads(line)
+    except ValueError:
+        values = None
+    if not isinstance(values, dict):
+        return CheckResult(error=f"the output is no JSON object: {line[:80]!r}")
+    return CheckResult(values)
+
+
+def _last_line(text: str) -> str:
+    lines = text.strip().splitlines()
+    return lines[-1].strip() if lines else ""
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # real-time signals have no names
+        return f"signal {number}"
+
+
+def list_egl_devices() -> list[str]:
+    """Description of each device, in EGL's order, which is that of GLCONTEXT_DEVICE_INDEX.
+
+    Raises:
+        RendererUnavailableError: without libEGL, or without a driver that lists devices.
+    """
+    egl = _Egl()
+    devices, count = (ctypes.c_void_p * _MAX_DEVICES)(), ctypes.c_int()
+    if not egl.query_devices(_MAX_DEVICES, devices, ctypes.byref(count)):
+        return []
+    return [_describe_device(egl, device) for device in devices[: count.value] if device]
+
+
+def _describe_device(egl: _Egl, device: int) -> str:
+    # Null is returned for an unknown name: a device need not have either string.
+    extensions = (egl.query_string(device, _EXTENSIONS) or b"").decode().split()
+    if "EGL_MESA_device_software" in extensions:
+        return "software"
+    if "EGL_EXT_device_drm" in extensions:
+        return (egl.query_string(device, _DRM_DEVICE_FILE) or b"a device without a file").decode()
+    return "a device of its driver's own"
+
+
+class _Egl:
+    """The two extension functions of libEGL that the query needs."""
+
+    def __init__(self) -> None:
+        try:
+            library = ctypes.CDLL(_EGL_LIBRARY)
+        except OSError as error:
+            raise RendererUnavailableError(f"{_EGL_LIBRARY} cannot be loaded ({error})") from error
+        # Extension functions are not exported symbols; without restype ctypes would cut the address
+        # to 32 bits.
+        library.eglGetProcAddress.restype = ctypes.c_void_p
+        addresses = [library.eglGetProcAddress(name) for name in _FUNCTION_NAMES]
+        if not all(addresses):  # libglvnd without any driver lacks even these
+            raise RendererUnavailableError(f"{_EGL_LIBRARY} has no driver that lists devices")
+        self.query_devices = _QUERY_DEVICES(addresses[0])
+        self.query_string = _QUERY_STRING(addresses[1])

@@ -1,10 +1,8 @@
-"""Findings of checks: a fact, or a problem with its remedy; the worst sets the exit status.
+"""Checks of the machine and the installation that need no library: each yields findings.
 
-Check of Python and of the installed packages against the server's own metadata.
-
-Check of ports: free before the server starts, or served while it runs.
-
-Check of processors: the number of threads against the limit of a control group.
+A finding is a fact, or a problem with its remedy; the worst sets the exit status. Python and the
+installed packages are compared with the server's own metadata, ports are tried by the server's own
+call, and the number of threads is compared with the limit of a control group.
 """
 
 from __future__ import annotations
@@ -22,6 +20,31 @@ from pathlib import Path
 
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.memory import count_processors
+
+_DISTRIBUTION = "catoptra-server"
+_MIN_PYTHON = (3, 11)
+_TOPIC = "packages"
+# By optional package.
+_LOST_WITHOUT = {
+    "embreex": "no trace renderer, and robots whose sensors cast rays are refused",
+}
+_SYSTEMS = {
+    ("Linux", "x86_64"): "trace by its native kernel, and raster; tested",
+    ("Linux", "aarch64"): "raster alone, since embreex has no wheels; not tested",
+    ("Darwin", "arm64"): "trace by its slow reference, no raster (EGL); not tested",
+    ("Darwin", "x86_64"): "trace by its slow reference, no raster (EGL); not tested",
+}
+# The part of PEP 508 that the pyproject files use. `packaging` has all of it, but is a package that
+# may be missing itself.
+_REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:\[[^]]*\])?\s*(?:(==|>=)\s*([\w.]+))?\s*(?:;(.*))?")
+# First bytes of USARSim's greeting line, which the control port sends without a request.
+_GREETING = b"NFO"
+_TIMEOUT_S = 2.0
+# As commands/server.py:VIEW_PORT, whose module would load the whole server.
+_DEFAULT_VIEW_PORT = 5080
+# cgroup v2, by which container engines limit processor time. The affinity mask, which gives trace
+# the number of its threads, does not show this limit.
+_CPU_LIMIT_FILE = Path("/sys/fs/cgroup/cpu.max")
 
 
 class Level(Enum):
@@ -45,18 +68,18 @@ class Finding:
     remedy: str = ""
     """A command or an action that solves the problem; empty for a fact."""
 
-    def as_dict(self) -> dict[str, str]:
+    @classmethod
+    def from_json(cls, values: dict[str, str]) -> Finding:
+        """Finding of the values that `to_json` gives."""
+        return cls(Level(values["level"]), values["topic"], values["message"], values["remedy"])
+
+    def to_json(self) -> dict[str, str]:
         """Values for JSON."""
         return asdict(self) | {"level": self.level.value}
 
     def __str__(self) -> str:
         line = f"{self.level.value:<8} {self.topic}: {self.message}"
         return f"{line}. Remedy: {self.remedy}" if self.remedy else line
-
-
-def finding_from_dict(data: dict[str, str]) -> Finding:
-    """Finding from the values of `as_dict`."""
-    return Finding(Level(data["level"]), data["topic"], data["message"], data["remedy"])
 
 
 def ok(topic: str, message: str) -> Finding:
@@ -78,55 +101,6 @@ def exit_status(findings: Iterable[Finding]) -> int:
     """Exit status of the doctor: 2 with a fault, 1 with a warning, else 0."""
     levels = {finding.level for finding in findings}
     return 2 if Level.FAULT in levels else 1 if Level.WARNING in levels else 0
-
-
-_DISTRIBUTION = "catoptra-server"
-_MIN_PYTHON = (3, 11)
-_TOPIC = "packages"
-# By optional package.
-_LOST_WITHOUT = {
-    "embreex": "no trace renderer, and robots whose sensors cast rays are refused",
-}
-_SYSTEMS = {
-    ("Linux", "x86_64"): "trace by its native kernel, and raster; tested",
-    ("Linux", "aarch64"): "raster alone, since embreex has no wheels; not tested",
-    ("Darwin", "arm64"): "trace by its slow reference, no raster (EGL); not tested",
-    ("Darwin", "x86_64"): "trace by its slow reference, no raster (EGL); not tested",
-}
-# The part of PEP 508 that the pyproject files use. `packaging` has all of it, but is a package that
-# may be missing itself.
-_REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:\[[^]]*\])?\s*(?:(==|>=)\s*([\w.]+))?\s*(?:;(.*))?")
-
-
-@dataclass(frozen=True, slots=True)
-class Requirement:
-    """A required package."""
-
-    name: str
-    """Name of the distribution."""
-    operator: str = ""
-    """`==` for this version, `>=` for at least this version, empty for any."""
-    version: str = ""
-    """The version; empty without an operator."""
-    is_optional: bool = False
-    """Whether it is required on some systems only; the server starts without it on all."""
-
-    def is_satisfied_by(self, version: str) -> bool:
-        """Whether an installed version meets the requirement."""
-        required, installed = parse_release(self.version), parse_release(version)
-        return installed == required if self.operator == "==" else installed >= required
-
-    def __str__(self) -> str:
-        return f"{self.name}{self.operator}{self.version}"
-
-
-def parse_release(version: str) -> tuple[int, ...]:
-    """Numbers of a version without trailing zeros: (5,) of 5.0, (4, 4) of 4.4.post1."""
-    numbers = [int(n) for n in re.match(r"[\d.]*", version)[0].split(".") if n]  # type: ignore[index]
-    # 5.0 and 5.0.0 are the same release: PEP 440.
-    while numbers and not numbers[-1]:
-        numbers.pop()
-    return tuple(numbers)
 
 
 def check_python(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> Iterator[Finding]:
@@ -156,7 +130,7 @@ def check_system(
 def check_packages(distribution: str = _DISTRIBUTION) -> Iterator[Finding]:
     """Yield the installed packages in one line, and each missing or outdated one."""
     try:
-        requirements = read_requirements(distribution)
+        requirements = _read_requirements(distribution)
     except metadata.PackageNotFoundError:
         # Importable all the same: the source folder is on PYTHONPATH, and nothing states the
         # requirements.
@@ -176,7 +150,29 @@ def check_packages(distribution: str = _DISTRIBUTION) -> Iterator[Finding]:
     yield from problems
 
 
-def read_requirements(distribution: str) -> list[Requirement]:
+@dataclass(frozen=True, slots=True)
+class _PackageRequirement:
+    """A required package."""
+
+    name: str
+    """Name of the distribution."""
+    operator: str = ""
+    """`==` for this version, `>=` for at least this version, empty for any."""
+    version: str = ""
+    """The version; empty without an operator."""
+    is_optional: bool = False
+    """Whether it is required on some systems only; the server starts without it on all."""
+
+    def is_satisfied_by(self, version: str) -> bool:
+        """Whether an installed version meets the requirement."""
+        required, installed = _parse_release(self.version), _parse_release(version)
+        return installed == required if self.operator == "==" else installed >= required
+
+    def __str__(self) -> str:
+        return f"{self.name}{self.operator}{self.version}"
+
+
+def _read_requirements(distribution: str) -> list[_PackageRequirement]:
     """Requirements of an installed distribution, without those of extras.
 
     Raises:
@@ -185,11 +181,12 @@ def read_requirements(distribution: str) -> list[Requirement]:
     matches = (_REQUIREMENT.fullmatch(line) for line in metadata.requires(distribution) or ())
     found = (match for match in matches if match and "extra" not in (match[4] or ""))
     return [
-        Requirement(match[1], match[2] or "", match[3] or "", bool(match[4])) for match in found
+        _PackageRequirement(match[1], match[2] or "", match[3] or "", bool(match[4]))
+        for match in found
     ]
 
 
-def _check_requirement(requirement: Requirement) -> Iterator[Finding]:
+def _check_requirement(requirement: _PackageRequirement) -> Iterator[Finding]:
     remedy = f"pip install '{requirement}'"
     try:
         version = metadata.version(requirement.name)
@@ -206,11 +203,13 @@ def _check_requirement(requirement: Requirement) -> Iterator[Finding]:
         yield fault(_TOPIC, message, remedy=remedy)
 
 
-# First bytes of USARSim's greeting line, which the control port sends without a request.
-_GREETING = b"NFO"
-_TIMEOUT_S = 2.0
-# That of `app.VIEW_PORT`, whose module would load the whole server.
-_DEFAULT_VIEW_PORT = 5080
+def _parse_release(version: str) -> tuple[int, ...]:
+    """Numbers of a version without trailing zeros: (5,) of 5.0, (4, 4) of 4.4.post1."""
+    numbers = [int(n) for n in re.match(r"[\d.]*", version)[0].split(".") if n]  # type: ignore[index]
+    # 5.0 and 5.0.0 are the same release: PEP 440.
+    while numbers and not numbers[-1]:
+        numbers.pop()
+    return tuple(numbers)
 
 
 def check_ports(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
@@ -286,11 +285,6 @@ def _error_text(error: Exception) -> str:
     return text
 
 
-# cgroup v2, by which container engines limit processor time. The affinity mask, which gives trace
-# the number of its threads, does not show this limit.
-_CPU_LIMIT_FILE = Path("/sys/fs/cgroup/cpu.max")
-
-
 def check_processors(
     count: int | None = None, limit_file: Path = _CPU_LIMIT_FILE
 ) -> Iterator[Finding]:
@@ -301,7 +295,7 @@ def check_processors(
         limit_file: cpu.max of the control group.
     """
     count = count_processors() if count is None else count
-    limit = read_cpu_limit(limit_file)
+    limit = _read_cpu_limit(limit_file)
     if limit is not None and limit < count:
         threads = max(1, int(limit))
         yield warning(
@@ -313,7 +307,7 @@ def check_processors(
         yield ok("threads", f"{count} processors")
 
 
-def read_cpu_limit(file: Path) -> float | None:
+def _read_cpu_limit(file: Path) -> float | None:
     """Processor seconds per second that a control group grants; None without a limit."""
     try:
         quota, period = file.read_text(encoding="ascii").split()

@@ -1,9 +1,8 @@
-"""Self-test of a renderer: bright discs, and their displacement from the camera model in a frame.
+"""Checks that load the server's libraries: configuration files, and the self-test of a renderer.
 
-The renderer is chosen and the view is prepared as in the server. The largest displacement is
-compared with the error bound of the plan.
-
-Check of configuration files: each is read as by the server, meshes and textures included.
+Each file is read as by the server, meshes and textures included. The self-test draws bright discs
+with a renderer that is chosen and prepared as in the server; their largest displacement from the
+camera model must be within the error bound of the plan itself.
 """
 
 from __future__ import annotations
@@ -37,6 +36,20 @@ from catoptra_server.render.renderer import Image
 from catoptra_server.world.camera_state import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Item, Material, Ring, World, linear_from_srgb
+
+# The paper's mirror (K, C in metres) at the paper's resolution, with the rim at 120 degrees.
+_CAMERA = camera_with_inscribed_rim(
+    PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120.0)
+)
+# A disc of 1.2 degrees has 8 texels across a face of 768: the bound holds for markers of that size.
+_RENDER_SETTINGS = RenderSettings(PerPixel(), samples=4, face_size_px=768, face_samples=4)
+_INCIDENCES_DEG = (20.0, 40.0, 60.0, 80.0, 100.0, 115.0)
+# Off the centres and borders of faces, where an exchanged axis or face would go unnoticed.
+_BEARINGS_DEG = (3.0, 48.0, 93.0, 138.0, 183.0, 228.0, 273.0, 318.0)
+_DISTANCE_M = 2.0
+_DIAMETER_RAD = math.radians(1.2)
+# A disc's radius is 2 px at most, the bound below 1 px; the neighbouring discs are farther away.
+_SEARCH_RADIUS_PX = 5.0
 
 
 def check_configurations(robots: Iterable[Path], worlds: Iterable[Path]) -> Iterator[Finding]:
@@ -74,21 +87,6 @@ def _read_world_summary(path: Path) -> tuple[str, IniFile]:
     world, file = read_world(path)
     # Only the scene loads meshes and textures, where most errors of a world file are.
     return f"{world.name}, {len(build_scene(world))} triangles", file
-
-
-# The paper's mirror (K, C in metres) at the paper's resolution, with the rim at 120 degrees.
-_CAMERA = camera_with_inscribed_rim(
-    PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120.0)
-)
-# A disc of 1.2 degrees has 8 texels across a face of 768: the bound holds for markers of that size.
-_RENDER_SETTINGS = RenderSettings(PerPixel(), samples=4, face_size_px=768, face_samples=4)
-_INCIDENCES_DEG = (20.0, 40.0, 60.0, 80.0, 100.0, 115.0)
-# Off the centres and borders of faces, where an exchanged axis or face would go unnoticed.
-_BEARINGS_DEG = (3.0, 48.0, 93.0, 138.0, 183.0, 228.0, 273.0, 318.0)
-_DISTANCE_M = 2.0
-_DIAMETER_RAD = math.radians(1.2)
-# A disc's radius is 2 px at most, the bound below 1 px; the neighbouring discs are farther away.
-_SEARCH_RADIUS_PX = 5.0
 
 
 def run_self_test(renderer: str) -> dict[str, Any]:
