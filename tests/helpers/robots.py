@@ -18,7 +18,7 @@ from catoptra_server.frames.frame import IMAGE_PORT, Channel, Frame, FrameReques
 from catoptra_server.frames.frame_plan import CameraPlan, FramePlan, ViewState
 from catoptra_server.frames.plan.camera import CameraSpec, OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import ErrorBound, error_bound
-from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
+from catoptra_server.frames.plan.plans import PerspectivePlan, PlanChoice, plan_from_settings
 from catoptra_server.frames.render_thread import render_frame
 from catoptra_server.frames.views import RenderedView
 from catoptra_server.render.render_settings import RenderSettings
@@ -191,7 +191,7 @@ def make_rendered_view(
     decisions: tuple[EffectDecision, ...] = (),
 ) -> RenderedView:
     """An image as drawn by a plan with some bounds."""
-    plan = plan_perspective_view(1, kind=RendererKind.TRACE, reason="fake")
+    plan = PerspectivePlan(RendererKind.TRACE, 1, "fake")
     camera, state = request.camera, request.camera_state
     camera_plan = CameraPlan(camera, plan)
     frame_plan = FramePlan(

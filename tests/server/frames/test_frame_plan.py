@@ -20,7 +20,7 @@ from catoptra_server.frames.frame_plan import CameraPlan, ErrorBoundTable, Frame
 from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.planner import RenderPlanner
-from catoptra_server.frames.plan.plans import PlanChoice, plan_from_settings, plan_perspective_view
+from catoptra_server.frames.plan.plans import PerspectivePlan, PlanChoice, plan_from_settings
 from catoptra_server.render.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.renderer_kind import RendererKind
@@ -192,7 +192,7 @@ def test_cameras_are_limited_and_so_are_published_bounds() -> None:
 
 def test_perspective_camera_has_the_plan_of_the_preferred_renderer() -> None:
     planned = make_plans().plan_camera(PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)))
-    assert planned.plan.renderer is RendererKind.TRACE
+    assert (planned.plan.renderer, planned.plan.samples) == (RendererKind.TRACE, 2)
     assert (planned.choice, planned.bounds) == (None, None)
 
 
@@ -250,7 +250,7 @@ def test_target_that_the_scene_exceeds_is_not_met() -> None:
 
 
 def test_lens_has_no_bounds() -> None:
-    plan = plan_perspective_view(2, kind=RendererKind.TRACE, reason="test")
+    plan = PerspectivePlan(RendererKind.TRACE, 2, "test")
     planned = CameraPlan(PerspectiveCameraSpec(PerspectiveCamera(20, 10, 1.0)), plan)
     assert (planned.plan_text, planned.bounds) == (str(plan), None)
 

@@ -313,7 +313,7 @@ class SharingFleet:
         self, client: FakeClient, left: float | None = 1.0, right: float | None = -1.0
     ) -> None:
         """Drive the robot by its name."""
-        self.fleet.drive_by_name(client, "R", Drive(left, right), 0.0)
+        self.fleet.remote_control.drive(client, "R", Drive(left, right), 0.0)
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -342,7 +342,7 @@ def test_robot_when_not_shared_is_driven_by_its_owner_only() -> None:
 def test_robot_when_unknown_is_not_driven(name: str) -> None:
     sharing = SharingFleet()
     with pytest.raises(RejectedError, match=re.escape(f"there is no robot {name!r}")):
-        sharing.fleet.drive_by_name(sharing.driver, name, Drive(1.0, 1.0), 0.0)
+        sharing.fleet.remote_control.drive(sharing.driver, name, Drive(1.0, 1.0), 0.0)
     assert sharing.speeds == (0.0, 0.0)
 
 
@@ -353,7 +353,7 @@ def test_robot_when_its_owner_has_left_is_unknown() -> None:
     with pytest.raises(RejectedError, match="no robot 'R'"):
         sharing.drive(sharing.driver)
     # Nothing is left to halt.
-    sharing.fleet.halt_robots_driven_by(sharing.driver, 0.0)
+    sharing.fleet.remote_control.halt_robots_driven_by(sharing.driver, 0.0)
 
 
 def test_robot_when_no_longer_shared_halts() -> None:
@@ -376,9 +376,9 @@ def test_robot_when_driven_by_its_owner_rolls_on_as_the_sharing_ends() -> None:
 def test_robot_when_its_driver_disconnects_halts() -> None:
     sharing, other = SharingFleet(), FakeClient()
     sharing.drive(sharing.driver)
-    sharing.fleet.halt_robots_driven_by(other, 0.0)
+    sharing.fleet.remote_control.halt_robots_driven_by(other, 0.0)
     assert sharing.speeds == ROLLING
-    sharing.fleet.halt_robots_driven_by(sharing.driver, 0.0)
+    sharing.fleet.remote_control.halt_robots_driven_by(sharing.driver, 0.0)
     assert sharing.speeds == (0.0, 0.0)
 
 
@@ -386,7 +386,7 @@ def test_robot_when_another_has_taken_over_rolls_on_as_its_former_driver_disconn
     sharing, other = SharingFleet(), FakeClient()
     sharing.drive(sharing.driver)
     sharing.drive(other, 0.5, 0.5)
-    sharing.fleet.halt_robots_driven_by(sharing.driver, 0.0)
+    sharing.fleet.remote_control.halt_robots_driven_by(sharing.driver, 0.0)
     assert sharing.speeds == (0.5, 0.5)
 
 
@@ -395,7 +395,7 @@ def test_robot_when_halted_by_its_driver_is_no_longer_driven() -> None:
     sharing.drive(sharing.driver)
     sharing.drive(sharing.driver, 0.0, 0.0)
     sharing.fleet.execute(sharing.owner, Drive(2.0, 2.0), 0.0)
-    sharing.fleet.halt_robots_driven_by(sharing.driver, 0.0)
+    sharing.fleet.remote_control.halt_robots_driven_by(sharing.driver, 0.0)
     assert sharing.speeds == (2.0, 2.0)
 
 

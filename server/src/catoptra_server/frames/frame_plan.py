@@ -54,11 +54,11 @@ from catoptra_server.frames.plan.camera import (
 from catoptra_server.frames.plan.error_bound import ErrorBound, add_scene, coordinate_errors
 from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import (
+    DEFAULT_SAMPLES,
     PerspectivePlan,
     PlanChoice,
     explain_limit,
     limit_time_samples,
-    plan_perspective_view,
 )
 from catoptra_server.render.renderer import RenderedImage, RenderPlan
 from catoptra_server.runtime.memory import LruDict
@@ -427,7 +427,7 @@ class FramePlanner:
             return CameraPlan(camera, choice.plan, choice)
         pool = self._planner.renderers
         reason = f"{pool.reason}; {pool.describe(pool.default_kind)}"
-        plan = plan_perspective_view(0, kind=pool.default_kind, reason=reason)
+        plan = PerspectivePlan(pool.default_kind, DEFAULT_SAMPLES, reason)
         return CameraPlan(camera, plan)
 
     def _choose_plan(self, spec: OmniCameraSpec) -> PlanChoice:

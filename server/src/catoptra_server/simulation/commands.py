@@ -176,6 +176,10 @@ class RemoteControl:
             self._robots[owner].drive_wheels(_HALT, time_s)
 
 
+# The readings that SET requests; None for Failed.
+_Readings = list[Report] | None
+
+
 def _execute_set(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report]:
     """Execute SET of a part.
 
@@ -213,9 +217,7 @@ def _zoom(robot: Robot, command: SetCommand, time_s: float) -> Report:
     return CameraResult(time_s, tuple(cameras))
 
 
-def _reset_odometry(
-    robot: Robot, command: SetCommand, context: SensorContext
-) -> list[Report] | None:
+def _reset_odometry(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
     found = [
         s for s in robot.sensors if isinstance(s, OdometrySensor) and _matches_name(command, s.name)
     ]
@@ -224,15 +226,13 @@ def _reset_odometry(
     return [] if found else None
 
 
-def _reset_encoder(
-    robot: Robot, command: SetCommand, context: SensorContext
-) -> list[Report] | None:
+def _reset_encoder(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
     banks = [s for s in robot.sensors if isinstance(s, EncoderBank)]
     # A list inside any(): every bank is reset, not only the first that has the name.
     return [] if any([bank.reset(command.name, context) for bank in banks]) else None
 
 
-def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report] | None:
+def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
     found = [
         s for s in robot.sensors if isinstance(s, InsSensor) and _matches_name(command, s.name)
     ]
@@ -246,24 +246,22 @@ def _set_ins_pose(robot: Robot, command: SetCommand, context: SensorContext) -> 
     return [] if found else None
 
 
-def _scan(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report] | None:
+def _scan(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
     found = [s for s in robot.sensors if isinstance(s, RangeScannerSensor)]
     # Beside the periodic scans, whose schedule does not change.
     scans: list[Report] = [s.read(context) for s in found if _matches_name(command, s.name)]
     return scans or None
 
 
-def _set_max_error(
-    robot: Robot, command: SetCommand, context: SensorContext
-) -> list[Report] | None:
+def _set_max_error(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
     return _set_accuracy_target(robot, command, "max_error_px")
 
 
-def _set_budget(robot: Robot, command: SetCommand, context: SensorContext) -> list[Report] | None:
+def _set_budget(robot: Robot, command: SetCommand, context: SensorContext) -> _Readings:
     return _set_accuracy_target(robot, command, "budget_ms")
 
 
-def _set_accuracy_target(robot: Robot, command: SetCommand, field: str) -> list[Report] | None:
+def _set_accuracy_target(robot: Robot, command: SetCommand, field: str) -> _Readings:
     """Set one value of an accuracy target, of all omnidirectional cameras without a name."""
     omnis = [omni for omni in robot.omni_cameras if _matches_name(command, omni.name)]
     numbers = command.numeric_params
@@ -278,10 +276,8 @@ def _set_accuracy_target(robot: Robot, command: SetCommand, field: str) -> list[
     return []
 
 
-# By type and opcode in lower case. A handler returns the requested readings, None for Failed.
-_HANDLERS: dict[
-    tuple[str, str], Callable[[Robot, SetCommand, SensorContext], list[Report] | None]
-] = {
+# By type and opcode in lower case.
+_HANDLERS: dict[tuple[str, str], Callable[[Robot, SetCommand, SensorContext], _Readings]] = {
     ("odometry", "reset"): _reset_odometry,
     ("encoder", "reset"): _reset_encoder,
     ("ins", "pose"): _set_ins_pose,

@@ -111,7 +111,8 @@ class Fleet:
             multi_view=multi_view,
             error_bound_of=error_bound_of,
         )
-        self._remote_control = RemoteControl(self._robots)
+        self.remote_control = RemoteControl(self._robots)
+        """Who drives whose robot."""
 
     def find_robot(self, client: Client) -> Robot | None:
         """Robot of a client; None before INIT."""
@@ -124,7 +125,7 @@ class Fleet:
             return None
         self._collision_index.invalidate(robot)
         self._cameras.release(robot)
-        self._remote_control.release(client)
+        self.remote_control.release(client)
         # The name is free at once: a client that reconnects spawns under its old name.
         log.info("robot %s removed", robot.name)
         return robot.name
@@ -149,7 +150,7 @@ class Fleet:
                 with suppress(LocalProtocolError, RejectedError):
                     self.publish(client, command, time_s)
             case ShareControl(shared):
-                self._remote_control.share(client, shared, time_s)
+                self.remote_control.share(client, shared, time_s)
             case GetConf():
                 if robot is not None:
                     client.deliver(execute_get_conf(robot, command, self._error_bound_of))
@@ -167,7 +168,7 @@ class Fleet:
             ):
                 if robot is not None and robot.has_power(time_s):
                     if isinstance(command, Drive):
-                        self._remote_control.release(client)
+                        self.remote_control.release(client)
                     reports = execute_control(robot, command, time_s, partial(self.sense, robot))
                     if reports:
                         client.deliver(reports)
@@ -256,14 +257,6 @@ class Fleet:
         if robot is None:
             raise RejectedError("this client has no robot")
         robot.publish(note, time_s)
-
-    def drive_by_name(self, client: Client, name: str, drive: Drive, time_s: float) -> None:
-        """Drive the robot of a name; see `RemoteControl.drive`."""
-        self._remote_control.drive(client, name, drive, time_s)
-
-    def halt_robots_driven_by(self, client: Client, time_s: float) -> None:
-        """Halt the robots of others that a client drives, which disconnects."""
-        self._remote_control.halt_robots_driven_by(client, time_s)
 
     def get_state(self, name: str) -> FleetState:
         """All robots; readings and notes of the robot of a name, empty for the displayed one."""

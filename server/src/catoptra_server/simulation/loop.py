@@ -182,7 +182,7 @@ class Simulation:
     def _handle_urgent(self, event: UrgentEvent) -> None:
         match event:
             case ClientDisconnected(client):
-                self._fleet.halt_robots_driven_by(client, self._time_s)
+                self._fleet.remote_control.halt_robots_driven_by(client, self._time_s)
                 self._remove_robot(client)
                 if client is self._stepping:
                     self._stepping = None
@@ -255,7 +255,7 @@ class Simulation:
                 case NotePublished(client, note):
                     self._fleet.publish(client, note, self._time_s)
                 case SharedRobotDriven(client, robot, drive):
-                    self._fleet.drive_by_name(client, robot, drive, self._time_s)
+                    self._fleet.remote_control.drive(client, robot, drive, self._time_s)
         except (LocalProtocolError, RejectedError) as error:
             return str(error)
         return ""

@@ -22,6 +22,7 @@ from catoptra_server.frames.plan.plans import (
     DEFAULT_FACE_SAMPLES,
     DEFAULT_SAMPLES,
     MAX_EXPOSURE_RAYS,
+    PerspectivePlan,
     PlanChoice,
     PlanOption,
     choose_by_settings,
@@ -33,7 +34,6 @@ from catoptra_server.frames.plan.plans import (
     pareto_front,
     perspective_view_size,
     plan_from_settings,
-    plan_perspective_view,
     plan_view_size,
 )
 from catoptra_server.render.render_settings import AccuracyTarget, PerPixel, RenderSettings
@@ -131,22 +131,15 @@ def test_rays_of_a_mirror_without_a_viewpoint_have_origins() -> None:
     assert exact.num_bytes > one.num_bytes
 
 
-@pytest.mark.parametrize(("requested", "samples"), [(0, DEFAULT_SAMPLES), (1, 1), (5, 5)])
-def test_plan_takes_the_requested_samples_or_the_default(requested: int, samples: int) -> None:
-    assert (
-        plan_perspective_view(requested, kind=RendererKind.TRACE, reason="test").samples == samples
-    )
-
-
 def test_plan_when_printed_has_numbers_and_reason() -> None:
-    plan = plan_perspective_view(3, kind=RendererKind.RASTER, reason="requested")
+    plan = PerspectivePlan(RendererKind.RASTER, 3, "requested")
     assert str(plan) == "raster, 3^2 samples: requested"
 
 
 @pytest.mark.parametrize("samples", [-1, 17])
 def test_plan_with_impossible_samples_is_rejected(samples: int) -> None:
     with pytest.raises(DomainError, match="1 to 16"):
-        plan_perspective_view(samples, kind=RendererKind.TRACE, reason="test")
+        PerspectivePlan(RendererKind.TRACE, samples, "test")
 
 
 KINDS = tuple(RendererKind)

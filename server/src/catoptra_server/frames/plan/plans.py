@@ -164,11 +164,6 @@ class PerspectivePlan:
         return f"{self.renderer.value}, {self.samples}^2 samples: {self.reason}"
 
 
-def plan_perspective_view(samples: int, *, kind: RendererKind, reason: str) -> PerspectivePlan:
-    """Plan a perspective view; 0 samples: as many as an omnidirectional camera's default."""
-    return PerspectivePlan(kind, samples or DEFAULT_SAMPLES, reason)
-
-
 @dataclass(frozen=True, slots=True)
 class PlanOption:
     """Candidate plan with error bound and predicted cost."""
