@@ -78,6 +78,10 @@ class IniFile:
         """Whether the file, or one it is based on, has the section."""
         return name.lower() in self._sections
 
+    def sections(self) -> list[SectionReader]:
+        """All sections, those of base files first."""
+        return [*self._sections.values()]
+
     def section_names(self) -> list[str]:
         """Names of all sections as written, those of base files first."""
         return [settings.name for settings in self._sections.values()]
@@ -96,29 +100,18 @@ class IniFile:
         return unknown
 
 
-def _read_files(path: Path, kind: FileKind, seen: set[Path]) -> list[_Sections]:
-    """Sections of the files that a file is based on, then its own; each file once."""
-    files: list[_Sections] = []
-    _collect_files(path, kind, (), seen, files)
-    return files
-
-
-def _collect_files(
-    path: Path,
-    kind: FileKind,
-    dependents: tuple[Path, ...],
-    seen: set[Path],
-    files: list[_Sections],
-) -> None:
-    """Append the sections of a file after those of its bases.
+def _read_files(
+    path: Path, kind: FileKind, seen: set[Path], dependents: tuple[Path, ...] = ()
+) -> list[_Sections]:
+    """Sections of the files that a file is based on, then its own; each file once.
 
     Args:
         path: the file.
         kind: kind of bundled files.
-        dependents: resolved paths of the files that are based on it, directly or not.
         seen: resolved paths of all files read so far, this one included.
-        files: sections read so far.
+        dependents: resolved paths of the files that are based on it, directly or not.
     """
+    files: list[_Sections] = []
     sections = _merge_sections(read_sections(path))
     # Resolved, since a link or a relative path would hide a cycle.
     dependents = (*dependents, path.resolve())
@@ -137,8 +130,8 @@ def _collect_files(
                     "BasedOn", expected=f"at most {_MAX_BASE_FILES} files below the first"
                 )
             seen.add(base.resolve())
-            _collect_files(base, kind, dependents, seen, files)
-    files.append(sections)
+            files += _read_files(base, kind, seen, dependents)
+    return [*files, sections]
 
 
 def _merge_sections(sections: tuple[Section, ...]) -> _Sections:

@@ -21,7 +21,7 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.slotted_dataclass import dataclass
 
 log = logging.getLogger(__name__)
-BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
+_BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
 _OWN_PACKAGE = "catoptra"
 FileKind = Literal["robots", "worlds", "landmarks", "cameras", "datasets"]
 _SUFFIXES = {
@@ -139,12 +139,12 @@ def find_configuration(kind: FileKind, path_or_name: str) -> Path:
 
 def bundled_files(kind: FileKind) -> tuple[Path, ...]:
     """Bundled files of a kind, sorted by name."""
-    return tuple(sorted((BUNDLED_FOLDER / kind).glob(f"*{_SUFFIXES[kind]}")))
+    return tuple(sorted((_BUNDLED_FOLDER / kind).glob(f"*{_SUFFIXES[kind]}")))
 
 
 def find_bundled_file(kind: FileKind, name: str) -> Path | None:
     """Bundled file of a bare name; None for the text of a path, or where there is none."""
-    path = BUNDLED_FOLDER / kind / f"{name}{_SUFFIXES[kind]}"
+    path = _BUNDLED_FOLDER / kind / f"{name}{_SUFFIXES[kind]}"
     return path if len(Path(name).parts) == 1 and path.is_file() else None
 
 

@@ -90,8 +90,7 @@ def read_robots(
 
 def _find_robot_sections(file: IniFile) -> Iterator[SectionReader]:
     """Yield the sections of the file's own robots, then those of the files it is based on."""
-    sections = [file.get_section(name) for name in file.section_names()]
-    for section in sorted(sections, key=lambda s: s.where.file != str(file.path)):
+    for section in sorted(file.sections(), key=lambda s: s.where.file != str(file.path)):
         if section.has_key("SteeringType") or _find_known_base(section) is not None:
             # Clients name the class in INIT and receive it in frame headers: it has to fit a line.
             section.require_wire_name()
@@ -100,10 +99,9 @@ def _find_robot_sections(file: IniFile) -> Iterator[SectionReader]:
 
 def find_unserved_robots(file: IniFile) -> list[str]:
     """Sections that describe robots, but none that this server can drive."""
-    sections = [file.get_section(name) for name in file.section_names()]
     return [
         section.name
-        for section in sections
+        for section in file.sections()
         if any(map(section.has_key, _ROBOT_KEYS))
         and not section.has_key("SteeringType")
         and _find_known_base(section) is None

@@ -148,7 +148,7 @@ def require_space(folder: Path, stage: DatasetStage, num_samples: int) -> None:
         stage: Cameras and channels.
         num_samples: Samples to be drawn.
     """
-    sizes = [min_sample_bytes(stage, number) for number in range(len(stage.cameras))]
+    sizes = [_min_sample_bytes(stage, number) for number in range(len(stage.cameras))]
     needed = num_samples * sum(sizes) // len(sizes)
     free = shutil.disk_usage(folder).free
     if free < needed:
@@ -158,7 +158,7 @@ def require_space(folder: Path, stage: DatasetStage, num_samples: int) -> None:
         )
 
 
-def min_sample_bytes(stage: DatasetStage, camera: int) -> int:
+def _min_sample_bytes(stage: DatasetStage, camera: int) -> int:
     """Least size of a sample's files: channels that are not compressed, and very flat pictures."""
     optics = stage.cameras[camera].spec.camera
     pixel_bytes = 3.0 * _MIN_PNG_FRACTION

@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 import catoptra_protocol
 import catoptra_server
 from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_protocol.shards import hash_file
 from catoptra_server.datasets import png_files
 from catoptra_server.render.trace.kernel.library import choose_instruction_set, kernel_library_path
 
@@ -113,7 +114,7 @@ def describe_environment(instruction_set: str) -> dict[str, str]:
     return {
         "code_version": catoptra_server.__version__,
         "code_sha256": _hash_code(),
-        "kernel_sha256": _hash(kernel_library_path(instruction_set)),
+        "kernel_sha256": hash_file(kernel_library_path(instruction_set)),
         "machine": platform.machine(),
         # Sines and cosines are its own.
         "libc": " ".join(platform.libc_ver()) or platform.system(),
@@ -182,10 +183,6 @@ def _hash_code() -> str:
                 digest.update(path.relative_to(root).as_posix().encode())
                 digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-def _hash(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 @contextmanager

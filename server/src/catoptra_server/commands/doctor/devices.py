@@ -62,7 +62,7 @@ class CheckResult:
 
 
 _RunCheck = Callable[..., CheckResult]
-_MakeFinding = Callable[[str, str, str], Finding]
+_MakeFinding = Callable[..., Finding]
 
 
 def run_in_subprocess(*arguments: str, environment: Mapping[str, str] | None = None) -> CheckResult:
@@ -116,14 +116,14 @@ def check_renderers(renderer: str, run_check: _RunCheck = run_in_subprocess) -> 
     """
     if renderer != "raster":
         # Without the package `auto` takes raster.
-        make_finding = _make_fault if renderer == "trace" or has_embreex() else _make_warning
+        make_finding = fault if renderer == "trace" or has_embreex() else warning
         yield _make_self_test_finding(
-            "trace", "trace", run_check(*("self-test", "trace")), make_finding, _REINSTALL_REMEDY
+            "trace", "trace", run_check("self-test", "trace"), make_finding, _REINSTALL_REMEDY
         )
     if renderer != "trace":
         # Without the package of trace raster is the only renderer.
         is_only = renderer == "raster" or not has_embreex()
-        yield from _check_opengl(run_check, _make_fault if is_only else _make_warning)
+        yield from _check_opengl(run_check, fault if is_only else warning)
 
 
 def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[Finding]:
@@ -131,12 +131,12 @@ def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[
     listed = run_check("egl-devices")
     if listed.error:
         message = f"raster cannot run: {listed.error}; {_describe_drivers()}"
-        yield make_finding("opengl", message, _INSTALL_REMEDY)
+        yield make_finding("opengl", message, remedy=_INSTALL_REMEDY)
         return
     devices = listed.values["devices"]
     if not devices:
         message = f"raster cannot run: {_EGL_LIBRARY} lists no device; {_describe_drivers()}"
-        yield make_finding("opengl", message, _INSTALL_REMEDY)
+        yield make_finding("opengl", message, remedy=_INSTALL_REMEDY)
         return
     yield ok("opengl", f"EGL devices: {', '.join(devices)}; {_describe_drivers()}")
     for number, device in enumerate(devices):
@@ -148,7 +148,7 @@ def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[
         topic = f"raster on device {number} ({device})"
         remedy = f"update the driver, or {_INSTALL_REMEDY}"
         yield _make_self_test_finding(
-            "raster", topic, result, make_finding if number == 0 else _make_warning, remedy
+            "raster", topic, result, make_finding if number == 0 else warning, remedy
         )
 
 
@@ -167,7 +167,8 @@ def _make_self_test_finding(
 ) -> Finding:
     """Finding of a self-test: its error, a displacement beyond the bound, or the measurement."""
     if result.error:
-        return make_finding(topic, f"the {renderer} renderer cannot run: {result.error}", remedy)
+        message = f"the {renderer} renderer cannot run: {result.error}"
+        return make_finding(topic, message, remedy=remedy)
     error_px, bound_px = result.values["error_px"], result.values["bound_px"]
     # The topic names the renderer already.
     description = result.values["renderer"].removeprefix(f"{renderer}: ")
@@ -175,17 +176,9 @@ def _make_self_test_finding(
     # Negated, so that the infinite error of a dark frame and NaN fail too.
     if not error_px <= bound_px:
         message = f"{description} renders wrongly: {measured}, the bound is {bound_px:.3f} px"
-        return make_finding(topic, message, f"{remedy}; and report this as a bug")
+        return make_finding(topic, message, remedy=f"{remedy}; and report this as a bug")
     duration_s = result.values["duration_s"]
     return ok(topic, f"{description}: {measured} (bound {bound_px:.3f}) in {duration_s:.2f} s")
-
-
-def _make_fault(topic: str, message: str, remedy: str) -> Finding:
-    return fault(topic, message, remedy=remedy)
-
-
-def _make_warning(topic: str, message: str, remedy: str) -> Finding:
-    return warning(topic, message, remedy=remedy)
 
 
 def _parse_result(line: str) -> CheckResult:
