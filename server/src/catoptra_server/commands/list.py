@@ -46,7 +46,7 @@ class _ListEntry:
     name: str
     description: str
     path: str
-    """File that describes it."""
+    """File that describes the name."""
 
     def __str__(self) -> str:
         return f"  {self.name}\n      {self.description}\n      {self.path}"
@@ -144,7 +144,7 @@ def _describe_equipment(robot: RobotDescription) -> str:
 
 
 def describe_version() -> str:
-    """Version of the server, Python, system, and the kernel's instruction set or its lack."""
+    """Version of the server, Python, system, and the instruction set, or why there is no kernel."""
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return f"catoptra-server {metadata.version('catoptra-server')} ({system}; {_describe_kernel()})"
 

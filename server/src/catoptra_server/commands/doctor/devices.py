@@ -1,7 +1,7 @@
 """Renderers and devices of this machine, each tried in a process of its own.
 
-A driver may crash, hang or print to stdout; a library may fail to load: a check in a process of its
-own does not end the doctor. Its result is the last line on stdout, a JSON object; `__main__` is the
+A driver may crash, hang or print to stdout; a library may fail to load: a process of its own keeps
+the doctor running. Its result is the last line on stdout, a JSON object; `__main__` is the
 child's side. Trace and, on each EGL device, raster draw a self-test. Missing OpenGL is a warning
 where `auto` falls back to trace, and a fault with `--renderer raster`.
 
@@ -69,8 +69,8 @@ def run_in_subprocess(*arguments: str, environment: Mapping[str, str] | None = N
     """Run `python -m catoptra_server.commands.doctor` with these arguments.
 
     Args:
-        arguments: name of the check, and its own arguments.
-        environment: variables in addition to those of this process.
+        arguments: name of the check, and its arguments.
+        environment: variables in addition to this process's.
     """
     command = [sys.executable, "-m", "catoptra_server.commands.doctor", *arguments]
     return run_command(command, environment={**os.environ, **(environment or {})})
@@ -82,7 +82,7 @@ def run_command(
     environment: Mapping[str, str] | None = None,
     timeout_s: float = _TIMEOUT_S,
 ) -> CheckResult:
-    """Run a command that prints its result; a failure of any kind becomes CheckResult.error."""
+    """Run a command that prints a result; a failure of any kind becomes CheckResult.error."""
     try:
         process = subprocess.run(
             command,
@@ -140,8 +140,8 @@ def _check_opengl(run_check: _RunCheck, make_finding: _MakeFinding) -> Iterator[
         return
     yield ok("opengl", f"EGL devices: {', '.join(devices)}; {_describe_drivers()}")
     for number, device in enumerate(devices):
-        # glcontext, below moderngl, reads the variable. The server leaves it unset, which is device
-        # 0: problems of the other devices are warnings.
+        # glcontext, below moderngl, reads the variable. The server leaves the variable unset, which
+        # is device 0: problems of the other devices are warnings.
         result = run_check(
             "self-test", "raster", environment={"GLCONTEXT_DEVICE_INDEX": f"{number}"}
         )
@@ -165,7 +165,7 @@ def _describe_drivers() -> str:
 def _make_self_test_finding(
     renderer: str, topic: str, result: CheckResult, make_finding: _MakeFinding, remedy: str
 ) -> Finding:
-    """Finding of a self-test: its error, a displacement beyond the bound, or the measurement."""
+    """Finding of a self-test: an error, a displacement beyond the bound, or the measurement."""
     if result.error:
         message = f"the {renderer} renderer cannot run: {result.error}"
         return make_finding(topic, message, remedy=remedy)
@@ -204,7 +204,7 @@ def _signal_name(number: int) -> str:
 
 
 def list_egl_devices() -> list[str]:
-    """Description of each device, in EGL's order, which is that of GLCONTEXT_DEVICE_INDEX.
+    """Description of each device, in EGL's order, as counted by GLCONTEXT_DEVICE_INDEX.
 
     Raises:
         RendererUnavailableError: without libEGL, or without a driver that lists devices.
@@ -238,7 +238,7 @@ class _Egl:
         # to 32 bits.
         library.eglGetProcAddress.restype = ctypes.c_void_p
         addresses = [library.eglGetProcAddress(name) for name in _FUNCTION_NAMES]
-        if not all(addresses):  # libglvnd without any driver lacks even these
+        if not all(addresses):  # libglvnd without any driver has not even these
             raise RendererUnavailableError(f"{_EGL_LIBRARY} has no driver that lists devices")
         self.query_devices = _QUERY_DEVICES(addresses[0])
         self.query_string = _QUERY_STRING(addresses[1])
